@@ -1,0 +1,103 @@
+"""Scans and logs as arrays: what every reader returns and every matcher takes."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanGeometry:
+    """How one laser sees: its beams, its usable range and where it sits on the robot.
+
+    Attributes:
+        bearings: (n_beams,) beam directions in the laser frame [rad], counter-clockwise positive, increasing.
+        range_min: shortest range taken as a return [m].
+        range_max: longest range taken as a return [m].
+        T_robot_laser: (3,) pose of the laser on the robot: x [m], y [m], heading [rad].
+    """
+
+    bearings: NDArray[np.float64]
+    range_min: float
+    range_max: float
+    T_robot_laser: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def n_beams(self) -> int:
+        """Number of beams of one scan."""
+        return len(self.bearings)
+
+    @property
+    def field_of_view(self) -> float:
+        """Angle between the first and the last beam [rad]."""
+        return float(self.bearings[-1] - self.bearings[0])
+
+    @property
+    def resolution(self) -> float:
+        """Angle between two neighbouring beams [rad]."""
+        return self.field_of_view / (self.n_beams - 1)
+
+    @cached_property
+    def directions_robot(self) -> NDArray[np.float64]:
+        """(n_beams, 2) unit vectors of the beams in the robot frame."""
+        angles = self.bearings + self.T_robot_laser[2]
+        return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+    @cached_property
+    def origin_robot(self) -> NDArray[np.float64]:
+        """(2,) position of the laser in the robot frame [m]."""
+        return np.array(self.T_robot_laser[:2], dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scan:
+    """One sweep of the laser.
+
+    Attributes:
+        ranges: (n_beams,) float32 [m]; NaN where the beam had no usable return.
+        geometry: the laser that took it.
+    """
+
+    ranges: NDArray[np.float32]
+    geometry: ScanGeometry
+
+    @property
+    def points(self) -> NDArray[np.float64]:
+        """(n_returns, 2) end points in the robot frame [m], in beam order; beams without return are left out."""
+        hit = np.isfinite(self.ranges)
+        return self.geometry.origin_robot + self.ranges[hit, None] * self.geometry.directions_robot[hit]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Log:
+    """A recorded log, in file order (which is time order, whatever the stamps say).
+
+    Attributes:
+        ranges: (n_scans, n_beams) float32 [m]; NaN where a beam had no usable return.
+        odometry: (n_scans, 3) raw odometry of the robot at each scan, T_odom_robot.
+        stamps: (n_scans,) seconds as recorded; may jitter and step back.
+        geometry: the laser.
+        path: where it was read from.
+        has_odometry: False when the recorded odometry is missing or says nothing (constant while the scans change).
+        warnings: what the reader noticed, in sentences for a person.
+        skipped_lines: malformed lines passed over on request.
+    """
+
+    ranges: NDArray[np.float32]
+    odometry: NDArray[np.float64]
+    stamps: NDArray[np.float64]
+    geometry: ScanGeometry
+    path: Path
+    has_odometry: bool = True
+    warnings: tuple[str, ...] = ()
+    skipped_lines: int = 0
+
+    def __len__(self) -> int:
+        """Number of scans."""
+        return len(self.ranges)
+
+    def scan(self, index: int) -> Scan:
+        """The scan at `index`, counted from 0 in file order."""
+        return Scan(ranges=self.ranges[index], geometry=self.geometry)

@@ -1,0 +1,5 @@
+"""The root of every error this project raises on purpose."""
+
+
+class IcegError(Exception):
+    """Something the user can act on; each subsystem derives one leaf class from it."""

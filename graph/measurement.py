@@ -1,0 +1,53 @@
+"""What a matcher says about two poses: a relative pose with its covariance."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.errors import IcegError
+
+
+class MeasurementError(IcegError):
+    """A relative pose whose numbers cannot be a measurement."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RelativePose:
+    """Pose of `cur` in the frame of `ref`, as one matching factor of the graph.
+
+    Attributes:
+        T_ref_cur: (3,) x [m], y [m], heading [rad].
+        covariance: (3, 3) in the tangent space at the measurement: right perturbation
+            `T_ref_cur * exp(ξ)`, order x, y, θ (GTSAM's own convention). Symmetric, positive definite.
+        score: correlation score in [0, 1]; 1 means every beam lies on the reference.
+        inliers: how many beams agree with the reference.
+        overlap: share of the usable beams that fall on known reference, in [0, 1].
+        weak_directions: (k, 3) unit vectors of the tangent space along which the match is unobservable
+            (a corridor's long axis); k = 0 when everything is observed.
+    """
+
+    T_ref_cur: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    score: float
+    inliers: int
+    overlap: float
+    weak_directions: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        if self.T_ref_cur.shape != (3,) or not np.isfinite(self.T_ref_cur).all():
+            raise MeasurementError(f"a relative pose needs 3 finite numbers, found {self.T_ref_cur}")
+        if self.covariance.shape != (3, 3) or not np.isfinite(self.covariance).all():
+            raise MeasurementError(f"a covariance needs 3x3 finite numbers, found {self.covariance}")
+
+    @property
+    def is_fully_observed(self) -> bool:
+        """Whether the match constrains all three degrees of freedom."""
+        return len(self.weak_directions) == 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NoMatch:
+    """A matcher's statement that it found nothing credible, and why."""
+
+    reason: str
