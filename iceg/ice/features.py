@@ -16,8 +16,9 @@ class Features:
     Attributes:
         kinds: (n,) int8: CORNER, END_OF_WALL or INTERSECTION.
         positions: (n, 2) [m], in the frame of their owner (the robot frame for one scan).
-        directions: (n, 2) headings [rad] of the walls that start at the feature: both for a corner (and, without
-            orientation, for an intersection); an end of wall has one, its second is NaN.
+        directions: (n, 2) headings [rad] of the walls that start at the feature. Column 0 is the wall on the
+            clockwise side as seen from the laser, column 1 the wall on the counter-clockwise side; NaN where there is
+            none: a corner and an intersection have both, an end of wall exactly one (either column).
         covariances: (n, 2, 2) of the positions [m²], same frame.
         direction_variances: (n,) of the directions [rad²].
         distances: (n,) from the laser when observed [m].
