@@ -1,0 +1,72 @@
+# On a fresh machine: `make demo` or `make test`. Needs Python >= 3.11 with its venv module, nothing else.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+DEMO := demo-output
+BENCH := bench-output
+WORKERS ?= 2
+ARGS ?=
+
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+export MPLBACKEND ?= Agg
+
+.PHONY: help demo bench test lint types imports pytest pytest-bounds pytest-python format clean
+.DEFAULT_GOAL := help
+
+help:
+	@echo "make demo    run the main job on the embedded log, result in $(DEMO)/"
+	@echo "make test    lint, types, import contract and tests"
+	@echo "make bench   accuracy and speed on the real logs (ICEG_DATA), result in $(BENCH)/"
+	@echo "make clean   remove the environment and all caches"
+
+demo: $(VENV)/installed.stamp
+	$(BIN)/iceg demo -o $(DEMO) --overwrite
+	@echo "The map is $(CURDIR)/$(DEMO)/map.png"
+
+bench: $(VENV)/installed-dev.stamp
+	$(BIN)/python -m iceg.evaluation.bench -o $(BENCH) $(ARGS)
+
+# Every check runs even when an earlier one fails; the whole fails if any did.
+test: $(VENV)/installed-dev.stamp
+	@$(MAKE) --no-print-directory --keep-going -j1 lint types imports pytest
+
+lint: $(VENV)/installed-dev.stamp
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+
+types: $(VENV)/installed-dev.stamp
+	$(BIN)/mypy
+
+imports: $(VENV)/installed-dev.stamp
+	$(BIN)/lint-imports
+
+pytest: $(VENV)/installed-dev.stamp
+	$(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
+
+pytest-bounds: $(VENV)/installed-dev.stamp
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/numba-bounds $(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
+
+pytest-python: $(VENV)/installed-dev.stamp
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n $(WORKERS) --timeout 3600 $(ARGS)
+
+format: $(VENV)/installed-dev.stamp
+	$(BIN)/ruff check --fix
+	$(BIN)/ruff format
+
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; v = sys.version_info; sys.exit(0 if v >= (3, 11) else \
+	  f"Python 3.11 or newer is needed, {sys.executable} is {v[0]}.{v[1]}: make PYTHON=/path/to/python3.11 ...")'
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/installed.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/installed-dev.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
+	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
+	@touch $@ $(VENV)/installed.stamp
+
+clean:
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache build dist
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
