@@ -1,0 +1,172 @@
+"""From a scene and a seed to a log with its truth."""
+
+import io
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import Log, ScanGeometry
+from frontends.simulator.laser import Laser, sense
+from frontends.simulator.robot import Driving, OdometryModel, drive, measure_odometry
+from frontends.simulator.scene import Scene, load_scene, write_text
+from frontends.simulator.world import SimulatorError
+from graph.se2 import compose, wrap_angle
+
+_CLEARANCE = 0.3
+_TRIES_PER_PAIR = 200
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulation:
+    """What was recorded, and what was true.
+
+    Attributes:
+        log: as a reader would return it.
+        truth: (n_scans, 3) T_map_robot at each scan, map = the world frame of the scene; the scenes of the package
+            start at the identity.
+        scene: what was driven through.
+    """
+
+    log: Log
+    truth: NDArray[np.float64]
+    scene: Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanPairs:
+    """Pairs of scans from nearby poses, with the exact pose between them.
+
+    Attributes:
+        reference: (n, n_beams) ranges of the first scan of each pair [m]; NaN without return.
+        current: (n, n_beams) ranges of the second one.
+        T_ref_cur: (n, 3) exact pose of the second robot in the frame of the first.
+        T_map_ref: (n, 3) where the first scan was taken.
+        geometry: the laser.
+    """
+
+    reference: NDArray[np.float32]
+    current: NDArray[np.float32]
+    T_ref_cur: NDArray[np.float64]
+    T_map_ref: NDArray[np.float64]
+    geometry: ScanGeometry
+
+
+def simulate(
+    scene: str | Scene,
+    seed: int = 0,
+    *,
+    laser: Laser | None = None,
+    driving: Driving | None = None,
+    odometry: OdometryModel | None = None,
+) -> Simulation:
+    """Drive through a scene and record what laser and wheels report.
+
+    Args:
+        scene: a scene, the name of one of the package's, or the path of a `.world` file.
+        seed: of all that is random; the operator, the wheels and the laser draw from streams of their own.
+        laser: the device, an LMS200 unless given.
+        driving: speeds and the operator's skill.
+        odometry: how wrong the wheels are.
+
+    Returns:
+        Log and truth, one row per scan, the first at the start of the route.
+
+    Raises:
+        SimulatorError: no such scene, or a route that cannot be driven.
+    """
+    where = load_scene(scene) if isinstance(scene, str) else scene
+    laser = laser or Laser()
+    operator_rng, wheels_rng, laser_rng = np.random.default_rng(seed).spawn(3)
+    truth = drive(where.route, driving or Driving(), laser.period, operator_rng)
+    stamps = np.arange(len(truth)) * laser.period
+    log = Log(
+        ranges=sense(where.world, truth, laser, laser_rng, stamps),
+        odometry=measure_odometry(truth, odometry or OdometryModel(), laser.period, wheels_rng),
+        stamps=stamps,
+        geometry=laser.geometry,
+        path=Path(f"{where.name}.clf"),
+    )
+    return Simulation(log=log, truth=truth, scene=where)
+
+
+def scan_pairs(
+    scene: str | Scene,
+    n: int,
+    seed: int = 0,
+    *,
+    max_translation: float = 0.5,
+    max_rotation: float = 0.35,
+    laser: Laser | None = None,
+) -> ScanPairs:
+    """Pairs of scans for Monte Carlo tests of a matcher, taken along the route of a scene.
+
+    Args:
+        scene: as for `simulate`; the world as it stands at time 0.
+        n: number of pairs.
+        seed: of places, offsets and noise.
+        max_translation: the second pose lies anywhere in a disc of this radius around the first [m].
+        max_rotation: and is turned by at most this [rad].
+        laser: the device, an LMS200 unless given.
+
+    Returns:
+        The pairs; no pose is nearer than 0.3 m to a wall, and no wall lies between the two.
+
+    Raises:
+        SimulatorError: the scene has no room for such pairs.
+    """
+    where = load_scene(scene) if isinstance(scene, str) else scene
+    laser = laser or Laser()
+    places_rng, reference_rng, current_rng = np.random.default_rng(seed).spawn(3)
+    path = drive(where.route, Driving(), laser.period, places_rng)
+    kept: list[NDArray[np.float64]] = []
+    found = 0
+    for _ in range(_TRIES_PER_PAIR):
+        T_map_ref, T_ref_cur = _candidates(path, n, max_translation, max_rotation, places_rng)
+        free = _is_free(where, T_map_ref, compose(T_map_ref, T_ref_cur))
+        kept.append(np.concatenate([T_map_ref, T_ref_cur], axis=1)[free])
+        found += int(free.sum())
+        if found >= n:
+            break
+    else:
+        raise SimulatorError(f"scene '{where.name}' has room for {found} scan pairs in {_TRIES_PER_PAIR * n} tries")
+    both = np.concatenate(kept)[:n]
+    T_map_ref, T_ref_cur = both[:, :3], both[:, 3:]
+    return ScanPairs(
+        reference=sense(where.world, T_map_ref, laser, reference_rng),
+        current=sense(where.world, compose(T_map_ref, T_ref_cur), laser, current_rng),
+        T_ref_cur=T_ref_cur,
+        T_map_ref=T_map_ref,
+        geometry=laser.geometry,
+    )
+
+
+def write_truth(path: Path, simulation: Simulation) -> None:
+    """Write the true poses as CSV: `t_s,x_m,y_m,theta_rad`, one row per scan, replacing the file whole."""
+    table = io.StringIO()
+    rows = np.column_stack([simulation.log.stamps, simulation.truth])
+    np.savetxt(
+        table, rows, fmt=("%.3f", "%.6f", "%.6f", "%.6f"), delimiter=",", comments="", header="t_s,x_m,y_m,theta_rad"
+    )
+    write_text(path, table.getvalue())
+
+
+def _candidates(
+    path: NDArray[np.float64], n: int, max_translation: float, max_rotation: float, rng: np.random.Generator
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Poses near the path with any heading, and offsets from them."""
+    T_map_ref = path[rng.integers(len(path), size=n)]
+    T_map_ref[:, :2] += rng.uniform(-0.3, 0.3, size=(n, 2))
+    T_map_ref[:, 2] = wrap_angle(T_map_ref[:, 2] + rng.uniform(-0.5, 0.5, size=n))
+    distance, bearing = max_translation * np.sqrt(rng.random(n)), rng.uniform(-np.pi, np.pi, size=n)
+    turn = rng.uniform(-max_rotation, max_rotation, size=n)
+    return T_map_ref, np.stack([distance * np.cos(bearing), distance * np.sin(bearing), wrap_angle(turn)], axis=1)
+
+
+def _is_free(where: Scene, T_map_a: NDArray[np.float64], T_map_b: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether both poses keep clear of all walls and see each other."""
+    between = [T_map_a[:, :2] + share * (T_map_b - T_map_a)[:, :2] for share in np.linspace(0, 1, 9)]
+    return np.all([where.world.clearance(p) > _CLEARANCE for p in between[:: len(between) - 1]], axis=0) & np.all(
+        [where.world.clearance(p) > 0.1 for p in between], axis=0
+    )

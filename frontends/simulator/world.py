@@ -1,0 +1,179 @@
+"""A 2D world of wall segments, each with the time in which it stands."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from graph.errors import IcegError
+
+Segments = NDArray[np.float64]
+"""(n, 4) wall segments x0, y0, x1, y1 [m] in the world frame."""
+
+
+class SimulatorError(IcegError):
+    """A world, a route or a setting that cannot be simulated."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class World:
+    """Everything the laser can hit.
+
+    Attributes:
+        segments: (n, 4) x0, y0, x1, y1 [m].
+        visible_from: (n,) time from which a segment stands [s], -inf for ever before.
+        visible_to: (n,) time at which it is taken away [s], +inf for never.
+    """
+
+    segments: Segments
+    visible_from: NDArray[np.float64]
+    visible_to: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        n = len(self.segments)
+        if self.segments.shape != (n, 4) or not np.isfinite(self.segments).all():
+            raise SimulatorError(f"a world needs (n, 4) finite segments, found shape {self.segments.shape}")
+        if self.visible_from.shape != (n,) or self.visible_to.shape != (n,):
+            raise SimulatorError(
+                f"{n} segments need as many times, found {self.visible_from.shape} and {self.visible_to.shape}"
+            )
+
+    @classmethod
+    def empty(cls) -> "World":
+        """A world without anything in it."""
+        return cls(segments=np.zeros((0, 4)), visible_from=np.zeros(0), visible_to=np.zeros(0))
+
+    def with_segments(self, segments: Segments, *, start: float = -np.inf, end: float = np.inf) -> "World":
+        """This world and some more segments.
+
+        Args:
+            segments: (m, 4) what to add.
+            start: time from which they stand [s].
+            end: time at which they are taken away [s].
+
+        Returns:
+            The larger world.
+        """
+        m = len(segments)
+        return World(
+            segments=np.concatenate([self.segments, segments]),
+            visible_from=np.concatenate([self.visible_from, np.full(m, start)]),
+            visible_to=np.concatenate([self.visible_to, np.full(m, end)]),
+        )
+
+    def at(self, time: float) -> Segments:
+        """The segments that stand at `time` [s]."""
+        return self.segments[(self.visible_from <= time) & (time < self.visible_to)]
+
+    def clearance(self, points: ArrayLike, time: float = 0.0) -> NDArray[np.float64]:
+        """Distance from each point to the nearest segment that stands.
+
+        Args:
+            points: (n, 2) world frame [m].
+            time: when [s].
+
+        Returns:
+            (n,) [m]; inf in an empty world.
+        """
+        p = np.asarray(points, dtype=np.float64).reshape(-1, 1, 2)
+        segments = self.at(time)
+        start, along = segments[:, :2], segments[:, 2:] - segments[:, :2]
+        length2 = np.maximum(np.sum(along**2, axis=1), 1e-18)
+        share = np.clip(np.sum((p - start) * along, axis=2) / length2, 0.0, 1.0)
+        distances = np.linalg.norm(p - (start + share[..., None] * along), axis=2)
+        return distances.min(axis=1, initial=np.inf)
+
+
+def polyline(points: ArrayLike) -> Segments:
+    """Thin walls from point to point.
+
+    Args:
+        points: (n, 2) [m], n ≥ 2.
+
+    Returns:
+        (n - 1, 4) segments.
+    """
+    p = np.asarray(points, dtype=np.float64).reshape(-1, 2)
+    return np.concatenate([p[:-1], p[1:]], axis=1)
+
+
+def thick_wall(points: ArrayLike, thickness: float) -> Segments:
+    """Walls with two faces and two ends, centred on a polyline; at a bend they overlap and close the corner.
+
+    Args:
+        points: (n, 2) centre line [m], n ≥ 2.
+        thickness: from face to face [m].
+
+    Returns:
+        (4 (n - 1), 4) segments.
+    """
+    pieces = []
+    legs = polyline(points)
+    for index, (x0, y0, x1, y1) in enumerate(legs):
+        length = float(np.hypot(x1 - x0, y1 - y0))
+        turn = float(np.arctan2(y1 - y0, x1 - x0))
+        before = thickness / 2 if index > 0 else 0.0
+        after = thickness / 2 if index < len(legs) - 1 else 0.0
+        middle = (after - before) / 2
+        centre_x = (x0 + x1) / 2 + middle * np.cos(turn)
+        centre_y = (y0 + y1) / 2 + middle * np.sin(turn)
+        pieces.append(rectangle(centre_x, centre_y, length + before + after, thickness, turn))
+    return np.concatenate(pieces)
+
+
+def rectangle(x: float, y: float, width: float, depth: float, turn: float = 0.0) -> Segments:
+    """A cupboard, a crate, a pillar.
+
+    Args:
+        x: centre [m].
+        y: centre [m].
+        width: size along its own x axis [m].
+        depth: size along its own y axis [m].
+        turn: heading of its x axis [rad].
+
+    Returns:
+        (4, 4) segments.
+    """
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)]) * (width / 2, depth / 2)
+    return polyline(_placed(corners, x, y, turn))
+
+
+def arc(x: float, y: float, radius: float, start: float = 0.0, end: float = 2 * np.pi, pieces: int = 16) -> Segments:
+    """A round wall or column as short straight pieces.
+
+    Args:
+        x: centre [m].
+        y: centre [m].
+        radius: [m].
+        start: bearing of the first point from the centre [rad].
+        end: bearing of the last point [rad].
+        pieces: number of segments.
+
+    Returns:
+        (pieces, 4) segments.
+    """
+    bearings = np.linspace(start, end, pieces + 1)
+    return polyline(np.stack([x + radius * np.cos(bearings), y + radius * np.sin(bearings)], axis=1))
+
+
+def table(x: float, y: float, width: float, depth: float, turn: float = 0.0, leg: float = 0.06) -> Segments:
+    """A table or chair as a laser below its top sees it: four square legs.
+
+    Args:
+        x: centre [m].
+        y: centre [m].
+        width: outer size along its own x axis [m].
+        depth: outer size along its own y axis [m].
+        turn: heading of its x axis [rad].
+        leg: side of a leg [m].
+
+    Returns:
+        (16, 4) segments.
+    """
+    corners = np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * ((width - leg) / 2, (depth - leg) / 2)
+    return np.concatenate([rectangle(cx, cy, leg, leg, turn) for cx, cy in _placed(corners, x, y, turn)])
+
+
+def _placed(points: NDArray[np.float64], x: float, y: float, turn: float) -> NDArray[np.float64]:
+    c, s = np.cos(turn), np.sin(turn)
+    return points @ np.array([(c, s), (-s, c)]) + (x, y)
