@@ -1,1 +1,1 @@
-
+"""The maps: landmarks and occupancy, both anchored to the trajectory."""

@@ -1,0 +1,384 @@
+"""Compiled loops of the occupancy grid: a scan's footprint in polar form, its free area and its hit cells.
+
+The free area of a scan is a star-shaped polygon around the laser. It is filled row by row between the polygon's edges
+(a cell belongs to it when its centre does), so each cell is met once a scan whatever number of beams cross it, and the
+rows are contiguous in memory. Surfaces are cast cell by cell.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+I64 = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+
+@njit(cache=True)
+def beam_outline(
+    ranges: F32,
+    bearings: F64,
+    half_widths: F64,
+    touching: bool,
+    max_range: float,
+    no_return_range: float,
+    cot_min_incidence: float,
+    surface: F64,
+    hits: Bool,
+) -> None:
+    """Where each beam's footprint meets the surface: on its right border, its axis and its left border.
+
+    Neighbouring returns that may lie on one surface are joined by a chord; across a jump in depth each beam keeps its
+    own range up to its border.
+
+    Args:
+        ranges: (n,) [m], NaN without return.
+        bearings: (n,) [rad], increasing.
+        half_widths: (n, 2) angle from the axis to the right and left border [rad].
+        touching: whether the borders of neighbouring beams coincide or overlap, so that chords mean something.
+        max_range: beams are cut here [m].
+        no_return_range: how far a beam without return is taken as free [m].
+        cot_min_incidence: cotangent of the flattest angle at which a surface is still believed to be one.
+        surface: (n, 3) output, range at the right border, the axis and the left border [m].
+        hits: (n,) output, whether the beam returned within max_range.
+    """
+    n = len(ranges)
+    for i in range(n):
+        r = ranges[i]
+        if np.isnan(r):
+            hits[i] = False
+            cut = no_return_range
+        else:
+            hits[i] = r <= max_range
+            cut = min(float(r), max_range)
+        surface[i, 0] = cut
+        surface[i, 1] = cut
+        surface[i, 2] = cut
+    if not touching:
+        return
+    for i in range(n - 1):
+        j = i + 1
+        if not (hits[i] and hits[j]):
+            continue
+        r_i, r_j = surface[i, 1], surface[j, 1]
+        step = bearings[j] - bearings[i]
+        if abs(r_i - r_j) > min(r_i, r_j) * step * cot_min_incidence:
+            continue
+        # A straight line in polar coordinates: 1/r(θ) is a sinusoid through both returns.
+        sin_step = np.sin(step)
+        a = half_widths[i, 1]
+        surface[i, 2] = sin_step / (np.sin(step - a) / r_i + np.sin(a) / r_j)
+        a = half_widths[j, 0]
+        surface[j, 0] = sin_step / (np.sin(a) / r_i + np.sin(step - a) / r_j)
+
+
+@njit(cache=True)
+def cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64) -> int:
+    """All cells a straight line passes through, in order, start and end included.
+
+    Args:
+        x0: start column coordinate [cells]; cell c spans [c, c + 1).
+        y0: start row coordinate [cells].
+        x1: end column coordinate [cells].
+        y1: end row coordinate [cells].
+        rows: output, at least |Δrow| + |Δcol| + 1 entries.
+        cols: output, as rows.
+
+    Returns:
+        Number of cells written.
+    """
+    col, row = int(np.floor(x0)), int(np.floor(y0))
+    last_col, last_row = int(np.floor(x1)), int(np.floor(y1))
+    dx, dy = x1 - x0, y1 - y0
+    step_col = 1 if dx > 0 else -1
+    step_row = 1 if dy > 0 else -1
+    # Position along the line, 0 at the start and 1 at the end, of the next border to cross in each direction.
+    next_x = ((col + (dx > 0)) - x0) / dx if dx != 0 else np.inf
+    next_y = ((row + (dy > 0)) - y0) / dy if dy != 0 else np.inf
+    per_col = abs(1.0 / dx) if dx != 0 else np.inf
+    per_row = abs(1.0 / dy) if dy != 0 else np.inf
+    # Counting the borders instead of comparing positions ends the walk whatever the rounding.
+    left_cols, left_rows = abs(last_col - col), abs(last_row - row)
+    rows[0], cols[0] = row, col
+    count = 1
+    while left_cols + left_rows > 0:
+        if left_rows == 0 or (left_cols > 0 and next_x < next_y):
+            col += step_col
+            next_x += per_col
+            left_cols -= 1
+        else:
+            row += step_row
+            next_y += per_row
+            left_rows -= 1
+        rows[count], cols[count] = row, col
+        count += 1
+    return count
+
+
+@njit(cache=True)
+def fill_polygon(
+    log_odds: F32, xs: F64, ys: F64, n_vertices: int, miss: np.float32, low: np.float32, crossings: I32, counts: I32
+) -> None:
+    """Add `miss` (negative) once to every cell whose centre lies inside a polygon, not below `low`.
+
+    Args:
+        log_odds: (n_rows, n_cols) changed in place.
+        xs: (≥ n_vertices,) column coordinates of the vertices [cells]; the last one joins the first.
+        ys: (≥ n_vertices,) row coordinates.
+        n_vertices: how many of them count.
+        miss: what to add.
+        low: lower clamp.
+        crossings: (n_rows, ≥ n_vertices) scratch.
+        counts: (n_rows,) scratch, all zero before and after.
+    """
+    n_rows, n_cols = log_odds.shape
+    lowest, highest = n_rows, -1
+    x0, y0 = xs[n_vertices - 1], ys[n_vertices - 1]
+    for k in range(n_vertices):
+        x1, y1 = xs[k], ys[k]
+        xa, ya, xb, yb = (x0, y0, x1, y1) if y0 < y1 else (x1, y1, x0, y0)
+        # Rows whose centre line lies in [ya, yb): half open, so a vertex on a centre line counts once.
+        first = max(int(np.ceil(ya - 0.5)), 0)
+        end = min(int(np.ceil(yb - 0.5)), n_rows)
+        if first < end:
+            lowest, highest = min(lowest, first), max(highest, end - 1)
+            slope = (xb - xa) / (yb - ya)
+            x = xa + (first + 0.5 - ya) * slope - 0.5
+            for row in range(first, end):
+                column = min(max(int(np.ceil(x)), 0), n_cols)
+                x += slope
+                # Insertion into the row's sorted crossings: rows have few.
+                at = counts[row]
+                while at > 0 and crossings[row, at - 1] > column:
+                    crossings[row, at] = crossings[row, at - 1]
+                    at -= 1
+                crossings[row, at] = column
+                counts[row] += 1
+        x0, y0 = x1, y1
+    for row in range(lowest, highest + 1):
+        line = log_odds[row]
+        for pair in range(0, counts[row] - 1, 2):
+            for column in range(crossings[row, pair], crossings[row, pair + 1]):
+                line[column] = max(line[column] + miss, low)
+        counts[row] = 0
+
+
+@njit(cache=True)
+def collect_hits(
+    xs: F64,
+    ys: F64,
+    evidence: float,
+    n_cols: int,
+    rows: I64,
+    cols: I64,
+    cells: I64,
+    shares: F32,
+    count: int,
+    slots: I32,
+) -> int:
+    """Add the cells below one beam's footprint to the hit cells of a scan.
+
+    The beam returned from somewhere among the cells its footprint covers, so they share its evidence. A cell hit by
+    several beams of a scan keeps the strongest share.
+
+    Args:
+        xs: (3,) column coordinates of the footprint's right border, axis and left border [cells].
+        ys: (3,) row coordinates.
+        evidence: of the whole beam [log-odds].
+        n_cols: columns of the grid.
+        rows: scratch for the cells of the footprint.
+        cols: scratch.
+        cells: flat indices of the scan's hit cells, extended in place.
+        shares: their evidence, extended in place.
+        count: how many hit cells there are so far.
+        slots: (n_rows * n_cols,) for every cell its place in `cells`, valid only where `cells` points back.
+
+    Returns:
+        The new number of hit cells.
+    """
+    n = cast_cells(xs[0], ys[0], xs[1], ys[1], rows, cols) - 1
+    n += cast_cells(xs[1], ys[1], xs[2], ys[2], rows[n:], cols[n:])
+    share = np.float32(evidence / n)
+    for k in range(n):
+        cell = rows[k] * n_cols + cols[k]
+        slot = slots[cell]
+        if slot < count and cells[slot] == cell:
+            shares[slot] = max(shares[slot], share)
+        else:
+            slots[cell] = count
+            cells[count] = cell
+            shares[count] = share
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def footprint_cells(xs: F64, ys: F64) -> int:
+    """Upper bound of the cells below a footprint of three points."""
+    length = abs(xs[1] - xs[0]) + abs(ys[1] - ys[0]) + abs(xs[2] - xs[1]) + abs(ys[2] - ys[1])
+    return int(length) + 8
+
+
+@njit(cache=True)
+def extent(
+    T_map_laser: F64,
+    ranges: F32,
+    bearings: F64,
+    half_widths: F64,
+    touching: bool,
+    max_range: float,
+    no_return_range: float,
+    cot_min_incidence: float,
+) -> tuple[float, float, float, float]:
+    """Smallest box (x_min, y_min, x_max, y_max) [m] around the lasers and all footprints."""
+    n_beams = len(bearings)
+    surface = np.empty((n_beams, 3))
+    hits = np.empty(n_beams, np.bool_)
+    cos, sin = border_directions(bearings, half_widths)
+    x_min, y_min, x_max, y_max = np.inf, np.inf, -np.inf, -np.inf
+    for k in range(len(T_map_laser)):
+        x, y, heading = T_map_laser[k]
+        c, s = np.cos(heading), np.sin(heading)
+        beam_outline(
+            ranges[k], bearings, half_widths, touching, max_range, no_return_range, cot_min_incidence, surface, hits
+        )
+        x_min, x_max = min(x_min, x), max(x_max, x)
+        y_min, y_max = min(y_min, y), max(y_max, y)
+        for i in range(n_beams):
+            for e in range(3):
+                px = x + surface[i, e] * (c * cos[i, e] - s * sin[i, e])
+                py = y + surface[i, e] * (s * cos[i, e] + c * sin[i, e])
+                x_min, x_max = min(x_min, px), max(x_max, px)
+                y_min, y_max = min(y_min, py), max(y_max, py)
+    return x_min, y_min, x_max, y_max
+
+
+@njit(cache=True)
+def border_directions(bearings: F64, half_widths: F64) -> tuple[F64, F64]:
+    """Cosine and sine, (n, 3) each, of every beam's right border, axis and left border in the laser frame."""
+    n = len(bearings)
+    cos, sin = np.empty((n, 3)), np.empty((n, 3))
+    for i in range(n):
+        right, left = bearings[i] - half_widths[i, 0], bearings[i] + half_widths[i, 1]
+        cos[i, 0], sin[i, 0] = np.cos(right), np.sin(right)
+        cos[i, 1], sin[i, 1] = np.cos(bearings[i]), np.sin(bearings[i])
+        cos[i, 2], sin[i, 2] = np.cos(left), np.sin(left)
+    return cos, sin
+
+
+@njit(cache=True)
+def grown_cells(cells: I64, count: int, capacity: int) -> I64:
+    """A longer copy of the first `count` cells."""
+    longer = np.empty(capacity, np.int64)
+    longer[:count] = cells[:count]
+    return longer
+
+
+@njit(cache=True)
+def grown_shares(shares: F32, count: int, capacity: int) -> F32:
+    """A longer copy of the first `count` shares."""
+    longer = np.empty(capacity, np.float32)
+    longer[:count] = shares[:count]
+    return longer
+
+
+@njit(cache=True)
+def render(
+    log_odds: F32,
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    T_map_laser: F64,
+    ranges: F32,
+    bearings: F64,
+    half_widths: F64,
+    touching: bool,
+    max_range: float,
+    no_return_range: float,
+    cot_min_incidence: float,
+    free_margin: float,
+    hit: float,
+    miss: float,
+    limit: float,
+) -> None:
+    """Enter all scans into the grid, oldest first.
+
+    Args:
+        log_odds: (n_rows, n_cols) changed in place; row 0 is the lowest y.
+        origin_x: x of the lower left corner of cell (0, 0) [m].
+        origin_y: y of it [m].
+        resolution: side of a cell [m].
+        T_map_laser: (n_scans, 3) poses of the laser.
+        ranges: (n_scans, n_beams) [m], NaN without return.
+        bearings: see `beam_outline`, as the next five.
+        half_widths: …
+        touching: …
+        max_range: …
+        no_return_range: …
+        cot_min_incidence: …
+        free_margin: how far before the surface a beam stops claiming free space [m].
+        hit: evidence of a return, shared by the cells of its footprint [log-odds, > 0].
+        miss: evidence of a free cell [log-odds, < 0].
+        limit: the log-odds stay in [-limit, limit].
+    """
+    n_rows, n_cols = log_odds.shape
+    n_beams = len(bearings)
+    flat = log_odds.reshape(-1)
+    surface = np.empty((n_beams, 3))
+    hits = np.empty(n_beams, np.bool_)
+    cos, sin = border_directions(bearings, half_widths)
+    xs, ys = np.empty(4 * n_beams + 1), np.empty(4 * n_beams + 1)
+    crossings = np.empty((n_rows, len(xs)), np.int32)
+    counts = np.zeros(n_rows, np.int32)
+    slots = np.zeros(n_rows * n_cols, np.int32)
+    cells = np.empty(4 * n_beams + 64, np.int64)
+    shares = np.empty(len(cells), np.float32)
+    before = np.empty(len(cells), np.float32)
+    rows, cols = np.empty(64, np.int64), np.empty(64, np.int64)
+    hit_xs, hit_ys = np.empty(3), np.empty(3)
+    low, high = np.float32(-limit), np.float32(limit)
+    miss32 = np.float32(miss)
+    for k in range(len(T_map_laser)):
+        heading = T_map_laser[k, 2]
+        x = (T_map_laser[k, 0] - origin_x) / resolution
+        y = (T_map_laser[k, 1] - origin_y) / resolution
+        c, s = np.cos(heading) / resolution, np.sin(heading) / resolution
+        beam_outline(
+            ranges[k], bearings, half_widths, touching, max_range, no_return_range, cot_min_incidence, surface, hits
+        )
+        n_hits = 0
+        n_vertices = 0
+        for i in range(n_beams):
+            if surface[i, 1] <= 0.0:
+                if n_vertices == 0 or xs[n_vertices - 1] != x or ys[n_vertices - 1] != y:
+                    xs[n_vertices], ys[n_vertices] = x, y
+                    n_vertices += 1
+                continue
+            if not touching or n_vertices == 0:
+                xs[n_vertices], ys[n_vertices] = x, y
+                n_vertices += 1
+            for e in range(3):
+                dx, dy = c * cos[i, e] - s * sin[i, e], s * cos[i, e] + c * sin[i, e]
+                hit_xs[e], hit_ys[e] = x + surface[i, e] * dx, y + surface[i, e] * dy
+                reach = max(surface[i, e] - free_margin, 0.0) if hits[i] else surface[i, e]
+                xs[n_vertices], ys[n_vertices] = x + reach * dx, y + reach * dy
+                n_vertices += 1
+            if hits[i]:
+                needed = footprint_cells(hit_xs, hit_ys)
+                if needed > len(rows):
+                    rows, cols = np.empty(2 * needed, np.int64), np.empty(2 * needed, np.int64)
+                if n_hits + needed > len(cells):
+                    cells = grown_cells(cells, n_hits, 2 * (n_hits + needed))
+                    shares = grown_shares(shares, n_hits, len(cells))
+                    before = np.empty(len(cells), np.float32)
+                n_hits = collect_hits(hit_xs, hit_ys, hit, n_cols, rows, cols, cells, shares, n_hits, slots)
+        xs[n_vertices], ys[n_vertices] = x, y
+        n_vertices += 1
+        # A cell hit in a scan is not missed by it too: misses first, then the hit cells restart from what they were.
+        for h in range(n_hits):
+            before[h] = flat[cells[h]]
+        fill_polygon(log_odds, xs, ys, n_vertices, miss32, low, crossings, counts)
+        for h in range(n_hits):
+            flat[cells[h]] = min(before[h] + shares[h], high)
