@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def cast_rays(
     T_world_laser: NDArray[np.float64],
     times: NDArray[np.float64],
@@ -45,6 +45,6 @@ def cast_rays(
     return ranges
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _to_laser(dx: float, dy: float, c: float, s: float) -> tuple[float, float]:
     return c * dx + s * dy, c * dy - s * dx

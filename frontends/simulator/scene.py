@@ -13,14 +13,13 @@ Whatever stands can stand for a time only: `appears=T`, `vanishes=T`.
 """
 
 import math
-import os
-import tempfile
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
 
 from frontends.simulator import world as shapes
+from frontends.simulator.files import write_atomically
 from frontends.simulator.robot import Route, Waypoint
 from frontends.simulator.world import Segments, SimulatorError, World
 
@@ -120,20 +119,7 @@ def write_scene(path: Path, scene: Scene) -> None:
             "" if vanishes == math.inf else f" vanishes={vanishes!r}"
         )
         lines.append("wall " + " ".join(repr(value) for value in segment) + times)
-    write_text(path, "\n".join(lines) + "\n")
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a text file so that a reader sees the old or the new file, never half of one."""
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name)
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    write_atomically(path, ("\n".join(lines) + "\n").encode())
 
 
 def _exact_degrees(radians: float) -> float:
@@ -192,7 +178,7 @@ def _statements(text: str, path: Path) -> Iterator[_Statement]:
             where=f"{path}:{number}",
             keyword=words[0],
             words=tuple(word for word in words[1:] if "=" not in word),
-            named={key: value for key, value in pairs},
+            named=dict(pairs),
         )
 
 

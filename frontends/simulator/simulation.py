@@ -1,6 +1,5 @@
 """From a scene and a seed to a log with its truth."""
 
-import io
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,7 +9,7 @@ from numpy.typing import NDArray
 from frontends.scan import Log, ScanGeometry
 from frontends.simulator.laser import Laser, sense
 from frontends.simulator.robot import Driving, OdometryModel, drive, measure_odometry
-from frontends.simulator.scene import Scene, load_scene, write_text
+from frontends.simulator.scene import Scene, load_scene
 from frontends.simulator.world import SimulatorError
 from graph.se2 import compose, wrap_angle
 
@@ -80,7 +79,7 @@ def simulate(
     laser = laser or Laser()
     operator_rng, wheels_rng, laser_rng = np.random.default_rng(seed).spawn(3)
     truth = drive(where.route, driving or Driving(), laser.period, operator_rng)
-    stamps = np.arange(len(truth)) * laser.period
+    stamps = np.arange(len(truth), dtype=np.float64) * laser.period
     log = Log(
         ranges=sense(where.world, truth, laser, laser_rng, stamps),
         odometry=measure_odometry(truth, odometry or OdometryModel(), laser.period, wheels_rng),
@@ -111,7 +110,7 @@ def scan_pairs(
         laser: the device, an LMS200 unless given.
 
     Returns:
-        The pairs; no pose is nearer than 0.3 m to a wall, and no wall lies between the two.
+        The pairs; the way from one pose to the other keeps 0.3 m from every wall.
 
     Raises:
         SimulatorError: the scene has no room for such pairs.
@@ -142,16 +141,6 @@ def scan_pairs(
     )
 
 
-def write_truth(path: Path, simulation: Simulation) -> None:
-    """Write the true poses as CSV: `t_s,x_m,y_m,theta_rad`, one row per scan, replacing the file whole."""
-    table = io.StringIO()
-    rows = np.column_stack([simulation.log.stamps, simulation.truth])
-    np.savetxt(
-        table, rows, fmt=("%.3f", "%.6f", "%.6f", "%.6f"), delimiter=",", comments="", header="t_s,x_m,y_m,theta_rad"
-    )
-    write_text(path, table.getvalue())
-
-
 def _candidates(
     path: NDArray[np.float64], n: int, max_translation: float, max_rotation: float, rng: np.random.Generator
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -165,8 +154,9 @@ def _candidates(
 
 
 def _is_free(where: Scene, T_map_a: NDArray[np.float64], T_map_b: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Whether both poses keep clear of all walls and see each other."""
-    between = [T_map_a[:, :2] + share * (T_map_b - T_map_a)[:, :2] for share in np.linspace(0, 1, 9)]
-    return np.all([where.world.clearance(p) > _CLEARANCE for p in between[:: len(between) - 1]], axis=0) & np.all(
-        [where.world.clearance(p) > 0.1 for p in between], axis=0
-    )
+    """Whether both poses keep clear of all walls and nothing stands between them."""
+    free = np.ones(len(T_map_a), dtype=np.bool_)
+    for share in np.linspace(0.0, 1.0, 9).tolist():
+        points = T_map_a[:, :2] + share * (T_map_b - T_map_a)[:, :2]
+        free &= where.world.clearance(points) > _CLEARANCE
+    return free

@@ -81,7 +81,8 @@ class World:
         length2 = np.maximum(np.sum(along**2, axis=1), 1e-18)
         share = np.clip(np.sum((p - start) * along, axis=2) / length2, 0.0, 1.0)
         distances = np.linalg.norm(p - (start + share[..., None] * along), axis=2)
-        return distances.min(axis=1, initial=np.inf)
+        nearest: NDArray[np.float64] = distances.min(axis=1, initial=np.inf)
+        return nearest
 
 
 def polyline(points: ArrayLike) -> Segments:
@@ -176,4 +177,5 @@ def table(x: float, y: float, width: float, depth: float, turn: float = 0.0, leg
 
 def _placed(points: NDArray[np.float64], x: float, y: float, turn: float) -> NDArray[np.float64]:
     c, s = np.cos(turn), np.sin(turn)
-    return points @ np.array([(c, s), (-s, c)]) + (x, y)
+    placed: NDArray[np.float64] = points @ np.array([(c, s), (-s, c)]) + (x, y)
+    return placed

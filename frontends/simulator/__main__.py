@@ -1,0 +1,26 @@
+"""`python -m frontends.simulator SCENE -o DIR [--seed N]`: drive through a scene, write `log.clf` and `truth.csv`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from frontends.simulator.output import write_simulation
+from frontends.simulator.simulation import simulate
+
+
+def main(
+    scene: tyro.conf.Positional[str], *, output: Annotated[Path, tyro.conf.arg(aliases=["-o"])], seed: int = 0
+) -> None:
+    """Drive through a scene and write the log and its truth.
+
+    Args:
+        scene: office, room, corridor, vanishing_wall, or the path of a .world file.
+        output: folder to write into.
+        seed: of all that is random.
+    """
+    write_simulation(output, simulate(scene, seed))
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
