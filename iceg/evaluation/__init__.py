@@ -1,1 +1,1 @@
-
+"""Judging a trajectory: benchmark relations, absolute errors, honesty of the covariances."""

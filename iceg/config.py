@@ -1,0 +1,48 @@
+"""All settings of a run: one small dataclass per stage, defined where the stage is, put together here."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from iceg.settings_file import ConfigError, format_settings, parse_settings, read_settings
+
+__all__ = ["Config", "ConfigError", "format_config", "parse_config", "read_config"]
+
+_HEADING = "Settings of iceg: SI units, angles in radians. Leave a key out to get its default."
+
+
+@dataclass(frozen=True, kw_only=True)
+class Config:
+    """All settings of a run.
+
+    Attributes:
+        seed: start of every random number drawn; the same log, settings and version give the same bytes.
+    """
+
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.seed < 0:
+            raise ConfigError(f"seed: found {self.seed}, expected 0 or more")
+
+
+def read_config(path: Path) -> Config:
+    """Read a TOML file; what it does not name keeps its default.
+
+    Raises:
+        ConfigError: unreadable, an unknown key, a wrong type or a value out of range, named with file and key.
+    """
+    return read_settings(Config, path)
+
+
+def parse_config(text: str, where: str = "configuration") -> Config:
+    """A configuration from TOML text; `where` names its source in messages.
+
+    Raises:
+        ConfigError: as `read_config`.
+    """
+    return parse_settings(Config, text, where=where)
+
+
+def format_config(config: Config) -> str:
+    """TOML with every key and its documentation as comment; reads back as the same configuration."""
+    return format_settings(config, heading=_HEADING)

@@ -1,0 +1,149 @@
+"""Absolute trajectory error: what is left after a trajectory is laid over its reference."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.se2 import compose, wrap_angle
+from iceg.evaluation.errors import EvaluationError
+from iceg.tables import read_csv_table
+
+_REFERENCE_COLUMNS = ("scan", "x_m", "y_m", "theta_rad")
+_TRUTH_COLUMNS = ("t_s", "x_m", "y_m", "theta_rad")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TrajectoryErrors:
+    """What is left between aligned poses, in the axes of the reference.
+
+    Attributes:
+        n: number of poses compared.
+        ate_rmse: root mean square distance [m].
+        ate_max: largest distance [m].
+        x_mean_abs: mean absolute error along the reference's x [m].
+        y_mean_abs: the same along y [m].
+        x_var: variance of the error along x [m²].
+        y_var: the same along y [m²].
+        rot_rmse: root mean square heading error [rad].
+    """
+
+    n: int
+    ate_rmse: float
+    ate_max: float
+    x_mean_abs: float
+    y_mean_abs: float
+    x_var: float
+    y_var: float
+    rot_rmse: float
+
+
+def read_reference_csv(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Read reference poses of some scans.
+
+    Args:
+        path: a CSV with the header `scan,x_m,y_m,theta_rad`.
+
+    Returns:
+        (n,) scan indices counted from 0 in file order, and (n, 3) their poses.
+
+    Raises:
+        TableError: the file cannot be read or is not as expected.
+    """
+    table = read_csv_table(path, _REFERENCE_COLUMNS)
+    scans = table[:, 0]
+    if (scans != np.floor(scans)).any() or (scans < 0).any():
+        raise EvaluationError(f"{path}: column 'scan' must hold whole numbers counted from 0")
+    return scans.astype(np.int64), table[:, 1:]
+
+
+def read_truth_csv(path: Path) -> NDArray[np.float64]:
+    """Read the true pose of every scan.
+
+    Args:
+        path: a CSV with the header `t_s,x_m,y_m,theta_rad`, one row per scan in file order.
+
+    Returns:
+        (n_scans, 3) T_world_robot.
+
+    Raises:
+        TableError: the file cannot be read or is not as expected.
+    """
+    return read_csv_table(path, _TRUTH_COLUMNS)[:, 1:]
+
+
+def poses_of_scans(T_map_robot: NDArray[np.float64], scans: NDArray[np.int64], path: Path) -> NDArray[np.float64]:
+    """The poses of the scans a reference names.
+
+    Args:
+        T_map_robot: (n_scans, 3), one pose per scan.
+        scans: (n,) scan indices.
+        path: the reference, for the message.
+
+    Raises:
+        EvaluationError: the reference reaches beyond the trajectory.
+    """
+    if scans.max() >= len(T_map_robot):
+        raise EvaluationError(
+            f"{path}: reaches scan {scans.max()}, but the trajectory has {len(T_map_robot)} rows; "
+            "expected one row per scan of the same log"
+        )
+    return T_map_robot[scans]
+
+
+def check_one_row_per_scan(T_map_robot: NDArray[np.float64], T_world_robot: NDArray[np.float64], path: Path) -> None:
+    """Refuse a truth that has another number of rows than the trajectory.
+
+    Raises:
+        EvaluationError: the numbers differ.
+    """
+    if len(T_map_robot) != len(T_world_robot):
+        raise EvaluationError(
+            f"{path}: holds {len(T_world_robot)} poses, the trajectory {len(T_map_robot)}; "
+            "expected one row per scan in both"
+        )
+
+
+def align(estimated: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The rigid motion that lays estimated positions over reference positions, least squares, in closed form.
+
+    Args:
+        estimated: (n, 3) T_map_robot.
+        reference: (n, 3) T_world_robot of the same scans.
+
+    Returns:
+        (3,) T_world_map. Headings take no part. Positions that never leave one point leave the rotation at 0.
+    """
+    mean_estimated, mean_reference = estimated[:, :2].mean(axis=0), reference[:, :2].mean(axis=0)
+    a, b = estimated[:, :2] - mean_estimated, reference[:, :2] - mean_reference
+    heading = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
+    c, s = np.cos(heading), np.sin(heading)
+    translation = mean_reference - np.array([[c, -s], [s, c]]) @ mean_estimated
+    return np.array([*translation, heading])
+
+
+def trajectory_errors(estimated: NDArray[np.float64], reference: NDArray[np.float64]) -> TrajectoryErrors:
+    """Align a trajectory with its reference and measure what is left.
+
+    Args:
+        estimated: (n, 3) T_map_robot.
+        reference: (n, 3) T_world_robot of the same scans.
+
+    Raises:
+        EvaluationError: fewer than two poses.
+    """
+    if len(estimated) < 2:
+        raise EvaluationError(f"found {len(estimated)} pose to compare, an alignment needs at least 2")
+    error = compose(align(estimated, reference), estimated) - reference
+    distances = np.hypot(error[:, 0], error[:, 1])
+    return TrajectoryErrors(
+        n=len(error),
+        ate_rmse=float(np.sqrt((distances**2).mean())),
+        ate_max=float(distances.max()),
+        x_mean_abs=float(np.abs(error[:, 0]).mean()),
+        y_mean_abs=float(np.abs(error[:, 1]).mean()),
+        x_var=float(error[:, 0].var()),
+        y_var=float(error[:, 1].var()),
+        rot_rmse=float(np.sqrt((wrap_angle(error[:, 2]) ** 2).mean())),
+    )

@@ -1,0 +1,250 @@
+"""The folder a run leaves behind: plain files, complete or not there at all."""
+
+import json
+import math
+import shutil
+import signal
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.errors import IcegError
+from iceg.config import format_config
+from iceg.tables import read_csv_table
+from iceg.tum import format_tum
+
+if TYPE_CHECKING:
+    from iceg.slam.pipeline import SlamResult
+
+RESULT_FILES = (
+    "trajectory.tum",
+    "graph.g2o",
+    "covariances.csv",
+    "closures.csv",
+    "map.pgm",
+    "map.yaml",
+    "map.png",
+    "features.geojson",
+    "config.toml",
+    "summary.json",
+)
+
+_COVARIANCE_COLUMNS = ("scan", "x_m", "y_m", "theta_rad", "xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
+_CLOSURE_COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad", "score", "inliers", "overlap", "verdict", "reason")
+_UPPER_TRIANGLE = np.triu_indices(3)
+
+
+class ResultsError(IcegError):
+    """A folder of results that cannot be written or read."""
+
+
+def check_directory(directory: Path, *, overwrite: bool) -> None:
+    """Refuse a folder that results must not go to, before any work is done.
+
+    Args:
+        directory: where the results are to go; need not exist.
+        overwrite: whether earlier results may be replaced.
+
+    Raises:
+        ResultsError: it is a file, or not empty although nothing may be overwritten.
+    """
+    if directory.exists() and not directory.is_dir():
+        raise ResultsError(f"{directory}: is a file, expected a folder for the results")
+    if not overwrite and directory.is_dir() and any(directory.iterdir()):
+        raise ResultsError(f"{directory}: is not empty; choose another folder, or replace its results with --overwrite")
+
+
+def write_results(result: "SlamResult", directory: Path, *, overwrite: bool = False) -> None:
+    """Write everything a run found, all files or none.
+
+    The files are made in a hidden folder inside `directory` and moved into place when all are complete: whatever
+    interrupts the writing, earlier results stay as they were. Files that are not results are never touched.
+
+    Args:
+        result: what the run found.
+        directory: made when missing.
+        overwrite: whether earlier results in it may be replaced.
+
+    Raises:
+        ResultsError: the folder is not empty, or cannot be written to.
+    """
+    check_directory(directory, overwrite=overwrite)
+    try:
+        with _staging_folder(directory) as staging:
+            seconds = {}
+            for name, write in _WRITERS.items():
+                started = time.perf_counter()
+                write(result, staging)
+                seconds[name] = round(time.perf_counter() - started, 4)
+            _write_text(staging / "summary.json", _format_summary({**result.summary, "writing_s": seconds}))
+            _publish(staging, directory)
+    except OSError as err:
+        raise ResultsError(f"{directory}: results cannot be written: {err}") from err
+
+
+def read_covariances(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """Read back `covariances.csv`.
+
+    Args:
+        path: the file.
+
+    Returns:
+        (k,) scan index of each key pose, (k, 3) T_map_robot and (k, 3, 3) covariances in the tangent space at it.
+
+    Raises:
+        TableError: the file cannot be read or is not as expected.
+    """
+    table = read_csv_table(path, _COVARIANCE_COLUMNS)
+    covariances = np.empty((len(table), 3, 3))
+    rows, columns = _UPPER_TRIANGLE
+    covariances[:, rows, columns] = covariances[:, columns, rows] = table[:, 4:]
+    return table[:, 0].astype(np.int64), table[:, 1:4], covariances
+
+
+def read_summary(directory: Path) -> dict[str, Any]:
+    """Read back `summary.json`.
+
+    Raises:
+        ResultsError: the folder holds no readable summary.
+    """
+    path = directory / "summary.json"
+    try:
+        summary = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as err:
+        raise ResultsError(f"{path}: cannot be read, expected a folder that a run has written: {err}") from err
+    if not isinstance(summary, dict):
+        raise ResultsError(f"{path}: found {type(summary).__name__}, expected a JSON object")
+    return summary
+
+
+def _write_trajectory(result: "SlamResult", folder: Path) -> None:
+    _write_text(folder / "trajectory.tum", format_tum(result.log.stamps, result.trajectory))
+
+
+def _write_graph(result: "SlamResult", folder: Path) -> None:
+    from graph.g2o import write_g2o
+
+    write_g2o(result.graph, folder / "graph.g2o")
+
+
+def _write_covariances(result: "SlamResult", folder: Path) -> None:
+    rows, columns = _UPPER_TRIANGLE
+    table = np.column_stack([result.key_scans, result.key_poses, result.covariances[:, rows, columns]])
+    line = "%d" + ",%.9f" * 3 + ",%.12g" * 6 + "\n"
+    body = (line * len(table)) % tuple(table.ravel().tolist())
+    _write_text(folder / "covariances.csv", ",".join(_COVARIANCE_COLUMNS) + "\n" + body)
+
+
+def _write_closures(result: "SlamResult", folder: Path) -> None:
+    lines = [",".join(_CLOSURE_COLUMNS)]
+    for closure in result.closures:
+        x, y, heading = closure.T_i_j
+        reason = '"' + closure.reason.replace('"', '""') + '"'
+        lines.append(
+            f"{closure.scan_i},{closure.scan_j},{x:.9f},{y:.9f},{heading:.9f},"
+            f"{closure.score:.6f},{closure.inliers},{closure.overlap:.6f},{closure.verdict},{reason}"
+        )
+    _write_text(folder / "closures.csv", "\n".join(lines) + "\n")
+
+
+def _write_map(result: "SlamResult", folder: Path) -> None:
+    from iceg.maps.grid import write_ros_map
+
+    write_ros_map(result.grid, folder / "map")
+
+
+def _write_picture(result: "SlamResult", folder: Path) -> None:
+    from iceg.show.plots import save_map_png
+
+    save_map_png(result, folder / "map.png")
+
+
+def _write_features(result: "SlamResult", folder: Path) -> None:
+    from iceg.maps.feature_map import write_geojson
+
+    write_geojson(result.landmarks, folder / "features.geojson")
+
+
+def _write_config(result: "SlamResult", folder: Path) -> None:
+    _write_text(folder / "config.toml", format_config(result.config))
+
+
+_WRITERS: Mapping[str, Callable[["SlamResult", Path], None]] = {
+    "trajectory": _write_trajectory,
+    "graph": _write_graph,
+    "covariances": _write_covariances,
+    "closures": _write_closures,
+    "map": _write_map,
+    "picture": _write_picture,
+    "features": _write_features,
+    "config": _write_config,
+}
+
+
+def _format_summary(summary: Mapping[str, Any]) -> str:
+    return json.dumps(_plain(summary), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _plain(value: Any) -> Any:  # noqa: ANN401
+    """The value in JSON's own types; what is not finite becomes null."""
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value if isinstance(value, str | int | float | bool | None) else str(value)
+
+
+def _write_text(path: Path, text: str) -> None:
+    path.write_text(text, encoding="utf-8", newline="\n")
+
+
+@contextmanager
+def _staging_folder(directory: Path) -> Iterator[Path]:
+    """A hidden folder inside `directory`, gone afterwards; so is `directory` if it was made in vain."""
+    is_new = not directory.exists()
+    directory.mkdir(parents=True, exist_ok=True)
+    staging = Path(tempfile.mkdtemp(prefix=".partial-", dir=directory))
+    try:
+        yield staging
+    finally:
+        shutil.rmtree(staging, ignore_errors=True)
+        if is_new and not any(directory.iterdir()):
+            directory.rmdir()
+
+
+def _publish(staging: Path, directory: Path) -> None:
+    with _interrupts_deferred():
+        for path in sorted(staging.iterdir()):
+            path.replace(directory / path.name)
+
+
+@contextmanager
+def _interrupts_deferred() -> Iterator[None]:
+    """Hold Ctrl-C back until the end of the block."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    received: list[int] = []
+
+    def remember(number: int, _frame: FrameType | None) -> None:
+        received.append(number)
+
+    previous = signal.signal(signal.SIGINT, remember)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, previous)
+    if received:
+        raise KeyboardInterrupt

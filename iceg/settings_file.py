@@ -1,0 +1,249 @@
+"""Settings as TOML: nested frozen dataclasses read strictly and written with their documentation as comments."""
+
+import ast
+import dataclasses
+import difflib
+import functools
+import inspect
+import json
+import re
+import textwrap
+import tomllib
+import types
+import typing
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Literal, TypeVar, Union
+
+from graph.errors import IcegError
+
+Settings = TypeVar("Settings")
+
+_COMMENT_WIDTH = 110
+
+
+class ConfigError(IcegError):
+    """A setting that is unknown, of the wrong type or out of range."""
+
+
+def read_settings(cls: type[Settings], path: Path) -> Settings:
+    """Read settings from a TOML file; what it does not name keeps its default.
+
+    Args:
+        cls: the dataclass of all settings; nested dataclasses are tables.
+        path: the file.
+
+    Raises:
+        ConfigError: naming the file and the key.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as err:
+        raise ConfigError(f"{path}: cannot be read as a configuration: {err}") from err
+    return parse_settings(cls, text, where=str(path))
+
+
+def parse_settings(cls: type[Settings], text: str, where: str) -> Settings:
+    """Settings from the text of a TOML file.
+
+    Args:
+        cls: the dataclass of all settings.
+        text: TOML.
+        where: the name of its source, for messages.
+
+    Raises:
+        ConfigError: not TOML, an unknown key, a wrong type or a value out of range.
+    """
+    try:
+        table = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as err:
+        raise ConfigError(f"{where}: not valid TOML: {err}") from err
+    return _Reader(where=where, known=tuple(_dotted_keys(cls))).build(cls, table, "")
+
+
+def format_settings(settings: object, heading: str = "") -> str:
+    """The text of a TOML file that reads back as the same settings, every key with its documentation.
+
+    Args:
+        settings: an instance of a dataclass of settings.
+        heading: comment at the top of the file.
+    """
+    lines = [*_comment(heading), ""] if heading else []
+    return "\n".join([*lines, *_format_table(settings, "")]).strip("\n") + "\n"
+
+
+def field_documentation(cls: type) -> dict[str, str]:
+    """What each field of a dataclass is for.
+
+    Taken from the string under the field or from the `Attributes:` section of the class docstring.
+    """
+    documented: dict[str, str] = {}
+    for base in reversed(cls.__mro__[:-1]):
+        documented |= _attributes_section(base.__doc__ or "") | _attribute_docstrings(base)
+    return {field.name: documented.get(field.name, "") for field in dataclasses.fields(cls)}
+
+
+@dataclasses.dataclass(frozen=True, slots=True, kw_only=True)
+class _Reader:
+    where: str
+    known: tuple[str, ...]
+
+    def build(self, cls: type[Settings], table: Mapping[str, Any], prefix: str) -> Settings:
+        hints = typing.get_type_hints(cls)
+        names = [field.name for field in dataclasses.fields(cls)]  # type: ignore[arg-type]
+        for key in table:
+            if key not in names:
+                raise self.unknown(prefix + key)
+        values = {key: self.convert(value, hints[key], prefix + key) for key, value in table.items()}
+        try:
+            return cls(**values)
+        except (ValueError, TypeError, IcegError) as err:
+            raise ConfigError(f"{self.where}: {self.culprit(cls, values, prefix)}: {err}") from err
+
+    def convert(self, value: object, hint: Any, key: str) -> Any:  # noqa: ANN401
+        if dataclasses.is_dataclass(hint) and isinstance(hint, type):
+            if not isinstance(value, dict):
+                raise ConfigError(f"{self.where}: {key}: found {value!r}, expected a table [{key}]")
+            return self.build(hint, value, f"{key}.")
+        accepted, converted = _convert(value, hint)
+        if not accepted:
+            raise ConfigError(f"{self.where}: {key}: found {value!r}, expected {_describe(hint)}")
+        return converted
+
+    def unknown(self, key: str) -> ConfigError:
+        suggestion = _closest(key, self.known)
+        hint = f", did you mean '{suggestion}'?" if suggestion else ""
+        return ConfigError(f"{self.where}: unknown key '{key}'{hint} ('iceg config' prints all keys)")
+
+    def culprit(self, cls: type, values: Mapping[str, Any], prefix: str) -> str:
+        """The key whose value alone the class refuses; all given keys when only their combination is refused."""
+        for key, value in values.items():
+            try:
+                cls(**{key: value})
+            except (ValueError, TypeError, IcegError):
+                return prefix + key
+        return ", ".join(prefix + key for key in values)
+
+
+def _closest(key: str, known: tuple[str, ...]) -> str | None:
+    close = difflib.get_close_matches(key, known, n=1)
+    if close:
+        return close[0]
+    by_leaf = {name.rpartition(".")[2]: name for name in reversed(known)}
+    leaf = difflib.get_close_matches(key.rpartition(".")[2], by_leaf, n=1)
+    return by_leaf[leaf[0]] if leaf else None
+
+
+def _dotted_keys(cls: type, prefix: str = "") -> Iterator[str]:
+    hints = typing.get_type_hints(cls)
+    for field in dataclasses.fields(cls):
+        yield prefix + field.name
+        if dataclasses.is_dataclass(hints[field.name]):
+            yield from _dotted_keys(hints[field.name], f"{prefix}{field.name}.")
+
+
+def _convert(value: object, hint: Any) -> tuple[bool, Any]:  # noqa: ANN401
+    """Whether a TOML value fits a type, and the value as that type."""
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin is Literal:
+        return value in arguments, value
+    if origin in {Union, types.UnionType}:
+        attempts = (_convert(value, argument) for argument in arguments if argument is not type(None))
+        return next((attempt for attempt in attempts if attempt[0]), (False, None))
+    if origin is tuple:
+        return _convert_tuple(value, arguments)
+    if hint is float and isinstance(value, int) and not isinstance(value, bool):
+        return True, float(value)
+    if hint is Path and isinstance(value, str):
+        return True, Path(value)
+    return isinstance(hint, type) and type(value) is hint, value
+
+
+def _convert_tuple(value: object, arguments: tuple[Any, ...]) -> tuple[bool, Any]:
+    if not isinstance(value, list):
+        return False, None
+    hints = arguments[:1] * len(value) if arguments[-1:] == (Ellipsis,) else arguments
+    if len(hints) != len(value):
+        return False, None
+    converted = [_convert(item, hint) for item, hint in zip(value, hints, strict=True)]
+    return all(accepted for accepted, _ in converted), tuple(item for _, item in converted)
+
+
+def _describe(hint: Any) -> str:  # noqa: ANN401
+    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+    if origin is Literal:
+        return "one of " + ", ".join(repr(choice) for choice in arguments)
+    if origin in {Union, types.UnionType}:
+        return " or ".join(_describe(argument) for argument in arguments if argument is not type(None))
+    if origin is tuple:
+        return "a list of " + ", ".join("..." if item is Ellipsis else _describe(item) for item in arguments)
+    names = {float: "a number", int: "a whole number", bool: "true or false", str: "a string", Path: "a path"}
+    return names.get(hint, str(hint))
+
+
+def _format_table(settings: Any, prefix: str) -> Iterator[str]:  # noqa: ANN401
+    cls = type(settings)
+    hints, documentation = typing.get_type_hints(cls), field_documentation(cls)
+    nested = [name for name in documentation if dataclasses.is_dataclass(getattr(settings, name))]
+    for name, text in documentation.items():
+        if name in nested:
+            continue
+        value = getattr(settings, name)
+        choices = f" ({_describe(hints[name])})" if typing.get_origin(hints[name]) is Literal else ""
+        yield from _comment(text + choices)
+        yield f"# {name} =  (unset; {_describe(hints[name])})" if value is None else f"{name} = {_format_value(value)}"
+    for name in nested:
+        child = getattr(settings, name)
+        summary = documentation[name] or inspect.cleandoc(type(child).__doc__ or "").partition("\n")[0]
+        yield from ["", *_comment(summary), f"[{prefix}{name}]"]
+        yield from _format_table(child, f"{prefix}{name}.")
+
+
+def _format_value(value: object) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return repr(float(value))
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_format_value(item) for item in value) + "]"
+    if isinstance(value, str | Path):
+        return json.dumps(str(value), ensure_ascii=False).replace("\x7f", "\\u007f")
+    return str(value)
+
+
+def _comment(text: str) -> list[str]:
+    return [f"# {line}" for line in textwrap.wrap(text.strip(), _COMMENT_WIDTH)]
+
+
+def _attributes_section(docstring: str) -> dict[str, str]:
+    lines = inspect.cleandoc(docstring).split("\n")
+    if "Attributes:" not in lines:
+        return {}
+    documented: dict[str, str] = {}
+    name = ""
+    for line in lines[lines.index("Attributes:") + 1 :]:
+        if line and not line.startswith(" "):
+            break
+        entry = re.match(r" {4}(\w+)(?: \([^)]*\))?:\s*(.*)", line)
+        if entry:
+            name, documented[entry[1]] = entry[1], entry[2].strip()
+        elif name and line.strip():
+            documented[name] += " " + line.strip()
+    return documented
+
+
+@functools.cache
+def _attribute_docstrings(cls: type) -> dict[str, str]:
+    try:
+        tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
+    except (OSError, TypeError, SyntaxError):
+        return {}
+    definition = tree.body[0]
+    if not isinstance(definition, ast.ClassDef):
+        return {}
+    documented = {}
+    for statement, following in zip(definition.body, definition.body[1:], strict=False):
+        match statement, following:
+            case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
+                documented[name] = " ".join(inspect.cleandoc(text).split())
+    return documented

@@ -1,0 +1,96 @@
+"""Trajectories in the TUM format: `t x y z qx qy qz qw`, one line per scan (evo and others read it)."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.errors import IcegError
+
+_LINE = "%.6f %.9f %.9f 0 0 0 %.12f %.12f\n"
+_N_COLUMNS = 8
+
+
+class TrajectoryError(IcegError):
+    """A trajectory that cannot be read or written."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trajectory:
+    """Stamped poses in file order.
+
+    Attributes:
+        stamps: (n,) seconds; may step back.
+        poses: (n, 3) T_map_robot: x [m], y [m], heading [rad] in (−π, π].
+    """
+
+    stamps: NDArray[np.float64]
+    poses: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        """Number of poses."""
+        return len(self.poses)
+
+
+def format_tum(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> str:
+    """The text of a TUM file.
+
+    Args:
+        stamps: (n,) seconds.
+        poses: (n, 3) T_map_robot.
+
+    Returns:
+        n lines; positions to a nanometre, quaternions to 12 decimals.
+
+    Raises:
+        TrajectoryError: the lengths differ or a number is not finite.
+    """
+    if poses.shape != (len(stamps), 3):
+        raise TrajectoryError(f"a trajectory needs 3 numbers per stamp, found {poses.shape} for {len(stamps)} stamps")
+    half = poses[:, 2] / 2
+    # Adding 0.0 turns −0.0 into 0.0, so that equal poses give equal bytes.
+    columns = np.column_stack([stamps, poses[:, :2], np.sin(half), np.cos(half)]) + 0.0
+    bad = np.flatnonzero(~np.isfinite(columns).all(axis=1))
+    if len(bad):
+        raise TrajectoryError(f"pose {bad[0]} of the trajectory is not finite: {stamps[bad[0]]}, {poses[bad[0]]}")
+    return (_LINE * len(columns)) % tuple(columns.ravel().tolist())
+
+
+def read_tum(path: Path) -> Trajectory:
+    """Read a TUM file; what leaves the plane (z, roll, pitch) is dropped.
+
+    Args:
+        path: the file; lines starting with `#` are comments.
+
+    Returns:
+        The poses in file order.
+
+    Raises:
+        TrajectoryError: the file cannot be read, holds no pose, or a line is not 8 finite numbers.
+    """
+    try:
+        with path.open(encoding="utf-8") as file:
+            rows = [line.split() for line in file]
+    except (OSError, UnicodeDecodeError) as err:
+        raise TrajectoryError(f"{path}: cannot be read as a TUM trajectory: {err}") from err
+    numbered = [(number, row) for number, row in enumerate(rows, 1) if row and not row[0].startswith("#")]
+    if not numbered:
+        raise TrajectoryError(f"{path}: holds no pose, expected lines 't x y z qx qy qz qw'")
+    table = np.array([_parse_line(path, number, row) for number, row in numbered])
+    x, y, z, w = table[:, 4:8].T
+    # Homogeneous in the quaternion, so that a rounded norm does no harm.
+    heading = np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+    return Trajectory(stamps=table[:, 0], poses=np.column_stack([table[:, 1:3], heading]))
+
+
+def _parse_line(path: Path, number: int, row: list[str]) -> list[float]:
+    try:
+        values = [float(word) for word in row]
+    except ValueError as err:
+        raise TrajectoryError(f"{path}:{number}: {err}, expected 't x y z qx qy qz qw'") from err
+    if len(values) != _N_COLUMNS:
+        raise TrajectoryError(f"{path}:{number}: found {len(values)} numbers, expected 8: 't x y z qx qy qz qw'")
+    if not np.isfinite(values).all() or not any(values[4:]):
+        raise TrajectoryError(f"{path}:{number}: found {' '.join(row)}, expected finite numbers and a unit quaternion")
+    return values
