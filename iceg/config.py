@@ -1,8 +1,9 @@
 """All settings of a run: one small dataclass per stage, defined where the stage is, put together here."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
+from iceg.maps.grid import GridConfig
 from iceg.settings_file import ConfigError, format_settings, parse_settings, read_settings
 
 __all__ = ["Config", "ConfigError", "format_config", "parse_config", "read_config"]
@@ -16,9 +17,11 @@ class Config:
 
     Attributes:
         seed: start of every random number drawn; the same log, settings and version give the same bytes.
+        grid: the occupancy grid.
     """
 
     seed: int = 0
+    grid: GridConfig = field(default_factory=GridConfig)
 
     def __post_init__(self) -> None:
         if self.seed < 0:

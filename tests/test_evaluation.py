@@ -107,7 +107,11 @@ def test_only_certain_relations_count(tmp_path: Path) -> None:
         ("scan_i,scan_j,x_m,y_m,theta_rad,certain\n0,1,1,0\n", TableError, ":2: found 4 values, expected 6"),
         ("scan_i,scan_j,x_m,y_m,theta_rad,certain\n0,1,1,0,0,1\n0,1,one,0,0,1\n", TableError, ":3: .*'one'"),
         ("scan_i,scan_j,x_m,y_m,theta_rad,certain\n0,1,inf,0,0,1\n", TableError, ":2: .*finite"),
-        ("scan_i,scan_j,x_m,y_m,theta_rad,certain\n0,1,1,0,0,0\n", EvaluationError, "none of its 1 relations is certain"),
+        (
+            "scan_i,scan_j,x_m,y_m,theta_rad,certain\n0,1,1,0,0,0\n",
+            EvaluationError,
+            "none of its 1 relations is certain",
+        ),
         ("scan_i,scan_j,x_m,y_m,theta_rad,certain\n0.5,1,1,0,0,1\n", EvaluationError, "whole numbers"),
         ("scan_i,scan_j,x_m,y_m,theta_rad,certain\n-1,1,1,0,0,1\n", EvaluationError, "whole numbers"),
     ],
@@ -289,6 +293,10 @@ def test_between_is_the_relation_form(data_dir: Path) -> None:
     relations = read_relations_csv(data_dir / "intel.relations.csv")
     poses = random_walk(0, 14_000)
     errors = relation_errors(poses, relations)
-    known = make_relations(relations.scans_i.tolist(), relations.scans_j.tolist(), between(poses[relations.scans_i], poses[relations.scans_j]))
+    known = make_relations(
+        relations.scans_i.tolist(),
+        relations.scans_j.tolist(),
+        between(poses[relations.scans_i], poses[relations.scans_j]),
+    )
     assert relation_errors(poses, known).translation.max() == 0
     assert len(errors.translation) == len(relations) == 2237

@@ -17,7 +17,9 @@ _POSE = st.tuples(
 
 
 @given(st.lists(st.tuples(st.floats(0, 2e9), _POSE), min_size=1, max_size=20))
-def test_reading_back_gives_the_same_poses(tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[float, tuple[float, float, float]]]) -> None:
+def test_reading_back_gives_the_same_poses(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[float, tuple[float, float, float]]]
+) -> None:
     stamps = np.array([stamp for stamp, _ in rows])
     poses = np.array([pose for _, pose in rows])
     path = tmp_path_factory.mktemp("tum") / "trajectory.tum"
@@ -78,7 +80,7 @@ def test_a_missing_or_binary_file_is_refused(tmp_path: Path) -> None:
 
 
 def test_what_cannot_be_written_is_refused() -> None:
-    with pytest.raises(TrajectoryError, match="pose 1 .* not finite"):
+    with pytest.raises(TrajectoryError, match=r"pose 1 .* not finite"):
         format_tum(np.zeros(2), np.array([[0.0, 0, 0], [np.nan, 0, 0]]))
     with pytest.raises(TrajectoryError, match="3 numbers per stamp"):
         format_tum(np.zeros(2), np.zeros((3, 3)))

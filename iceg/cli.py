@@ -1,0 +1,355 @@
+"""The command line: parse, call the library, print."""
+
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import tyro
+
+from graph.errors import IcegError
+from iceg.config import Config, read_config
+
+if TYPE_CHECKING:
+    from frontends.scan import Log
+    from iceg.slam.pipeline import SlamResult
+
+_DESCRIPTION = "2D laser SLAM for recorded logs. 'iceg COMMAND --help' tells more; 'iceg --version' the version."
+_FAILED, _USAGE, _INTERRUPTED = 1, 2, 130
+
+_ConfigFile = Annotated[
+    Path | None, tyro.conf.arg(metavar="FILE", help="TOML file of settings; flags given here override it.")
+]
+_Settings = Annotated[Config, tyro.conf.arg(name="")]
+_Overwrite = Annotated[
+    tyro.conf.FlagCreatePairsOff[bool],
+    tyro.conf.arg(help="Replace earlier results; they stay until the new are complete."),
+]
+_SkipBadLines = Annotated[
+    tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Go on after malformed lines and count them.")
+]
+
+
+class UsageError(Exception):
+    """Arguments that do not belong together."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """Recorded log in; trajectory, graph, feature map, occupancy grid and pictures out."""
+
+    log: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LOG", help="The recorded log.")]
+    output: Annotated[
+        Path, tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for the results, made if missing.")
+    ]
+    config: _ConfigFile = None
+    overwrite: _Overwrite = False
+    skip_bad_lines: _SkipBadLines = False
+    settings: _Settings = field(default_factory=Config)
+
+    def __call__(self) -> None:
+        """Read, run, write."""
+        _run_log(self.log, self.output, self.settings, overwrite=self.overwrite, skip_bad_lines=self.skip_bad_lines)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Demo:
+    """Run the embedded log and compare the result with its truth."""
+
+    output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for the results.")] = Path(
+        "demo-output"
+    )
+    overwrite: _Overwrite = False
+
+    def __call__(self) -> None:
+        """Run, evaluate, say where the map is."""
+        from iceg.demo import demo_log_path, demo_truth_path
+        from iceg.evaluation.report import format_table
+
+        _run_log(demo_log_path(), self.output, Config(), overwrite=self.overwrite, skip_bad_lines=False)
+        truth = demo_truth_path()
+        print(format_table(_truth_report(self.output, truth), f"Against the truth, {truth.name}:"))
+        print(f"The map is {(self.output / 'map.png').resolve()}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Info:
+    """Tell what is in a log."""
+
+    log: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LOG", help="The recorded log.")]
+    skip_bad_lines: _SkipBadLines = False
+
+    def __call__(self) -> None:
+        """Read and describe."""
+        from frontends.logs import log_info
+
+        print(log_info(self.log, skip_bad_lines=self.skip_bad_lines))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Eval:
+    """Judge a trajectory by benchmark relations, a reference trajectory or the truth."""
+
+    trajectory: Annotated[
+        tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRAJECTORY", help="A trajectory.tum or the folder of a run.")
+    ]
+    relations: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE",
+            help="Relative poses known: a CSV by scan, or the benchmark's .relations by stamp (needs --log).",
+        ),
+    ] = None
+    log: Annotated[Path | None, tyro.conf.arg(metavar="LOG", help="The log, to tie stamps to scans.")] = None
+    reference: Annotated[
+        Path | None, tyro.conf.arg(metavar="CSV", help="Reference poses of some scans: scan,x_m,y_m,theta_rad.")
+    ] = None
+    truth: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="CSV", help="True pose of every scan: t_s,x_m,y_m,theta_rad. A run folder also gets its NEES."
+        ),
+    ] = None
+    json: Annotated[tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="One JSON object instead of a table.")] = (
+        False
+    )
+
+    def __call__(self) -> None:
+        """Compare and print."""
+        from iceg.evaluation.report import format_json, format_table
+
+        report, title = self._report()
+        print(format_json(report) if self.json else format_table(report, title))
+
+    def _report(self) -> tuple[dict[str, float], str]:
+        given = [path for path in (self.relations, self.reference, self.truth) if path is not None]
+        if len(given) != 1:
+            raise UsageError(f"found {len(given)} of --relations, --reference and --truth, expected exactly one")
+        if self.log is not None and (self.relations is None or _is_csv(self.relations)):
+            raise UsageError("--log is only needed with relations by stamp")
+        title = f"{self.trajectory} against {given[0]}:"
+        if self.relations is not None:
+            return self._relations_report(self.relations), title
+        if self.reference is not None:
+            return _reference_report(self.trajectory, self.reference), title
+        return _truth_report(self.trajectory, given[0]), title
+
+    def _relations_report(self, path: Path) -> dict[str, float]:
+        from iceg.evaluation.relations import read_relations, read_relations_csv
+        from iceg.evaluation.report import relations_report
+        from iceg.tum import read_tum
+
+        if not _is_csv(path) and self.log is None:
+            raise UsageError(f"{path.name} names scans by their stamps: give the log they are from with --log")
+        T_map_robot = read_tum(_trajectory_file(self.trajectory)).poses
+        if self.log is None:
+            return relations_report(T_map_robot, read_relations_csv(path))
+        from frontends.logs import read_log
+
+        return relations_report(T_map_robot, read_relations(path, read_log(self.log).stamps))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plot:
+    """Draw the pictures of a run again, from the files in its folder."""
+
+    results: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR", help="The folder of a run.")]
+
+    def __call__(self) -> None:
+        """Read the folder, draw, name the pictures."""
+        from iceg.show.plots import plot_results
+
+        for path in plot_results(self.results):
+            print(path)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrintConfig:
+    """Print all settings with their documentation, as a file for --config."""
+
+    config: _ConfigFile = None
+    settings: _Settings = field(default_factory=Config)
+
+    def __call__(self) -> None:
+        """Print the settings that would be used."""
+        from iceg.config import format_config
+
+        print(format_config(self.settings), end="")
+
+
+Command = Run | Demo | Info | Eval | Plot | PrintConfig
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Args:
+        arguments: what follows the program's name; the process's own when left out.
+
+    Returns:
+        The exit code: 0, 1 for an error in the data, 2 in the arguments or settings, 130 when interrupted.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        return _main(words)
+    except KeyboardInterrupt:
+        print("iceg: interrupted", file=sys.stderr)
+        return _INTERRUPTED
+    except BrokenPipeError:
+        # Whoever read our output has seen enough; keep the interpreter from flushing into the closed pipe.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return _FAILED
+
+
+def _main(words: list[str]) -> int:
+    if words == ["--version"]:
+        from iceg import __version__
+
+        print(f"iceg {__version__}")
+        return 0
+    try:
+        command = parse(words)
+    except IcegError as err:
+        return _complain(err, _USAGE)
+    try:
+        command()
+        sys.stdout.flush()
+    except UsageError as err:
+        return _complain(err, _USAGE)
+    except IcegError as err:
+        return _complain(err, _FAILED)
+    return 0
+
+
+def parse(words: Sequence[str]) -> Command:
+    """The command that the words after the program's name ask for.
+
+    Flags override the file given with --config, which overrides the defaults.
+
+    Raises:
+        IcegError: settings in the file or flags that are not valid.
+        SystemExit: arguments that are not valid, or a request for help.
+    """
+    file = _config_file(words)
+    settings = Config() if file is None else read_config(file)
+    run = Run(log=tyro.MISSING, output=tyro.MISSING, settings=settings)
+    commands = (
+        Annotated[Run, tyro.conf.subcommand("run", default=run)]
+        | Annotated[Demo, tyro.conf.subcommand("demo")]
+        | Annotated[Info, tyro.conf.subcommand("info")]
+        | Annotated[Eval, tyro.conf.subcommand("eval")]
+        | Annotated[Plot, tyro.conf.subcommand("plot")]
+        | Annotated[PrintConfig, tyro.conf.subcommand("config", default=PrintConfig(settings=settings))]
+    )
+    parsed: Command = tyro.cli(commands, args=words, prog="iceg", description=_DESCRIPTION)
+    return parsed
+
+
+def _config_file(words: Sequence[str]) -> Path | None:
+    """The file given with --config, known before the flags are parsed because it sets their defaults."""
+    found = None
+    for word, following in zip(words, [*words[1:], None], strict=True):
+        if word == "--config" and following is not None:
+            found = Path(following)
+        elif word.startswith("--config="):
+            found = Path(word.partition("=")[2])
+    return found
+
+
+def _run_log(path: Path, directory: Path, config: Config, *, overwrite: bool, skip_bad_lines: bool) -> None:
+    from iceg.results import check_directory, write_results
+    from iceg.show.progress import ProgressBar, compile_note
+
+    check_directory(directory, overwrite=overwrite)
+    before = _written_at(directory)
+    try:
+        with compile_note():
+            from frontends.logs import read_log
+            from iceg.slam.pipeline import run
+
+            log = read_log(path, skip_bad_lines=skip_bad_lines)
+            _tell_warnings(log)
+            with ProgressBar(log) as progress:
+                result = run(log, config, progress)
+            write_results(result, directory, overwrite=overwrite)
+    except KeyboardInterrupt:
+        print(f"\niceg: interrupted, {_what_was_kept(directory, before)}", file=sys.stderr)
+        raise SystemExit(_INTERRUPTED) from None
+    _tell_results(result, directory)
+
+
+def _tell_warnings(log: "Log") -> None:
+    for warning in log.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+
+
+def _tell_results(result: "SlamResult", directory: Path) -> None:
+    print(f"{len(result.log)} scans, {len(result.key_scans)} key poses, {len(result.landmarks)} landmarks")
+    print(f"Results are in {directory}: map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more")
+
+
+def _written_at(directory: Path) -> int | None:
+    """When the results in a folder were completed; None when there are none."""
+    summary = directory / "summary.json"
+    return summary.stat().st_mtime_ns if summary.exists() else None
+
+
+def _what_was_kept(directory: Path, before: int | None) -> str:
+    now = _written_at(directory)
+    if now is None:
+        return f"nothing was written to {directory}"
+    return (
+        f"the earlier results in {directory} are untouched"
+        if now == before
+        else f"the results in {directory} are complete"
+    )
+
+
+def _trajectory_file(path: Path) -> Path:
+    return path / "trajectory.tum" if path.is_dir() else path
+
+
+def _is_csv(path: Path) -> bool:
+    return path.suffix.lower() == ".csv"
+
+
+def _reference_report(trajectory: Path, reference: Path) -> dict[str, float]:
+    from iceg.evaluation.report import trajectory_report
+    from iceg.evaluation.trajectory import poses_of_scans, read_reference_csv, trajectory_errors
+    from iceg.tum import read_tum
+
+    scans, T_world_robot = read_reference_csv(reference)
+    T_map_robot = read_tum(_trajectory_file(trajectory)).poses
+    return trajectory_report(trajectory_errors(poses_of_scans(T_map_robot, scans, reference), T_world_robot))
+
+
+def _truth_report(trajectory: Path, truth: Path) -> dict[str, float]:
+    from iceg.evaluation.consistency import consistency, pose_nees
+    from iceg.evaluation.report import consistency_report, trajectory_report
+    from iceg.evaluation.trajectory import check_one_row_per_scan, poses_of_scans, read_truth_csv, trajectory_errors
+    from iceg.results import read_covariances
+    from iceg.tum import read_tum
+
+    T_world_robot = read_truth_csv(truth)
+    T_map_robot = read_tum(_trajectory_file(trajectory)).poses
+    check_one_row_per_scan(T_map_robot, T_world_robot, truth)
+    report = trajectory_report(trajectory_errors(T_map_robot, T_world_robot))
+    covariances_file = trajectory / "covariances.csv"
+    if not trajectory.is_dir() or not covariances_file.exists():
+        return report
+    scans, key_poses, covariances = read_covariances(covariances_file)
+    if len(scans) < 2:
+        return report
+    values = pose_nees(key_poses, poses_of_scans(T_world_robot, scans, covariances_file), covariances)
+    return report | consistency_report(consistency(values))
+
+
+def _complain(error: Exception, code: int) -> int:
+    print(f"iceg: {' '.join(str(error).split())}", file=sys.stderr)
+    return code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

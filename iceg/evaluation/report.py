@@ -1,0 +1,128 @@
+"""The figures of an evaluation under their published names, as a table for people or as JSON."""
+
+import json
+import math
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iceg.evaluation.consistency import DEGREES_OF_FREEDOM, Consistency
+from iceg.evaluation.relations import Relations, error_statistics, relation_errors
+from iceg.evaluation.trajectory import TrajectoryErrors
+
+_DECIMALS = 5
+
+_LABELS = {
+    "n": "compared",
+    "dropped": "left out, not tied to one scan",
+    "trans_mean": "translation, mean [m]",
+    "trans_std": "translation, std [m]",
+    "trans_median": "translation, median [m]",
+    "trans_p95": "translation, 95th percentile [m]",
+    "trans_max": "translation, max [m]",
+    "rot_mean_deg": "rotation, mean [°]",
+    "rot_std_deg": "rotation, std [°]",
+    "rot_median_deg": "rotation, median [°]",
+    "rot_p95_deg": "rotation, 95th percentile [°]",
+    "rot_max_deg": "rotation, max [°]",
+    "cartographer_trans_mean": "translation in Cartographer's form, mean [m]",
+    "cartographer_trans_std": "translation in Cartographer's form, std [m]",
+    "cartographer_trans_median": "translation in Cartographer's form, median [m]",
+    "cartographer_trans_p95": "translation in Cartographer's form, 95th percentile [m]",
+    "cartographer_trans_max": "translation in Cartographer's form, max [m]",
+    "ate_rmse": "absolute trajectory error, rmse [m]",
+    "ate_max": "absolute trajectory error, max [m]",
+    "x_mean_abs": "x, mean absolute error [m]",
+    "y_mean_abs": "y, mean absolute error [m]",
+    "x_var": "x, variance of the error [m²]",
+    "y_var": "y, variance of the error [m²]",
+    "rot_rmse_deg": "heading, rmse [°]",
+    "nees_n": "key poses with a covariance",
+    "nees_mean": f"NEES, mean ({DEGREES_OF_FREEDOM} is right)",
+    "nees_median": "NEES, median (2.37 is right)",
+    "nees_share_95": "share inside the 95 % region (0.95 is right)",
+    "nees_low": "95 % interval of the mean if independent, low",
+    "nees_high": "95 % interval of the mean if independent, high",
+}
+
+
+def relations_report(T_map_robot: NDArray[np.float64], relations: Relations) -> dict[str, float]:
+    """Both forms of the benchmark error; the rotation is the same in both.
+
+    Args:
+        T_map_robot: (n_scans, 3), one pose per scan.
+        relations: what is known.
+
+    Raises:
+        EvaluationError: the relations reach beyond the trajectory.
+    """
+    metric = relation_errors(T_map_robot, relations)
+    cartographer = relation_errors(T_map_robot, relations, form="cartographer")
+    trans, rot = error_statistics(metric.translation), error_statistics(np.degrees(metric.rotation))
+    other = error_statistics(cartographer.translation)
+    return {
+        "n": len(relations),
+        "trans_mean": trans.mean,
+        "trans_std": trans.std,
+        "trans_median": trans.median,
+        "trans_p95": trans.p95,
+        "trans_max": trans.max,
+        "rot_mean_deg": rot.mean,
+        "rot_std_deg": rot.std,
+        "rot_median_deg": rot.median,
+        "rot_p95_deg": rot.p95,
+        "rot_max_deg": rot.max,
+        "cartographer_trans_mean": other.mean,
+        "cartographer_trans_std": other.std,
+        "cartographer_trans_median": other.median,
+        "cartographer_trans_p95": other.p95,
+        "cartographer_trans_max": other.max,
+        "dropped": relations.dropped,
+    }
+
+
+def trajectory_report(errors: TrajectoryErrors) -> dict[str, float]:
+    """Absolute trajectory errors, angles in degrees."""
+    return {
+        "n": errors.n,
+        "ate_rmse": errors.ate_rmse,
+        "ate_max": errors.ate_max,
+        "x_mean_abs": errors.x_mean_abs,
+        "y_mean_abs": errors.y_mean_abs,
+        "x_var": errors.x_var,
+        "y_var": errors.y_var,
+        "rot_rmse_deg": math.degrees(errors.rot_rmse),
+    }
+
+
+def consistency_report(summary: Consistency) -> dict[str, float]:
+    """Honesty of the covariances."""
+    return {
+        "nees_n": summary.n,
+        "nees_mean": summary.mean,
+        "nees_median": summary.median,
+        "nees_share_95": summary.share_within_95,
+        "nees_low": summary.mean_low,
+        "nees_high": summary.mean_high,
+    }
+
+
+def format_json(report: Mapping[str, float]) -> str:
+    """One JSON object, five decimals; what is not defined (the deviation of one value) is null."""
+    rounded = {name: round(value, _DECIMALS) if math.isfinite(value) else None for name, value in report.items()}
+    return json.dumps(rounded, allow_nan=False)
+
+
+def format_table(report: Mapping[str, float], title: str) -> str:
+    """Lines of label and figure under a title."""
+    labels = {name: _LABELS.get(name, name) for name in report}
+    width = max(len(label) for label in labels.values())
+    lines = [f"  {labels[name]:<{width}}  {_format_figure(value):>12}" for name, value in report.items()]
+    return "\n".join([title, *lines])
+
+
+def _format_figure(value: float) -> str:
+    if isinstance(value, int):
+        return str(value)
+    return f"{value:.{_DECIMALS}f}" if math.isfinite(value) else "-"

@@ -1,0 +1,81 @@
+"""What a run says while it runs: a progress bar, and a note when it compiles for the first time."""
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from frontends.scan import Log
+from iceg.slam.progress import Progress
+
+_BAR = "{desc}: {percentage:3.0f}%|{bar:20}| {n_fmt}/{total_fmt} scans, {elapsed} gone, {remaining} left{postfix}"
+_INTERVAL_ON_TERMINAL_S, _INTERVAL_IN_FILE_S = 0.1, 5.0
+
+
+class ProgressBar:
+    """A bar on stderr: scans, time left, real-time factor, share of accepted matches. A context manager."""
+
+    def __init__(self, log: Log) -> None:
+        interval = _INTERVAL_ON_TERMINAL_S if sys.stderr.isatty() else _INTERVAL_IN_FILE_S
+        self._stamps = log.stamps
+        self._interval = interval
+        self._started = self._shown = time.perf_counter()
+        self._bar = tqdm(
+            total=len(log), desc=log.path.name, unit=" scans", bar_format=_BAR, mininterval=interval, file=sys.stderr
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._bar.close()
+
+    def __call__(self, progress: Progress) -> None:
+        """Show where the run stands; cheap when nothing is due."""
+        now = time.perf_counter()
+        if now - self._shown >= self._interval or progress.scans == self._bar.total:
+            self._shown = now
+            self._bar.set_postfix_str(self._describe(progress, now), refresh=False)
+        self._bar.update(progress.scans - self._bar.n)
+
+    def _describe(self, progress: Progress, now: float) -> str:
+        parts = []
+        covered = real_time_factor(self._stamps[: progress.scans], now - self._started)
+        if covered is not None:
+            parts.append(f"{covered:.0f}x real time")
+        if progress.tried:
+            parts.append(f"{100 * progress.accepted / progress.tried:.0f} % matched")
+        return ", ".join(parts)
+
+
+def real_time_factor(stamps: NDArray[np.float64], seconds: float) -> float | None:
+    """Recorded time over processing time; None when the log has no time."""
+    if len(stamps) < 2 or seconds <= 0:
+        return None
+    recorded = float(stamps[-1] - stamps[0])
+    return recorded / seconds if recorded > 0 else None
+
+
+@contextmanager
+def compile_note() -> Iterator[None]:
+    """Say once on stderr when kernels are being compiled: the first run takes longer, later ones load them."""
+    from numba.core import event
+
+    class Note(event.Listener):
+        told = False
+
+        def on_start(self, _event: object) -> None:
+            if not self.told:
+                self.told = True
+                tqdm.write("First run: compiling kernels, up to a minute; later runs load them.", file=sys.stderr)
+
+        def on_end(self, _event: object) -> None:
+            pass
+
+    with event.install_listener("numba:compile", Note()):
+        yield
