@@ -33,8 +33,8 @@ class Laser:
         range_std_per_metre: how the noise grows with range.
         quantisation: step of a reported range [m]; 0 for none.
         beam_width: angle from side to side of one beam's spot [rad].
-        edge_step: jump in range across the spot from which a beam may mix both sides [m].
-        mixed_share: share of the beams at such an edge whose range lies somewhere between the two sides.
+        edge_step: jump in range within the spot from which a beam may mix both surfaces [m].
+        mixed_share: share of the beams at such an edge whose range lies somewhere between the two.
     """
 
     geometry: ScanGeometry = field(default_factory=sick_lms200)
@@ -113,13 +113,20 @@ def _mix_edges(
     rng: np.random.Generator,
     times: ArrayLike,
 ) -> NDArray[np.float64]:
-    """Some beams whose spot falls on two surfaces report a range between them."""
+    """Some beams whose spot falls on two surfaces report a range between them.
+
+    A spot on one flat wall is none of these, however slanting: there 1/r of its middle is the mean of 1/r of its sides
+    (but for the cosine of half its width).
+    """
     half = laser.beam_width / 2
     reach = laser.geometry.range_max
-    sides = [cast(world, T_world_laser, laser.geometry.bearings + side, reach, times) for side in (-half, half)]
-    near, far = np.minimum(*sides), np.maximum(*sides)
-    chosen = rng.random(ranges.shape) < laser.mixed_share
-    share = rng.random(ranges.shape)
-    both = np.isfinite(far)
-    step = np.subtract(far, near, out=np.zeros_like(far), where=both)
-    return np.where(chosen & (step > laser.edge_step), near + share * step, ranges)
+    right, left = (cast(world, T_world_laser, laser.geometry.bearings + side, reach, times) for side in (-half, half))
+    spot = np.stack([right, ranges, left])
+    chosen = np.isfinite(spot).all(axis=0) & (rng.random(ranges.shape) < laser.mixed_share)
+    share = rng.random(ranges.shape)[chosen]
+    right, middle, left = spot[:, chosen]
+    on_one_wall = 2 * np.cos(half) * right * left / (right + left)
+    near, far = spot[:, chosen].min(axis=0), spot[:, chosen].max(axis=0)
+    mixed = ranges.copy()
+    mixed[chosen] = np.where(np.abs(middle - on_one_wall) > laser.edge_step / 2, near + share * (far - near), middle)
+    return mixed

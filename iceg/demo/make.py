@@ -3,7 +3,8 @@
 import sys
 from pathlib import Path
 
-from frontends.simulator.output import write_carmen, write_truth
+from frontends.logs.carmen import write_carmen
+from frontends.simulator.output import write_truth
 from frontends.simulator.simulation import Simulation, simulate
 from iceg.demo import demo_log_path, demo_truth_path
 
@@ -18,7 +19,7 @@ def simulate_demo() -> Simulation:
 def write_demo(folder: Path) -> None:
     """Write the log and its truth into a folder under the names they have in the package."""
     simulation = simulate_demo()
-    write_carmen(folder / demo_log_path().name, simulation.log)
+    write_carmen(folder / demo_log_path().name, simulation.log, range_decimals=2)
     write_truth(folder / demo_truth_path().name, simulation)
 
 
