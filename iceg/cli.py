@@ -1,5 +1,6 @@
 """The command line: parse, call the library, print."""
 
+import dataclasses
 import os
 import sys
 from collections.abc import Sequence
@@ -83,9 +84,9 @@ class Info:
 
     def __call__(self) -> None:
         """Read and describe."""
-        from frontends.logs import log_info
+        from frontends.logs import describe_log, read_log
 
-        print(log_info(self.log, skip_bad_lines=self.skip_bad_lines))
+        print(describe_log(read_log(self.log, skip_bad_lines=self.skip_bad_lines)))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,7 +270,7 @@ def _run_log(path: Path, directory: Path, config: Config, *, overwrite: bool, sk
             from frontends.logs import read_log
             from iceg.slam.pipeline import run
 
-            log = read_log(path, skip_bad_lines=skip_bad_lines)
+            log = read_log(path, skip_bad_lines=skip_bad_lines, **dataclasses.asdict(config.log))
             _tell_warnings(log)
             with ProgressBar(log) as progress:
                 result = run(log, config, progress)

@@ -3,7 +3,8 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from iceg.maps.grid import GridConfig
+from iceg.ice.config import IceConfig
+from iceg.maps.config import FeatureMapConfig, GridConfig
 from iceg.settings_file import ConfigError, format_settings, parse_settings, read_settings
 
 __all__ = ["Config", "ConfigError", "format_config", "parse_config", "read_config"]
@@ -12,15 +13,39 @@ _HEADING = "Settings of iceg: SI units, angles in radians. Leave a key out to ge
 
 
 @dataclass(frozen=True, kw_only=True)
+class LogConfig:
+    """How the log is read."""
+
+    laser: str = "front"
+    """Which laser: front, rear or the name of a message, such as RAWLASER3."""
+    range_min: float | None = None
+    """Shortest reading taken as a return [m]; left out: 2 cm."""
+    range_max: float | None = None
+    """Longest reading taken as a return [m]; left out: derived from the log."""
+
+    def __post_init__(self) -> None:
+        if self.range_min is not None and not self.range_min >= 0:
+            raise ConfigError(f"range_min is {self.range_min} m, expected ≥ 0")
+        if self.range_max is not None and not self.range_max > (self.range_min or 0.0):
+            raise ConfigError(f"range_max is {self.range_max} m, expected more than {self.range_min or 0.0} m")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Config:
     """All settings of a run.
 
     Attributes:
         seed: start of every random number drawn; the same log, settings and version give the same bytes.
+        log: how the log is read.
+        ice: ICE matching.
+        feature_map: landmarks and when they expire.
         grid: the occupancy grid.
     """
 
     seed: int = 0
+    log: LogConfig = field(default_factory=LogConfig)
+    ice: IceConfig = field(default_factory=IceConfig)
+    feature_map: FeatureMapConfig = field(default_factory=FeatureMapConfig)
     grid: GridConfig = field(default_factory=GridConfig)
 
     def __post_init__(self) -> None:

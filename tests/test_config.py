@@ -1,0 +1,118 @@
+"""The configuration of a run, as a whole."""
+
+import dataclasses
+import subprocess
+import sys
+import tomllib
+import typing
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+import pytest
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from graph.errors import IcegError
+from iceg.config import Config, ConfigError, format_config, parse_config, read_config
+from iceg.settings_file import field_documentation
+
+
+def leaves(cls: type, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Dotted name, type and default of every setting."""
+    hints = typing.get_type_hints(cls)
+    for setting in dataclasses.fields(cls):
+        hint = hints[setting.name]
+        if dataclasses.is_dataclass(hint):
+            yield from leaves(typing.cast("type", hint), f"{prefix}{setting.name}.")
+        else:
+            yield prefix + setting.name, hint, getattr(cls(), setting.name)
+
+
+LEAVES = list(leaves(Config))
+
+
+def replaced(settings: Any, dotted: str, value: object) -> Any:
+    head, _, rest = dotted.partition(".")
+    return dataclasses.replace(settings, **{head: replaced(getattr(settings, head), rest, value) if rest else value})
+
+
+def values(hint: Any, default: Any) -> st.SearchStrategy[Any]:
+    """Values near the default, which most ranges allow."""
+    if typing.get_origin(hint) is Literal:
+        return st.sampled_from(typing.get_args(hint))
+    if hint is bool:
+        return st.booleans()
+    if isinstance(default, float):
+        return st.floats(0.8, 1.2).map(lambda factor: default * factor)
+    if isinstance(default, int):
+        return st.integers(default, default + 3)
+    return st.just(default)
+
+
+@st.composite
+def configs(draw: st.DrawFn) -> Config:
+    config = Config()
+    for dotted, hint, default in draw(st.lists(st.sampled_from(LEAVES), max_size=8)):
+        try:
+            config = replaced(config, dotted, draw(values(hint, default)))
+        except (IcegError, ValueError):
+            assume(False)
+    return config
+
+
+@given(configs())
+def test_a_written_configuration_reads_back_the_same(config: Config) -> None:
+    assert parse_config(format_config(config)) == config
+
+
+def test_the_default_file_names_every_setting() -> None:
+    table = tomllib.loads(format_config(Config()))
+    for dotted, _, default in LEAVES:
+        found: Any = table
+        for key in dotted.split("."):
+            found = found.get(key) if isinstance(found, dict) else None
+        assert (found is None) == (default is None), dotted
+
+
+@pytest.mark.parametrize(("dotted", "hint", "default"), LEAVES, ids=[leaf[0] for leaf in LEAVES])
+def test_every_setting_is_documented_and_can_be_written(dotted: str, hint: Any, default: Any) -> None:
+    owner: Any = Config()
+    for key in dotted.split(".")[:-1]:
+        owner = getattr(owner, key)
+    assert field_documentation(type(owner))[dotted.rpartition(".")[2]], f"{dotted} says nothing about itself"
+    if type(None) in typing.get_args(hint):
+        assert default is None, f"{dotted}: TOML has no null, so only a default can be None"
+
+
+def test_stages_are_frozen() -> None:
+    for name, stage in vars(Config()).items():
+        if dataclasses.is_dataclass(stage):
+            with pytest.raises(dataclasses.FrozenInstanceError):
+                setattr(stage, dataclasses.fields(stage)[0].name, None)
+            assert name in format_config(Config())
+
+
+def test_a_value_out_of_range_is_named_with_file_and_key(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("[grid]\nresolution = -0.1\n")
+    with pytest.raises(ConfigError, match=r"mine\.toml: grid\.resolution: .*-0\.1"):
+        read_config(path)
+    path.write_text("seed = -1\n")
+    with pytest.raises(ConfigError, match=r"mine\.toml: seed: .*-1"):
+        read_config(path)
+
+
+def test_a_misspelt_key_gets_a_suggestion(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text("[grid]\nresolutoin = 0.1\n")
+    with pytest.raises(ConfigError, match=r"did you mean 'grid\.resolution'\?"):
+        read_config(path)
+
+
+def test_importing_the_configuration_is_light() -> None:
+    heavy = "('gtsam', 'numba', 'matplotlib', 'scipy')"
+    code = f"import sys, iceg.config; sys.exit(', '.join(m for m in {heavy} if m in sys.modules))"
+    assert (
+        subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False).stderr.strip() == ""
+    )
