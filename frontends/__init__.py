@@ -1,1 +1,1 @@
-"""frontends"""
+"""What feeds a graph: scans, log readers, the simulator and scan matchers."""

@@ -1,5 +1,6 @@
 """Scans and logs as arrays: what every reader returns and every matcher takes."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -51,9 +52,9 @@ class ScanGeometry:
         return np.array(self.T_robot_laser[:2], dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, eq=False, kw_only=True)
 class Scan:
-    """One sweep of the laser.
+    """One sweep of the laser, compared by identity so that a matcher can remember what it extracted from it.
 
     Attributes:
         ranges: (n_beams,) float32 [m]; NaN where the beam had no usable return.
@@ -83,6 +84,7 @@ class Log:
         has_odometry: False when the recorded odometry is missing or says nothing (constant while the scans change).
         warnings: what the reader noticed, in sentences for a person.
         skipped_lines: malformed lines passed over on request.
+        message_counts: how many messages of each kind the file holds, used or not.
     """
 
     ranges: NDArray[np.float32]
@@ -93,6 +95,7 @@ class Log:
     has_odometry: bool = True
     warnings: tuple[str, ...] = ()
     skipped_lines: int = 0
+    message_counts: Mapping[str, int] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Number of scans."""

@@ -1,0 +1,120 @@
+"""What is in a log, for a person who has not seen it yet."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from frontends.scan import Log
+from graph.se2 import wrap_angle
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogInfo:
+    """A log in figures.
+
+    Attributes:
+        path: where it was read from.
+        scans: number of scans.
+        beams: beams of a scan.
+        field_of_view: from the first to the last beam [rad].
+        resolution: between two beams [rad].
+        T_robot_laser: the laser's x [m], y [m] and heading [rad] on the robot.
+        range_min: shortest reading taken as a return [m].
+        range_max: longest reading taken as a return [m].
+        range_quartiles: shortest, lower quartile, median, upper quartile and longest return [m]; NaN without returns.
+        no_return_share: share of the beams without usable return, in [0, 1].
+        empty_scans: scans without any return.
+        duration: between the earliest and the latest stamp [s].
+        stamps_stepping_back: how often a stamp is earlier than the one before.
+        has_odometry: whether there is odometry that says something.
+        path_length: of the robot by odometry [m].
+        turned_angle: sum of all turns by odometry [rad].
+        skipped_lines: malformed lines passed over.
+        message_counts: messages in the file, by kind.
+        warnings: what the reader noticed.
+    """
+
+    path: Path
+    scans: int
+    beams: int
+    field_of_view: float
+    resolution: float
+    T_robot_laser: tuple[float, float, float]
+    range_min: float
+    range_max: float
+    range_quartiles: tuple[float, float, float, float, float]
+    no_return_share: float
+    empty_scans: int
+    duration: float
+    stamps_stepping_back: int
+    has_odometry: bool
+    path_length: float
+    turned_angle: float
+    skipped_lines: int
+    message_counts: Mapping[str, int]
+    warnings: tuple[str, ...]
+
+    def __str__(self) -> str:
+        x, y, heading = self.T_robot_laser
+        view, step = math.degrees(self.field_of_view), math.degrees(self.resolution)
+        shortest, lower, median, upper, longest = self.range_quartiles
+        rate = f", {(self.scans - 1) / self.duration:.1f} Hz" if self.duration > 0 and self.scans > 1 else ""
+        motion = (
+            f"{self.path_length:.1f} m, {math.degrees(self.turned_angle):.0f}° turned"
+            if self.has_odometry
+            else "none that says anything"
+        )
+        rows = {
+            "log": str(self.path),
+            "scans": f"{self.scans} in {self.duration:.1f} s{rate}",
+            "beams": f"{self.beams} over {view:g}°, {step:g}° apart",
+            "laser": f"x {x:g} m, y {y:g} m, heading {math.degrees(heading):g}° on the robot",
+            "usable": f"{self.range_min:g} m to {self.range_max:.2f} m",
+            "returns": (
+                f"{shortest:.2f} m to {longest:.2f} m, quartiles {lower:.2f}, {median:.2f} and {upper:.2f} m"
+                if math.isfinite(median)
+                else "none"
+            ),
+            "no return": f"{100 * self.no_return_share:.1f} % of the beams, {self.empty_scans} scans without any",
+            "odometry": motion,
+            "stamps": f"step back {self.stamps_stepping_back} times",
+            "messages": ", ".join(f"{count} {name}" for name, count in self.message_counts.items()),
+        }
+        if self.skipped_lines:
+            rows["skipped"] = f"{self.skipped_lines} malformed lines"
+        lines = [f"{name:<10}{value}" for name, value in rows.items() if value]
+        return "\n".join([*lines, *(f"{'warning':<10}{warning}" for warning in self.warnings)])
+
+
+def describe_log(log: Log) -> LogInfo:
+    """Count and measure what a log holds."""
+    returned = np.isfinite(log.ranges)
+    returns = log.ranges[returned]
+    quartiles = np.quantile(returns, [0.0, 0.25, 0.5, 0.75, 1.0]) if len(returns) else np.full(5, np.nan)
+    steps = np.diff(log.odometry, axis=0)
+    x, y, heading = log.geometry.T_robot_laser.tolist()
+    shortest, lower, median, upper, longest = quartiles.tolist()
+    return LogInfo(
+        path=log.path,
+        scans=len(log),
+        beams=log.geometry.n_beams,
+        field_of_view=log.geometry.field_of_view,
+        resolution=log.geometry.resolution,
+        T_robot_laser=(x, y, heading),
+        range_min=log.geometry.range_min,
+        range_max=log.geometry.range_max,
+        range_quartiles=(shortest, lower, median, upper, longest),
+        no_return_share=float(1.0 - returned.mean()),
+        empty_scans=int(np.count_nonzero(~returned.any(axis=1))),
+        duration=float(np.ptp(log.stamps)),
+        stamps_stepping_back=int(np.count_nonzero(np.diff(log.stamps) < 0)),
+        has_odometry=log.has_odometry,
+        path_length=float(np.hypot(steps[:, 0], steps[:, 1]).sum()),
+        turned_angle=float(np.abs(wrap_angle(steps[:, 2])).sum()),
+        skipped_lines=log.skipped_lines,
+        message_counts=log.message_counts,
+        warnings=log.warnings,
+    )

@@ -1,0 +1,59 @@
+"""What the stamps and the odometry of a log are worth."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+_STILL = 1e-6  # m or rad: odometry that moves less over a whole log does not move
+_CHANGED = 0.1  # m: median change of the readings that the robot's standing still does not explain
+_SAMPLES = 32
+
+
+def choose_stamps(both: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[str]]:
+    """Pick the message's own stamps, or the logger's where those are too coarse to tell scans apart.
+
+    Args:
+        both: (n, 2) stamp of the message and of the logger [s].
+
+    Returns:
+        (n,) stamps [s] as recorded, and what a person should know about them.
+    """
+    own, logger = both[:, 0], both[:, 1]
+    distinct, distinct_logger = len(np.unique(own)), len(np.unique(logger))
+    stamps, warnings = own, []
+    if 2 * distinct <= len(own) and distinct_logger >= 2 * distinct:
+        stamps = logger
+        warnings.append(f"the stamps have only {distinct} values for {len(own)} scans: the logger's stamps are taken")
+    elif len(own) > 1 and distinct == 1:
+        warnings.append(f"all stamps are {own[0]:g} s: times and speeds mean nothing, file order is the order of time")
+    back = int(np.count_nonzero(np.diff(stamps) < 0))
+    if back:
+        warnings.append(f"the stamps step back {back} times: file order is taken as the order of time")
+    return np.ascontiguousarray(stamps), warnings
+
+
+def judge_odometry(odometry: NDArray[np.float64], ranges: NDArray[np.float32]) -> tuple[bool, list[str]]:
+    """Tell whether recorded odometry says anything.
+
+    It does not when it stays the same all through the log although the scans change, or is zero throughout.
+
+    Args:
+        odometry: (n, 3) T_odom_robot.
+        ranges: (n, n_beams) [m], NaN where nothing came back.
+    """
+    if len(odometry) < 2 or float(np.ptp(odometry, axis=0).max()) > _STILL:
+        return True, []
+    if not odometry.any():
+        return False, ["there is no odometry (zero throughout)"]
+    if _scans_change(ranges):
+        return False, ["the odometry stays the same while the scans change: it is taken as missing"]
+    return True, []
+
+
+def _scans_change(ranges: NDArray[np.float32]) -> bool:
+    """Whether some scan differs from the first by more than noise and passers-by explain."""
+    for index in np.linspace(0, len(ranges) - 1, _SAMPLES).astype(int):
+        difference = np.abs(ranges[index] - ranges[0])
+        difference = difference[np.isfinite(difference)]
+        if len(difference) and float(np.median(difference)) > _CHANGED:
+            return True
+    return False

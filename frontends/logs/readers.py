@@ -1,0 +1,65 @@
+"""The table of log formats, and reading a log whose format its content tells."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from frontends.logs.carmen import is_carmen, read_carmen
+from frontends.logs.errors import LogError
+from frontends.logs.text import TextLog
+from frontends.scan import Log
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reader:
+    """One format of logs.
+
+    Attributes:
+        read: takes the path and the format's own options.
+        recognises: tells by the (uncompressed) beginning of a file whether it is of this format.
+    """
+
+    read: Callable[..., Log]
+    recognises: Callable[[bytes], bool]
+
+
+READERS: dict[str, Reader] = {
+    "carmen": Reader(read=read_carmen, recognises=is_carmen),
+}
+"""Every format that can be read, by the name that chooses it."""
+
+
+def read_log(path: Path | str, *, log_format: str = "auto", **options: Any) -> Log:  # noqa: ANN401
+    """Read a recorded log.
+
+    Args:
+        path: the log, plain or compressed (gz, bz2, xz).
+        log_format: a name out of `READERS`, or "auto" to tell it by the content.
+        **options: for the format's reader: `range_max`, `skip_bad_lines` and so on.
+
+    Raises:
+        LogError: the file cannot be read, or its format is unknown.
+    """
+    path = Path(path)
+    if log_format == "auto":
+        log_format = recognise(path)
+    if log_format not in READERS:
+        raise LogError(f"no log format is called '{log_format}': expected 'auto' or one of {', '.join(READERS)}")
+    return READERS[log_format].read(path, **options)
+
+
+def recognise(path: Path) -> str:
+    """The name of the format of a log.
+
+    Raises:
+        LogError: the file is empty, cannot be read or is of no known format.
+    """
+    head = TextLog(path).head()
+    if not head.strip():
+        raise LogError(f"{path}: the log is empty")
+    for name, reader in READERS.items():
+        if reader.recognises(head):
+            return name
+    shown = head[:60].decode("ascii", "backslashreplace").replace("\n", " ")
+    raise LogError(f"{path}: found '{shown}…', expected a log of one of the formats {', '.join(READERS)}")

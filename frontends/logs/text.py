@@ -1,0 +1,120 @@
+"""Text logs as a stream of lines, plain or compressed (gz, bz2, xz, told by their first bytes)."""
+
+import bz2
+import gzip
+import lzma
+import zlib
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from typing import BinaryIO, NamedTuple, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.logs.errors import LogError
+
+_BLOCK_BYTES = 1 << 20
+_OPENERS = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ\x00", lzma.open))
+
+
+class Line(NamedTuple):
+    """One line, as a stretch of the block it was read with, so that nothing is copied.
+
+    Attributes:
+        number: counted from 1.
+        block: the text around it.
+        bytes_of_block: the same as a (n,) uint8 array.
+        start: where the line begins in the block.
+        stop: where it ends, without its newline.
+        terminated: False for a last line without newline, which may have been cut off.
+    """
+
+    number: int
+    block: bytes
+    bytes_of_block: NDArray[np.uint8]
+    start: int
+    stop: int
+    terminated: bool
+
+    @property
+    def text(self) -> bytes:
+        """The line itself."""
+        return self.block[self.start : self.stop]
+
+
+class TextLog:
+    """The lines of a text log, read block by block.
+
+    Attributes:
+        path: the file.
+        cut_off: whether the compressed stream turned out to end before its end mark.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.cut_off = False
+
+    def lines(self) -> Iterator[Line]:
+        """Every line in file order.
+
+        Raises:
+            LogError: the file is missing, unreadable or its compressed content is damaged.
+        """
+        number = 0
+        for block, terminated in self._whole_lines():
+            bytes_of_block = np.frombuffer(block, dtype=np.uint8)
+            start, end = 0, len(block)
+            while start < end:
+                number += 1
+                stop = block.find(b"\n", start)
+                if stop < 0:
+                    stop = end
+                yield Line(number, block, bytes_of_block, start, stop, terminated)
+                start = stop + 1
+
+    def head(self, size: int = 1 << 16) -> bytes:
+        """Up to `size` bytes of the uncompressed beginning, to tell the format by."""
+        head = bytearray()
+        for chunk in self._chunks():
+            head += chunk
+            if len(head) >= size:
+                break
+        return bytes(head[:size])
+
+    def _whole_lines(self) -> Iterator[tuple[bytes, bool]]:
+        """Blocks that end with a newline, and at last what follows the last newline."""
+        pending: list[bytes] = []
+        for chunk in self._chunks():
+            cut = chunk.rfind(b"\n") + 1
+            if cut == 0:
+                pending.append(chunk)
+                continue
+            yield b"".join([*pending, chunk[:cut]]), True
+            pending = [chunk[cut:]]
+        yield b"".join(pending), False
+
+    def _chunks(self) -> Iterator[bytes]:
+        try:
+            with closing(_open(self.path)) as stream:
+                while chunk := stream.read1(_BLOCK_BYTES):
+                    yield chunk
+        except EOFError:
+            self.cut_off = True
+        except (zlib.error, lzma.LZMAError, gzip.BadGzipFile) as error:
+            raise LogError(f"{self.path}: its compressed content is damaged ({error})") from error
+        except OSError as error:
+            raise LogError(f"{self.path}: cannot be read ({error.strerror or error})") from error
+
+
+class _Stream(BinaryIO):
+    def read1(self, size: int) -> bytes: ...  # type: ignore[empty-body]
+
+
+def _open(path: Path) -> _Stream:
+    with path.open("rb") as raw:
+        magic = raw.read(6)
+    for signature, opener in _OPENERS:
+        if magic.startswith(signature):
+            return cast("_Stream", opener(path, "rb"))
+    return cast("_Stream", path.open("rb"))

@@ -1,0 +1,90 @@
+"""Which readings of a laser are returns: no-return marks and the usable range, found in the readings themselves."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+DEFAULT_RANGE_MIN = 0.02
+DEFAULT_RANGE_CAP = 40.0
+
+_MARK_WIDTH = 0.002  # relative: SICK's error codes 81.83 to 81.91 lie this close together
+_MARK_VALUES = 9  # and are nine
+_MARK_REPEATS = 5
+_SICK_CODES = (81.825, 81.915)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UsableRange:
+    """The readings that are returns: `range_min` ≤ r ≤ `range_max` [m].
+
+    Attributes:
+        range_min: [m].
+        range_max: [m].
+        no_return: the constant the log writes where nothing came back [m]; NaN when it has none.
+    """
+
+    range_min: float
+    range_max: float
+    no_return: float
+
+
+def usable_range(
+    readings: NDArray[np.float32],
+    *,
+    range_min: float | None = None,
+    range_max: float | None = None,
+    stated_max: float = np.inf,
+) -> UsableRange:
+    """Derive the usable range from all readings of a log.
+
+    Zero, negative, NaN and infinite readings are never returns. Beyond that:
+
+    - *The far constant.* Lasers write a constant where nothing came back (81.83 and 81.91 m, 50 m, the simulator's
+      limit). It shows as a pile-up at the greatest reading: of the readings within 0.2 % below it there are at most
+      nine different values (the number of SICK's error codes), each repeated five times or more on average, and at
+      least five times as many as in the equally wide interval just below. A greatest reading among SICK's error codes
+      is one whatever its count. A log whose readings are all the same proves nothing, they stay.
+    - *A stated limit.* Readings at or beyond the maximum range that the messages state are no returns.
+    - *The longest.* `range_max` is the longest reading left, at most 40 m: beyond, SICK's readings hit nothing that
+      later scans find again. An explicit `range_max` replaces this rule, not the two above.
+    - *The shortest.* `range_min` is 2 cm: Hokuyo scanners write their error codes 0 to 19 in millimetres.
+
+    Args:
+        readings: (n_scans, n_beams) as recorded [m].
+        range_min: shortest return [m]; None for the default.
+        range_max: longest return [m]; None to derive it.
+        stated_max: the limit that the log's own messages state [m].
+    """
+    shortest = DEFAULT_RANGE_MIN if range_min is None else range_min
+    positive = readings[np.isfinite(readings) & (readings > 0)]
+    no_return = _far_constant(positive)
+    ceiling = min(stated_max, no_return * (1.0 - _MARK_WIDTH) if np.isfinite(no_return) else np.inf)
+    left = positive[positive < ceiling]
+    longest = float(left.max()) if len(left) else DEFAULT_RANGE_CAP
+    if range_max is None:
+        chosen = max(min(longest, DEFAULT_RANGE_CAP), shortest)
+    else:
+        chosen = range_max if range_max < ceiling else max(longest, shortest)
+    return UsableRange(range_min=shortest, range_max=chosen, no_return=no_return)
+
+
+def mask_no_returns(readings: NDArray[np.float32], usable: UsableRange) -> None:
+    """Write NaN over every reading that is no return, in place."""
+    with np.errstate(invalid="ignore"):
+        returns = (readings >= np.float32(usable.range_min)) & (readings <= np.float32(usable.range_max))
+    readings[~returns] = np.nan
+
+
+def _far_constant(positive: NDArray[np.float32]) -> float:
+    """The constant that stands for 'no return' [m], NaN when the greatest reading is a reading like others."""
+    if len(positive) == 0:
+        return np.nan
+    greatest = float(positive.max())
+    if _SICK_CODES[0] <= greatest <= _SICK_CODES[1]:
+        return greatest
+    top = positive[positive >= np.float32(greatest * (1.0 - _MARK_WIDTH))]
+    below = int(np.count_nonzero(positive >= np.float32(greatest * (1.0 - 2.0 * _MARK_WIDTH)))) - len(top)
+    distinct = len(np.unique(top))
+    piled_up = distinct <= _MARK_VALUES and len(top) >= _MARK_REPEATS * max(distinct, below)
+    return greatest if piled_up and len(top) < len(positive) else np.nan
