@@ -1,0 +1,256 @@
+"""The g2o text format for SE(2): `VERTEX_SE2`, `EDGE_SE2`, `EDGE_PRIOR_SE2` and `FIX`.
+
+A comment line above each edge keeps what the format has no word for: `# kind=closure kernel=dcs width=1.0`. Other
+readers (g2o, GTSAM) skip it, and with it the robust kernel. A prior is g2o's own `EDGE_PRIOR_SE2`; GTSAM's reader skips
+that too. Numbers are written so that they read back bit for bit.
+"""
+
+import math
+import os
+import tempfile
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.errors import GraphError
+from graph.factors import Factor, RobustKernel
+from graph.noise import information_of
+
+FIX_SIGMA = 1e-3
+"""Standard deviation [m, rad] of the prior that stands for a `FIX` line, or for its absence on the first vertex."""
+
+_UPPER = np.triu_indices(3)
+_N_FIELDS = {"VERTEX_SE2": 5, "EDGE_SE2": 12, "EDGE_PRIOR_SE2": 11, "FIX": 2}
+
+
+class G2oError(GraphError):
+    """A g2o file that cannot be read; the message begins with path:line."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class G2oGraph:
+    """What a g2o file holds.
+
+    Attributes:
+        ids: (n,) vertex ids of the file, increasing; factors count poses by their place in this array.
+        poses: (n, 3) T_map_robot as written; chained along the edges if the file has no vertices.
+        factors: in the file's order. Without a comment, an edge between neighbouring ids counts as odometry, any other
+            as a closure.
+    """
+
+    ids: NDArray[np.int64]
+    poses: NDArray[np.float64]
+    factors: tuple[Factor, ...]
+
+
+def write_g2o(path: Path | str, poses: NDArray[np.float64], factors: Iterable[Factor]) -> None:
+    """Write key poses and every factor with its full information matrix, atomically.
+
+    Args:
+        path: the file.
+        poses: (n, 3) T_map_robot; vertex ids are 0 … n−1.
+        factors: the records, in order.
+    """
+    lines = [f"VERTEX_SE2 {key} {_numbers(pose)}" for key, pose in enumerate(poses)]
+    kept = list(factors)
+    informations = information_of(np.array([factor.covariance for factor in kept]).reshape(-1, 3, 3))
+    for factor, information in zip(kept, informations, strict=True):
+        head = f"EDGE_PRIOR_SE2 {factor.j}" if factor.i is None else f"EDGE_SE2 {factor.i} {factor.j}"
+        lines += [_comment(factor), f"{head} {_numbers(factor.T_i_j)} {_numbers(information[_UPPER])}"]
+    _write_atomically(Path(path), "\n".join(lines) + "\n")
+
+
+def read_g2o(path: Path | str) -> G2oGraph:
+    """Read an SE(2) pose graph.
+
+    A file without prior gets one: on each `FIX`ed vertex, or else on its first.
+
+    Args:
+        path: the file.
+
+    Raises:
+        G2oError: path:line, what was found and what was expected.
+    """
+    file = Path(path)
+    contents = _Contents()
+    try:
+        with file.open(encoding="utf-8") as lines:
+            for number, line in enumerate(lines, start=1):
+                _read_line(contents, line, f"{file}:{number}")
+    except OSError as err:
+        raise G2oError(f"{file}: {err.strerror}") from err
+    except UnicodeDecodeError as err:
+        raise G2oError(f"{file}: not a text file ({err.reason} at byte {err.start})") from err
+    return _assembled(contents, file)
+
+
+@dataclass(slots=True)
+class _Edge:
+    """An edge as written: vertex ids, not yet indices."""
+
+    i: int | None
+    j: int
+    numbers: list[float]
+    remarks: dict[str, str]
+    where: str
+
+
+@dataclass(slots=True)
+class _Contents:
+    vertices: dict[int, list[float]] = field(default_factory=dict)
+    edges: list[_Edge] = field(default_factory=list)
+    fixed: list[tuple[int, str]] = field(default_factory=list)
+    remarks: dict[str, str] = field(default_factory=dict)  # of the comment just above
+
+
+def _read_line(contents: _Contents, line: str, where: str) -> None:
+    words = line.split()
+    if not words:
+        return
+    tag = words[0]
+    if tag.startswith("#"):
+        contents.remarks = dict(word.split("=", 1) for word in line.lstrip("# \t").split() if "=" in word)
+        return
+    if tag not in _N_FIELDS:
+        raise G2oError(f"{where}: found {tag}, expected one of {', '.join(_N_FIELDS)} (an SE(2) pose graph)")
+    if tag == "FIX" and len(words) > 1:
+        contents.fixed += [(_id(word, where), where) for word in words[1:]]
+        return
+    if len(words) != _N_FIELDS[tag]:
+        raise G2oError(f"{where}: found {len(words) - 1} fields after {tag}, expected {_N_FIELDS[tag] - 1}")
+    n_ids = 2 if tag == "EDGE_SE2" else 1
+    ids = [_id(word, where) for word in words[1 : 1 + n_ids]]
+    numbers = [_number(word, where) for word in words[1 + n_ids :]]
+    if tag == "VERTEX_SE2":
+        if ids[0] in contents.vertices:
+            raise G2oError(f"{where}: found vertex {ids[0]} a second time")
+        contents.vertices[ids[0]] = numbers
+    else:
+        i, j = (ids[0], ids[1]) if n_ids == 2 else (None, ids[0])
+        contents.edges.append(_Edge(i, j, numbers, contents.remarks, where))
+    contents.remarks = {}
+
+
+def _assembled(contents: _Contents, file: Path) -> G2oGraph:
+    known = contents.vertices.keys() if contents.vertices else _ids_of_edges(contents.edges)
+    if not known:
+        raise G2oError(f"{file}: found neither vertices nor edges, expected an SE(2) pose graph")
+    ids = sorted(known)
+    index = {vertex: place for place, vertex in enumerate(ids)}
+    factors = [_factor(edge, index) for edge in contents.edges]
+    priors = [] if any(factor.i is None for factor in factors) else _priors(contents, index)
+    factors = [*priors, *factors]
+    if contents.vertices:
+        poses = np.array([contents.vertices[vertex] for vertex in ids])
+    else:
+        poses = _chained(factors, len(ids), file)
+    return G2oGraph(ids=np.array(ids, dtype=np.int64), poses=poses, factors=tuple(factors))
+
+
+def _factor(edge: _Edge, index: dict[int, int]) -> Factor:
+    for vertex in (edge.i, edge.j):
+        if vertex is not None and vertex not in index:
+            raise G2oError(f"{edge.where}: found an edge to vertex {vertex}, which the file does not define")
+    i = None if edge.i is None else index[edge.i]
+    j = index[edge.j]
+    information = np.zeros((3, 3))
+    information[_UPPER] = edge.numbers[3:]
+    information = information + np.triu(information, 1).T
+    guessed = "prior" if edge.i is None else "odometry" if abs(edge.j - edge.i) == 1 else "closure"
+    try:
+        return Factor(
+            kind=edge.remarks.get("kind", guessed),  # type: ignore[arg-type]  # Factor itself checks the name
+            i=i,
+            j=j,
+            T_i_j=np.array(edge.numbers[:3]),
+            covariance=_covariance_of(information),
+            kernel=_kernel(edge),
+        )
+    except GraphError as err:
+        raise G2oError(f"{edge.where}: {err}") from err
+
+
+def _covariance_of(information: NDArray[np.float64]) -> NDArray[np.float64]:
+    strengths = np.linalg.eigvalsh(information)
+    if strengths[0] <= 0.0:
+        raise GraphError(f"an information matrix is positive definite, found {strengths.tolist()} along its axes")
+    return information_of(information)
+
+
+def _kernel(edge: _Edge) -> RobustKernel | None:
+    name = edge.remarks.get("kernel")
+    if name is None:
+        return None
+    width = _number(edge.remarks.get("width", "1.0"), f"{edge.where} (comment above)")
+    return RobustKernel(name=name, width=width)  # type: ignore[arg-type]  # RobustKernel itself checks the name
+
+
+def _priors(contents: _Contents, index: dict[int, int]) -> list[Factor]:
+    for vertex, where in contents.fixed:
+        if vertex not in index:
+            raise G2oError(f"{where}: found FIX {vertex}, which the file does not define")
+    held = [vertex for vertex, _ in contents.fixed] or [min(index)]
+    return [
+        Factor(
+            kind="prior",
+            i=None,
+            j=index[vertex],
+            T_i_j=np.array(contents.vertices.get(vertex, [0.0, 0.0, 0.0])),
+            covariance=np.eye(3) * FIX_SIGMA**2,
+        )
+        for vertex in dict.fromkeys(held)
+    ]
+
+
+def _chained(factors: Sequence[Factor], n_poses: int, file: Path) -> NDArray[np.float64]:
+    from graph.batch import chained_poses
+
+    try:
+        return chained_poses(factors, n_poses)
+    except GraphError as err:
+        raise G2oError(f"{file}: no vertices to start from, and along the edges {err}") from err
+
+
+def _ids_of_edges(edges: Iterable[_Edge]) -> set[int]:
+    return {vertex for edge in edges for vertex in (edge.i, edge.j) if vertex is not None}
+
+
+def _comment(factor: Factor) -> str:
+    kernel = "" if factor.kernel is None else f" kernel={factor.kernel.name} width={factor.kernel.width!r}"
+    return f"# kind={factor.kind}{kernel}"
+
+
+def _numbers(values: NDArray[np.float64]) -> str:
+    return " ".join(map(repr, values.tolist()))
+
+
+def _id(word: str, where: str) -> int:
+    try:
+        return int(word)
+    except ValueError as err:
+        raise G2oError(f"{where}: found {word!r}, expected a vertex id (an integer)") from err
+
+
+def _number(word: str, where: str) -> float:
+    try:
+        value = float(word)
+    except ValueError as err:
+        raise G2oError(f"{where}: found {word!r}, expected a number") from err
+    if not math.isfinite(value):
+        raise G2oError(f"{where}: found {word}, expected a finite number")
+    return value
+
+
+def _write_atomically(path: Path, text: str) -> None:
+    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as file:
+            file.write(text)
+        Path(temporary).chmod(0o644)
+        Path(temporary).replace(path)
+    except BaseException:
+        Path(temporary).unlink(missing_ok=True)
+        raise

@@ -1,0 +1,79 @@
+"""What a covariance must be before it meets GTSAM, which checks nothing (zeros and negative variances pass)."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.errors import GraphError
+
+MAX_CONDITION = 1e8
+"""Largest ratio of a covariance's eigenvalues (metres and radians as they are). A pose 10 m uncertain along a corridor
+and 1 mrad in heading lies at 1e8; well beyond it, Cholesky factors of a graph lose the small directions to rounding."""
+
+_ASYMMETRY_TOLERANCE = 1e-6
+
+
+def conditioned(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """A covariance made fit for the graph: exactly symmetric, positive definite, condition number capped.
+
+    Above `MAX_CONDITION` the smallest variances are raised, never the largest lowered: the graph may know less than the
+    measurement claims, not more.
+
+    Args:
+        covariance: (3, 3), order x, y, θ; asymmetric by rounding at most.
+
+    Returns:
+        (3, 3), read-only.
+
+    Raises:
+        GraphError: not 3x3 finite numbers, asymmetric, or not positive definite.
+    """
+    if covariance.shape != (3, 3):
+        raise GraphError(f"a covariance is 3x3, found shape {covariance.shape}")
+    (xx, xy, xt), (yx, yy, yt), (tx, ty, tt) = covariance.tolist()
+    trace = xx + yy + tt
+    _check_symmetric(covariance, max(abs(xy - yx), abs(xt - tx), abs(yt - ty)), trace)
+    a, b, c = 0.5 * (xy + yx), 0.5 * (xt + tx), 0.5 * (yt + ty)
+    minor = xx * yy - a * a
+    determinant = tt * minor - xx * c * c - yy * b * b + 2.0 * a * b * c
+    # λmin = det / (λmid λmax) ≥ 4 det / trace², so trace³ / (4 det) bounds the condition number from above.
+    if xx > 0.0 and minor > 0.0 and determinant > 0.0 and trace**3 <= 4.0 * MAX_CONDITION * determinant:
+        fit = np.array(((xx, a, b), (a, yy, c), (b, c, tt)))
+    else:
+        fit = _capped(np.array(((xx, a, b), (a, yy, c), (b, c, tt))))
+    fit.flags.writeable = False
+    return fit
+
+
+def information_of(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Inverse of covariances, or of informations, exactly symmetric.
+
+    Args:
+        covariance: (..., 3, 3), symmetric and positive definite.
+
+    Returns:
+        (..., 3, 3).
+    """
+    inverse = np.linalg.inv(covariance)
+    return np.asarray(0.5 * (inverse + np.swapaxes(inverse, -1, -2)), dtype=np.float64)
+
+
+def _check_symmetric(covariance: NDArray[np.float64], asymmetry: float, trace: float) -> None:
+    if not math.isfinite(trace) or not math.isfinite(asymmetry):
+        raise GraphError(f"a covariance needs finite numbers, found {covariance.tolist()}")
+    if asymmetry > _ASYMMETRY_TOLERANCE * abs(trace):
+        raise GraphError(f"a covariance is symmetric, found {covariance.tolist()}")
+
+
+def _capped(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
+    variances, axes = np.linalg.eigh(covariance)
+    if variances[0] <= 0.0:
+        raise GraphError(
+            f"a covariance is positive definite, found variances {variances.tolist()} along its axes"
+            f" in {covariance.tolist()}"
+        )
+    if variances[2] <= MAX_CONDITION * variances[0]:
+        return covariance
+    capped = (axes * np.maximum(variances, variances[2] / MAX_CONDITION)) @ axes.T
+    return np.asarray(0.5 * (capped + capped.T))
