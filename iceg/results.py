@@ -132,7 +132,7 @@ def _write_trajectory(result: "SlamResult", folder: Path) -> None:
 def _write_graph(result: "SlamResult", folder: Path) -> None:
     from graph.g2o import write_g2o
 
-    write_g2o(result.graph, folder / "graph.g2o")
+    write_g2o(folder / "graph.g2o", result.key_poses, result.graph.factors)
 
 
 def _write_covariances(result: "SlamResult", folder: Path) -> None:
@@ -158,7 +158,7 @@ def _write_closures(result: "SlamResult", folder: Path) -> None:
 def _write_map(result: "SlamResult", folder: Path) -> None:
     from iceg.maps.grid import write_ros_map
 
-    write_ros_map(result.grid, folder / "map")
+    write_ros_map(result.grid, folder)
 
 
 def _write_picture(result: "SlamResult", folder: Path) -> None:

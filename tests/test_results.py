@@ -1,0 +1,222 @@
+"""The folder a run leaves behind: complete, or as it was."""
+
+import json
+import os
+import signal
+import threading
+from pathlib import Path
+from types import MappingProxyType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from frontends.scan import Log, ScanGeometry
+from iceg import results
+from iceg.config import Config, read_config
+from iceg.maps.grid import OccupancyGrid
+from iceg.results import (
+    RESULT_FILES,
+    ResultsError,
+    check_directory,
+    read_covariances,
+    read_summary,
+    write_results,
+)
+from iceg.tables import TableError
+from iceg.tum import read_tum
+
+
+def make_result(seed: int = 0, n: int = 9) -> Any:
+    """What a run returns, with made-up numbers; graph, picture and features are written by stand-ins."""
+    rng = np.random.default_rng(seed)
+    geometry = ScanGeometry(bearings=np.linspace(-1, 1, 5), range_min=0.1, range_max=10.0)
+    roots = rng.normal(size=(n // 3, 3, 3)) * 0.01
+    trajectory = rng.normal(size=(n, 3))
+    return SimpleNamespace(
+        log=Log(
+            ranges=np.ones((n, 5), np.float32),
+            odometry=np.zeros((n, 3)),
+            stamps=np.arange(n) / 5,
+            geometry=geometry,
+            path=Path("made-up.clf"),
+        ),
+        config=Config(seed=7),
+        trajectory=trajectory,
+        key_scans=np.arange(0, n, 3),
+        key_poses=trajectory[::3],
+        covariances=roots @ roots.transpose(0, 2, 1) + 1e-9 * np.eye(3),
+        grid=OccupancyGrid(log_odds=np.zeros((4, 6), np.float32), origin=np.zeros(2), resolution=0.05),
+        closures=[
+            SimpleNamespace(
+                scan_i=1,
+                scan_j=8,
+                T_i_j=np.array([0.1, 0.2, 0.3]),
+                score=0.9,
+                inliers=100,
+                overlap=0.75,
+                verdict="rejected",
+                reason='"alone", says PCM',
+            )
+        ],
+        summary={"scans": n, "share": np.float64(0.5), "undefined": float("nan"), "per_kind": np.array([1, 2])},
+    )
+
+
+@pytest.fixture(autouse=True)
+def stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
+    def writer(name: str) -> Any:
+        return lambda _result, folder: (folder / name).write_text(name)
+
+    monkeypatch.setattr(
+        results,
+        "_WRITERS",
+        MappingProxyType(
+            dict(results._WRITERS)
+            | {
+                "graph": writer("graph.g2o"),
+                "picture": writer("map.png"),
+                "features": writer("features.geojson"),
+            }
+        ),
+    )
+
+
+def names(directory: Path) -> list[str]:
+    return sorted(path.name for path in directory.iterdir())
+
+
+def contents(directory: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in directory.iterdir()}
+
+
+def test_exactly_the_promised_files_are_written(tmp_path: Path) -> None:
+    write_results(make_result(), tmp_path / "deep" / "out")
+    assert names(tmp_path / "deep" / "out") == sorted(RESULT_FILES)
+
+
+def test_trajectory_covariances_settings_and_summary_read_back(tmp_path: Path) -> None:
+    result = make_result()
+    write_results(result, tmp_path)
+    trajectory = read_tum(tmp_path / "trajectory.tum")
+    np.testing.assert_allclose(trajectory.poses, result.trajectory, atol=1e-9)
+    np.testing.assert_allclose(trajectory.stamps, result.log.stamps, atol=1e-6)
+    scans, key_poses, covariances = read_covariances(tmp_path / "covariances.csv")
+    np.testing.assert_array_equal(scans, result.key_scans)
+    np.testing.assert_allclose(key_poses, result.key_poses, atol=1e-9)
+    np.testing.assert_allclose(covariances, result.covariances, rtol=1e-10)
+    assert read_config(tmp_path / "config.toml") == result.config
+    summary = read_summary(tmp_path)
+    assert (summary["scans"], summary["share"], summary["undefined"], summary["per_kind"]) == (9, 0.5, None, [1, 2])
+    assert set(summary["writing_s"]) == set(results._WRITERS)
+
+
+def test_closures_carry_their_reason(tmp_path: Path) -> None:
+    write_results(make_result(), tmp_path)
+    header, row = (tmp_path / "closures.csv").read_text().splitlines()
+    assert header == "scan_i,scan_j,x_m,y_m,theta_rad,score,inliers,overlap,verdict,reason"
+    assert row == ('1,8,0.100000000,0.200000000,0.300000000,0.900000,100,0.750000,rejected,"""alone"", says PCM"')
+
+
+def test_the_same_result_gives_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        write_results(make_result(), tmp_path / name)
+    first, second = contents(tmp_path / "a"), contents(tmp_path / "b")
+    assert {name for name in first if first[name] != second[name]} <= {"summary.json"}
+
+
+def test_a_folder_in_use_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(ResultsError, match=r"not empty.*--overwrite"):
+        write_results(make_result(), tmp_path)
+    assert names(tmp_path) == ["notes.txt"]
+    with pytest.raises(ResultsError, match="is a file"):
+        check_directory(tmp_path / "notes.txt", overwrite=True)
+
+
+def test_overwriting_replaces_results_and_nothing_else(tmp_path: Path) -> None:
+    write_results(make_result(seed=1), tmp_path)
+    before = contents(tmp_path)
+    (tmp_path / "notes.txt").write_text("mine")
+    write_results(make_result(seed=2), tmp_path, overwrite=True)
+    after = contents(tmp_path)
+    assert after.pop("notes.txt") == b"mine"
+    assert after.keys() == before.keys()
+    assert after["trajectory.tum"] != before["trajectory.tum"]
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_whatever_interrupts_the_writing_leaves_the_folder_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: type[BaseException]
+) -> None:
+    write_results(make_result(seed=1), tmp_path / "old")
+    before = contents(tmp_path / "old")
+
+    def fail(_result: object, folder: Path) -> None:
+        (folder / "map.png").write_text("half a pic")
+        raise error
+
+    monkeypatch.setattr(results, "_WRITERS", dict(results._WRITERS) | {"picture": fail})
+    with pytest.raises(error):
+        write_results(make_result(seed=2), tmp_path / "old", overwrite=True)
+    assert contents(tmp_path / "old") == before
+    with pytest.raises(error):
+        write_results(make_result(seed=2), tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+def test_an_interrupt_while_files_move_into_place_waits_until_all_have(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    replace = Path.replace
+
+    def interrupted(self: Path, target: Path) -> Path:
+        if target.parent.name == "out":
+            os.kill(os.getpid(), signal.SIGINT)
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_results(make_result(), tmp_path / "out")
+    monkeypatch.undo()
+    assert names(tmp_path / "out") == sorted(RESULT_FILES)
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_results_can_be_written_from_another_thread(tmp_path: Path) -> None:
+    thread = threading.Thread(target=write_results, args=(make_result(), tmp_path / "out"))
+    thread.start()
+    thread.join()
+    assert names(tmp_path / "out") == sorted(RESULT_FILES)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_without_permission_is_named(tmp_path: Path) -> None:
+    tmp_path.chmod(0o500)
+    with pytest.raises(ResultsError, match="cannot be written"):
+        write_results(make_result(), tmp_path / "out")
+
+
+def test_a_folder_below_a_file_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ResultsError, match="cannot be written"):
+        write_results(make_result(), tmp_path / "file" / "out")
+
+
+def test_a_broken_folder_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ResultsError, match=r"summary\.json: cannot be read"):
+        read_summary(tmp_path)
+    (tmp_path / "summary.json").write_text("[]")
+    with pytest.raises(ResultsError, match="found list"):
+        read_summary(tmp_path)
+    (tmp_path / "covariances.csv").write_text("a\n1\n")
+    with pytest.raises(TableError, match="found the header 'a'"):
+        read_covariances(tmp_path / "covariances.csv")
+
+
+def test_the_summary_is_valid_json_for_strict_readers(tmp_path: Path) -> None:
+    def refuse(constant: str) -> None:
+        raise AssertionError(constant)
+
+    write_results(make_result(), tmp_path)
+    json.loads((tmp_path / "summary.json").read_text(), parse_constant=refuse)
