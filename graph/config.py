@@ -1,0 +1,42 @@
+"""Settings of the pose graph; light to import, since the command line needs them before anything is computed."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from graph.errors import GraphError
+
+Factorization = Literal["CHOLESKY", "QR"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PoseGraphConfig:
+    """How the graph is solved while it grows.
+
+    Attributes:
+        relinearize_threshold: a pose that moved by more than this since it was last linearised [m, rad] is linearised
+            anew.
+        relinearize_skip: look for such poses at every so many updates only.
+        settle_iterations: at most so many further updates after one that closed a loop, until no pose needs to be
+            linearised anew.
+        factorization: "CHOLESKY", or "QR": slower in graphs with many loops, copes with strongly correlated
+            covariances. A failing CHOLESKY becomes QR by itself.
+        prior_sigma: standard deviation of the first pose [m, rad]; small, because it defines the map frame.
+    """
+
+    relinearize_threshold: float = 0.1
+    relinearize_skip: int = 10
+    settle_iterations: int = 3
+    factorization: Factorization = "CHOLESKY"
+    prior_sigma: float = 1e-3
+
+    def __post_init__(self) -> None:
+        if self.relinearize_threshold <= 0.0:
+            raise GraphError(f"relinearize_threshold is positive, found {self.relinearize_threshold}")
+        if self.relinearize_skip < 1:
+            raise GraphError(f"relinearize_skip is at least 1, found {self.relinearize_skip}")
+        if self.settle_iterations < 0:
+            raise GraphError(f"settle_iterations is not negative, found {self.settle_iterations}")
+        if self.factorization not in {"CHOLESKY", "QR"}:
+            raise GraphError(f"factorization is CHOLESKY or QR, found {self.factorization!r}")
+        if self.prior_sigma <= 0.0:
+            raise GraphError(f"prior_sigma is positive, found {self.prior_sigma}")
