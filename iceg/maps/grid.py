@@ -1,85 +1,21 @@
 """Occupancy grid: rendered from the trajectory and the scans, written as ROS map_server reads it."""
 
 import math
-import os
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import ScanGeometry
-from graph.errors import IcegError
+from iceg.maps import _grid_kernels as kernels
+from iceg.maps.atomic import write_atomically
+from iceg.maps.config import GridConfig, GridError
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # the values of a ROS OccupancyGrid message
 
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196  # map_server's defaults, written into map.yaml
 _GREY = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}  # map_server reads 1 - grey/255 against the two thresholds
-
-
-class GridError(IcegError):
-    """A grid that cannot be rendered or written."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GridConfig:
-    """How scans become an occupancy grid."""
-
-    resolution: float = 0.05
-    """Side of a cell [m]."""
-    mode: Literal["probabilistic", "binary"] = "probabilistic"
-    """probabilistic: evidence adds up in log-odds. binary: the latest observation of a cell decides."""
-    hit_probability: float = 0.7
-    """Probability of a cell being occupied after one return from it alone; a wider footprint shares the evidence."""
-    miss_probability: float = 0.35
-    """Probability of a cell being occupied after one beam through it."""
-    clamp_probability: float = 0.97
-    """Log-odds are clamped to ± those of this probability, so that the map can change its mind."""
-    occupied_above: float = 0.6
-    """A cell counts as occupied above this probability."""
-    free_below: float = 0.4
-    """A cell counts as free below this probability; between the two it is unknown."""
-    max_range: float = 20.0
-    """Beams are used up to here [m]: free space before, returns within."""
-    no_return_range: float = 0.0
-    """How far a beam without return is taken as free [m]; 0: it says nothing."""
-    beam_width: float | None = None
-    """Full opening angle of a beam's cone [rad]; None: the beams touch (as wide as their spacing)."""
-    min_incidence: float = 0.2
-    """Neighbouring returns lie on one surface unless it would be seen flatter than this [rad]."""
-    min_travel: float = 0.0
-    """Skip scans until the robot has moved this far [m] …"""
-    min_turn: float = 0.0
-    """… or turned this much [rad] since the last one used; 0 and 0: every scan."""
-    max_cells: int = 200_000_000
-    """Refuse grids larger than this (a diverged trajectory fills the memory)."""
-
-    def __post_init__(self) -> None:
-        if not self.resolution > 0:
-            raise GridError(f"resolution is {self.resolution} m, expected > 0")
-        if not 0.0 < self.miss_probability < 0.5 < self.hit_probability < 1.0:
-            raise GridError(
-                f"miss_probability {self.miss_probability} and hit_probability {self.hit_probability}: "
-                "expected 0 < miss < 0.5 < hit < 1"
-            )
-        if not self.hit_probability <= self.clamp_probability < 1.0:
-            raise GridError(f"clamp_probability is {self.clamp_probability}, expected hit_probability ≤ it < 1")
-        if not 0.0 < self.free_below <= 0.5 <= self.occupied_above < 1.0:
-            raise GridError(
-                f"free_below {self.free_below} and occupied_above {self.occupied_above}: "
-                "expected 0 < free ≤ 0.5 ≤ occupied < 1"
-            )
-        if not self.max_range > 0 or not 0 <= self.no_return_range <= self.max_range:
-            raise GridError(
-                f"max_range {self.max_range} m and no_return_range {self.no_return_range} m: "
-                "expected 0 ≤ no return ≤ max, max > 0"
-            )
-        if not 0.0 < self.min_incidence < math.pi / 2:
-            raise GridError(f"min_incidence is {self.min_incidence} rad, expected between 0 and π/2")
-        if self.beam_width is not None and not self.beam_width > 0:
-            raise GridError(f"beam_width is {self.beam_width} rad, expected > 0")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,8 +97,6 @@ def render_grid(
     Raises:
         GridError: for arrays that do not belong together, poses that are not finite, or a grid beyond `max_cells`.
     """
-    from iceg.maps import _grid_kernels as kernels
-
     config = config or GridConfig()
     trajectory, ranges = _checked(trajectory, ranges, geometry)
     used = _spaced_scans(trajectory, config.min_travel, config.min_turn)
@@ -212,7 +146,7 @@ def write_ros_map(grid: OccupancyGrid, directory: Path, stem: str = "map") -> tu
     pgm, yaml = directory / f"{stem}.pgm", directory / f"{stem}.yaml"
     header = f"P5\n# resolution {grid.resolution:.6g} m, lower left corner in map.yaml\n{cols} {rows}\n255\n"
     # An image's first row is its top, the grid's first row its bottom.
-    _write_atomically(pgm, header.encode("ascii") + image[::-1].tobytes())
+    write_atomically(pgm, header.encode("ascii") + image[::-1].tobytes())
     description = (
         f"image: {pgm.name}\n"
         "mode: trinary\n"
@@ -222,20 +156,8 @@ def write_ros_map(grid: OccupancyGrid, directory: Path, stem: str = "map") -> tu
         f"occupied_thresh: {OCCUPIED_THRESHOLD}\n"
         f"free_thresh: {FREE_THRESHOLD}\n"
     )
-    _write_atomically(yaml, description.encode("ascii"))
+    write_atomically(yaml, description.encode("ascii"))
     return pgm, yaml
-
-
-def _write_atomically(path: Path, content: bytes) -> None:
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        Path(name).chmod(0o644)
-        Path(name).replace(path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
 
 
 def _log_odds(probability: float) -> float:

@@ -1,0 +1,293 @@
+"""The feature map: landmarks anchored to key poses, fused when seen again, forgotten when no longer there."""
+
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import Scan
+from iceg.ice.features import KIND_NAMES, Features
+from iceg.maps import _landmark_kernels as kernels
+from iceg.maps.atomic import write_atomically
+from iceg.maps.config import FeatureMapConfig, FeatureMapError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Landmarks:
+    """n landmarks placed in the map frame, as parallel arrays.
+
+    Attributes:
+        ids: (n,) int64 number of each landmark, in order of appearance.
+        kinds: (n,) int8: CORNER, END_OF_WALL or INTERSECTION of `iceg.ice.features`.
+        positions: (n, 2) [m], map frame.
+        directions: (n, 2) headings of the walls that start at the landmark [rad], map frame: the one on the clockwise
+            side as seen from the open side, and the one on the counter-clockwise side; NaN: no such wall.
+        covariances: (n, 2, 2) of the positions [m²], map frame, relative to the anchor (its own error is not in it).
+        direction_variances: (n, 2) [rad²]; NaN where there is no such wall.
+        distances: (n,) shortest distance from the laser when observed [m].
+        anchors: (n,) key pose each landmark is anchored to.
+        first_seen: (n,) key pose of the first observation.
+        last_seen: (n,) key pose of the latest observation.
+        seen: (n,) number of observations.
+        missed: (n,) how often it lay in the visible area and was not seen.
+        expired_at: (n,) key pose at which it expired, -1 while it is valid.
+    """
+
+    ids: NDArray[np.int64]
+    kinds: NDArray[np.int8]
+    positions: NDArray[np.float64]
+    directions: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    direction_variances: NDArray[np.float64]
+    distances: NDArray[np.float64]
+    anchors: NDArray[np.int64]
+    first_seen: NDArray[np.int64]
+    last_seen: NDArray[np.int64]
+    seen: NDArray[np.int64]
+    missed: NDArray[np.int64]
+    expired_at: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        """Number of landmarks."""
+        return len(self.kinds)
+
+    def __getitem__(self, selection: NDArray[Any]) -> "Landmarks":
+        """The landmarks that a boolean mask or an index array selects."""
+        return Landmarks(**{f.name: getattr(self, f.name)[selection] for f in fields(self)})
+
+    def features(self) -> Features:
+        """The same landmarks as features in the map frame, for matching against them."""
+        variances = np.where(np.isnan(self.direction_variances), 0.0, self.direction_variances).max(axis=1, initial=0.0)
+        return Features(
+            kinds=self.kinds,
+            positions=self.positions,
+            directions=self.directions,
+            covariances=self.covariances,
+            direction_variances=variances,
+            distances=self.distances,
+            real=np.ones(len(self), dtype=np.bool_),
+        )
+
+
+class FeatureMap:
+    """Landmarks collected from key scans, each in the frame of the key pose that saw it first.
+
+    Nothing is baked into the map frame: moved key poses move their landmarks. A landmark that lies in the visible area
+    of key scans, not occluded, and is seen too rarely expires; it stays in the record.
+    """
+
+    def __init__(self, config: FeatureMapConfig | None = None) -> None:
+        self.config = config or FeatureMapConfig()
+        self._frames = np.full((64, 4), np.nan)
+        self._count = 0
+        self._store = _empty_store(256)
+
+    def __len__(self) -> int:
+        """Number of landmarks, expired ones included."""
+        return self._count
+
+    def observe(self, key_index: int, T_map_key: NDArray[np.float64], features: Features, scan: Scan) -> None:
+        """Enter the features of one key scan.
+
+        Args:
+            key_index: index of the key pose, ≥ 0; key scans come in time order.
+            T_map_key: (3,) its pose.
+            features: the features of its scan, robot frame. Only real ones become landmarks.
+            scan: the scan, for what it could have seen.
+
+        Raises:
+            FeatureMapError: if the pose is not finite.
+        """
+        self._place(key_index, T_map_key)
+        self._reserve(self._count + len(features))
+        observed = kernels.Observed(
+            np.ascontiguousarray(features.kinds),
+            np.ascontiguousarray(features.positions),
+            np.ascontiguousarray(features.directions),
+            np.ascontiguousarray(features.covariances),
+            np.ascontiguousarray(features.direction_variances),
+            np.ascontiguousarray(features.distances),
+            np.ascontiguousarray(features.real),
+            np.ascontiguousarray(scan.ranges),
+            np.ascontiguousarray(scan.geometry.bearings),
+            np.ascontiguousarray(scan.geometry.T_robot_laser),
+        )
+        settings = _kernel_settings(self.config, scan.geometry.range_max)
+        self._count = int(kernels.observe(key_index, self._frames, observed, self._store, self._count, settings))
+
+    def move(self, key_poses: NDArray[np.float64]) -> None:
+        """Move the key poses, and with them their landmarks, before further observations.
+
+        Args:
+            key_poses: (n_keys, 3) T_map_key of key poses 0 … n_keys - 1.
+        """
+        for key_index, T_map_key in enumerate(key_poses):
+            self._place(key_index, T_map_key)
+
+    def landmarks(self, key_poses: NDArray[np.float64] | None = None) -> Landmarks:
+        """The valid landmarks in the map frame.
+
+        Args:
+            key_poses: (n_keys, 3) T_map_key of all key poses observed from; those given to `observe` when left out.
+
+        Returns:
+            The landmarks that have not expired.
+
+        Raises:
+            FeatureMapError: if the pose of an anchor is not among key_poses.
+        """
+        record = self.record(key_poses)
+        return record[record.expired_at < 0]
+
+    def record(self, key_poses: NDArray[np.float64] | None = None) -> Landmarks:
+        """All landmarks in the map frame, expired ones included; arguments as in `landmarks`."""
+        store = kernels.Store(**{name: getattr(self._store, name)[: self._count] for name in kernels.Store._fields})
+        frames = self._frames if key_poses is None else _frames(np.asarray(key_poses, dtype=np.float64))
+        anchors = store.anchors
+        if len(anchors) and anchors.max() >= len(frames):
+            raise FeatureMapError(f"a landmark is anchored to key pose {anchors.max()}, given are {len(frames)}")
+        x, y, cos, sin = frames[anchors].T
+        rotation = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
+        positions = np.stack([x, y], -1) + np.einsum("nij,nj->ni", rotation, store.positions)
+        directions = store.directions + np.arctan2(sin, cos)[:, None]
+        return Landmarks(
+            ids=np.arange(self._count),
+            kinds=store.kinds.copy(),
+            positions=positions,
+            directions=np.arctan2(np.sin(directions), np.cos(directions)),
+            covariances=rotation @ store.covariances @ rotation.swapaxes(-1, -2),
+            direction_variances=store.direction_variances.copy(),
+            distances=store.distances.copy(),
+            anchors=anchors.copy(),
+            first_seen=store.first_seen.copy(),
+            last_seen=store.last_seen.copy(),
+            seen=store.seen.copy(),
+            missed=store.missed.copy(),
+            expired_at=store.expired_at.copy(),
+        )
+
+    def _place(self, key_index: int, T_map_key: NDArray[np.float64]) -> None:
+        if key_index < 0 or not np.isfinite(T_map_key).all():
+            raise FeatureMapError(f"key pose {key_index} is {T_map_key}, expected an index ≥ 0 and finite numbers")
+        if key_index >= len(self._frames):
+            longer = np.full((2 * key_index + 1, 4), np.nan)
+            longer[: len(self._frames)] = self._frames
+            self._frames = longer
+        x, y, heading = (float(value) for value in T_map_key)
+        self._frames[key_index] = x, y, math.cos(heading), math.sin(heading)
+
+    def _reserve(self, capacity: int) -> None:
+        if capacity > len(self._store.kinds):
+            longer = _empty_store(2 * capacity)
+            for name in kernels.Store._fields:
+                getattr(longer, name)[: self._count] = getattr(self._store, name)[: self._count]
+            self._store = longer
+
+
+def build_feature_map(
+    key_poses: NDArray[np.float64],
+    key_features: Iterable[Features],
+    key_scans: Iterable[Scan],
+    config: FeatureMapConfig | None = None,
+) -> FeatureMap:
+    """Replay key scans over a trajectory.
+
+    Args:
+        key_poses: (n_keys, 3) T_map_key.
+        key_features: the features of each key scan, robot frame.
+        key_scans: the key scans.
+        config: settings; the defaults when left out.
+
+    Returns:
+        The feature map, with key poses numbered as given.
+    """
+    feature_map = FeatureMap(config)
+    for key_index, (T_map_key, features, scan) in enumerate(zip(key_poses, key_features, key_scans, strict=True)):
+        feature_map.observe(key_index, T_map_key, features, scan)
+    return feature_map
+
+
+def write_geojson(landmarks: Landmarks, path: Path) -> None:
+    """Write landmarks as GeoJSON points, one a line, in metres of the map frame.
+
+    Args:
+        landmarks: valid ones, or a record with expired ones.
+        path: the file.
+    """
+    lines = ",\n".join(json.dumps(_geojson_feature(landmarks, n), allow_nan=False) for n in range(len(landmarks)))
+    head = '{"type": "FeatureCollection", "frame": "map", "units": {"length": "m", "angle": "rad"}, "features": [\n'
+    write_atomically(path, f"{head}{lines}\n]}}\n".encode())
+
+
+def _geojson_feature(landmarks: Landmarks, n: int) -> dict[str, Any]:
+    directions = [round(float(d), 6) for d in landmarks.directions[n] if math.isfinite(d)]
+    variances = [float(f"{v:.6g}") for v in landmarks.direction_variances[n] if math.isfinite(v)]
+    opening = abs(math.remainder(directions[0] - directions[1], 2.0 * math.pi)) if len(directions) == 2 else None
+    expired_at = int(landmarks.expired_at[n])
+    return {
+        "type": "Feature",
+        "id": int(landmarks.ids[n]),
+        "geometry": {"type": "Point", "coordinates": [round(float(c), 6) for c in landmarks.positions[n]]},
+        "properties": {
+            "kind": KIND_NAMES[landmarks.kinds[n]],
+            "directions": directions,
+            "direction_variances": variances,
+            "opening_angle": None if opening is None else round(opening, 6),
+            "covariance": [[float(f"{c:.6g}") for c in row] for row in landmarks.covariances[n]],
+            "anchor": int(landmarks.anchors[n]),
+            "first_seen": int(landmarks.first_seen[n]),
+            "last_seen": int(landmarks.last_seen[n]),
+            "seen": int(landmarks.seen[n]),
+            "missed": int(landmarks.missed[n]),
+            "expired_at": expired_at if expired_at >= 0 else None,
+        },
+    }
+
+
+def _frames(key_poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 4) x, y, cosine and sine of poses."""
+    return np.stack([key_poses[:, 0], key_poses[:, 1], np.cos(key_poses[:, 2]), np.sin(key_poses[:, 2])], axis=1)
+
+
+def _empty_store(capacity: int) -> kernels.Store:
+    return kernels.Store(
+        anchors=np.zeros(capacity, np.int64),
+        kinds=np.zeros(capacity, np.int8),
+        positions=np.zeros((capacity, 2)),
+        directions=np.zeros((capacity, 2)),
+        covariances=np.zeros((capacity, 2, 2)),
+        direction_variances=np.zeros((capacity, 2)),
+        distances=np.zeros(capacity),
+        existence=np.zeros(capacity),
+        first_seen=np.zeros(capacity, np.int64),
+        last_seen=np.zeros(capacity, np.int64),
+        seen=np.zeros(capacity, np.int64),
+        missed=np.zeros(capacity, np.int64),
+        expired_at=np.zeros(capacity, np.int64),
+    )
+
+
+def _kernel_settings(config: FeatureMapConfig, range_max: float) -> kernels.Settings:
+    true, false = config.detection_probability, config.false_detection_probability
+    return kernels.Settings(
+        gate=config.gate,
+        max_distance=config.max_distance,
+        max_angle=config.max_angle,
+        pose_variance=config.pose_sigma**2,
+        heading_variance=config.heading_sigma**2,
+        drift_variance=config.drift_sigma**2,
+        landmark_range=config.landmark_range,
+        landmark_variance=config.landmark_sigma**2,
+        visible_range=float(min(config.visible_range, range_max)),
+        occlusion_margin=config.occlusion_margin,
+        sin_edge_on=math.sin(config.edge_on),
+        seen_evidence=math.log(true / false),
+        missed_evidence=math.log((1.0 - true) / (1.0 - false)),
+        highest_evidence=math.log(config.longest_memory / (1.0 - config.longest_memory)),
+        expiry_evidence=math.log(config.expiry / (1.0 - config.expiry)),
+    )
