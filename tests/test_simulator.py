@@ -1,6 +1,5 @@
 """Whole simulations: determinism, what each scene is for, scan pairs, files, and the embedded log."""
 
-import gzip
 import subprocess
 import sys
 from dataclasses import replace
@@ -143,9 +142,14 @@ def test_the_command_writes_what_the_function_writes(tmp_path: Path) -> None:
 
 def test_the_embedded_log_is_what_the_simulator_makes(tmp_path: Path) -> None:
     write_demo(tmp_path)
-    made, embedded = (gzip.decompress(p.read_bytes()) for p in (tmp_path / "office.clf.gz", demo_log_path()))
-    assert made == embedded
-    assert (tmp_path / "office.truth.csv").read_bytes() == demo_truth_path().read_bytes()
+    made, embedded = read_carmen(tmp_path / "office.clf.gz"), read_carmen(demo_log_path())
+    assert made.ranges.shape == embedded.ranges.shape
+    # Another machine's sine may differ in its last bit and turn the rounding of one range in a great many.
+    assert np.mean(np.nan_to_num(made.ranges) != np.nan_to_num(embedded.ranges)) < 1e-4
+    np.testing.assert_allclose(made.odometry, embedded.odometry, atol=2e-6)
+    np.testing.assert_array_equal(made.stamps, embedded.stamps)
+    truth = np.loadtxt(tmp_path / "office.truth.csv", delimiter=",", skiprows=1)
+    np.testing.assert_allclose(truth, np.loadtxt(demo_truth_path(), delimiter=",", skiprows=1), atol=2e-6)
 
 
 def test_the_embedded_log_is_small_and_reads_as_simulated() -> None:

@@ -123,7 +123,8 @@ def test_a_standing_robot_reports_no_motion() -> None:
 
 
 def _ends(truth: NDArray[np.float64], model: OdometryModel, seed: int) -> NDArray[np.float64]:
-    return measure_odometry(truth, model, PERIOD, np.random.default_rng(seed))[-1]
+    end: NDArray[np.float64] = measure_odometry(truth, model, PERIOD, np.random.default_rng(seed))[-1]
+    return end
 
 
 def _steps(poses: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,7 +17,11 @@ def cast_rays(
     visible_to: NDArray[np.float64],
     range_max: float,
 ) -> NDArray[np.float64]:
-    """Exact distance along each beam of each scan to the first segment that stands; inf beyond `range_max`."""
+    """Exact distance along each beam of each scan to the first segment that stands; inf beyond `range_max`.
+
+    Bearings increase and lie about [-pi, pi]. A beam between the bearings of a segment's two ends may still miss it by
+    rounding, so the neighbours are asked too and the signs of two cross products decide.
+    """
     n_scans, n_beams, n_segments = len(T_world_laser), len(bearings), len(segments)
     ranges = np.full((n_scans, n_beams), np.inf)
     ux, uy = np.cos(bearings), np.sin(bearings)
@@ -34,7 +38,8 @@ def cast_rays(
             if min(ay, by) > range_max or max(ay, by) < -range_max:
                 continue
             moment = ax * by - ay * bx
-            for k in range(n_beams):
+            first, last = _beams_across(bearings, math.atan2(ay, ax), math.atan2(by, bx))
+            for k in range(first, last):
                 side_a = ux[k] * ay - uy[k] * ax
                 side_b = ux[k] * by - uy[k] * bx
                 if side_a * side_b > 0.0 or side_a == side_b:
@@ -43,6 +48,18 @@ def cast_rays(
                 if 0.0 < distance < ranges[i, k] and distance <= range_max:
                     ranges[i, k] = distance
     return ranges
+
+
+@njit(cache=True)
+def _beams_across(bearings: NDArray[np.float64], end_a: float, end_b: float) -> tuple[int, int]:
+    """Half-open range of the beams that may hit a segment whose ends have these bearings; all if it is behind."""
+    lowest, highest = min(end_a, end_b), max(end_a, end_b)
+    astern = math.pi - 0.1
+    if highest - lowest > math.pi or lowest < -astern or highest > astern:
+        return 0, len(bearings)
+    first = int(np.searchsorted(bearings, lowest)) - 1
+    last = int(np.searchsorted(bearings, highest)) + 1
+    return max(first, 0), min(last, len(bearings))
 
 
 @njit(cache=True)

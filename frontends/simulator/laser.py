@@ -61,7 +61,7 @@ def cast(
     Args:
         world: what the beams may hit.
         T_world_laser: (n, 3) poses of the laser.
-        bearings: (n_beams,) beam directions in the laser frame [rad].
+        bearings: (n_beams,) beam directions in the laser frame, increasing, in [−π, π] [rad].
         range_max: how far the beams reach [m].
         times: (n,) when each scan is taken, or one time for all [s].
 
