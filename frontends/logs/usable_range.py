@@ -46,8 +46,8 @@ def usable_range(
       least five times as many as in the equally wide interval just below. A greatest reading among SICK's error codes
       is one whatever its count. A log whose readings are all the same proves nothing, they stay.
     - *A stated limit.* Readings at or beyond the maximum range that the messages state are no returns.
-    - *The longest.* `range_max` is the longest reading left, at most 40 m: beyond, SICK's readings hit nothing that
-      later scans find again. An explicit `range_max` replaces this rule, not the two above.
+    - *The longest.* `range_max` is the longest reading left up to 40 m: beyond, SICK's readings hit nothing that later
+      scans find again. An explicit `range_max` replaces this rule, not the two above.
     - *The shortest.* `range_min` is 2 cm: Hokuyo scanners write their error codes 0 to 19 in millimetres.
 
     Args:
@@ -60,13 +60,11 @@ def usable_range(
     positive = readings[np.isfinite(readings) & (readings > 0)]
     no_return = _far_constant(positive)
     ceiling = min(stated_max, no_return * (1.0 - _MARK_WIDTH) if np.isfinite(no_return) else np.inf)
-    left = positive[positive < ceiling]
-    longest = float(left.max()) if len(left) else DEFAULT_RANGE_CAP
-    if range_max is None:
-        chosen = max(min(longest, DEFAULT_RANGE_CAP), shortest)
+    if range_max is None or range_max >= ceiling:
+        longest = _longest(positive, below=ceiling, cap=DEFAULT_RANGE_CAP if range_max is None else np.inf)
     else:
-        chosen = range_max if range_max < ceiling else max(longest, shortest)
-    return UsableRange(range_min=shortest, range_max=chosen, no_return=no_return)
+        longest = range_max
+    return UsableRange(range_min=shortest, range_max=max(longest, shortest), no_return=no_return)
 
 
 def mask_no_returns(readings: NDArray[np.float32], usable: UsableRange) -> None:
@@ -74,6 +72,11 @@ def mask_no_returns(readings: NDArray[np.float32], usable: UsableRange) -> None:
     with np.errstate(invalid="ignore"):
         returns = (readings >= np.float32(usable.range_min)) & (readings <= np.float32(usable.range_max))
     readings[~returns] = np.nan
+
+
+def _longest(positive: NDArray[np.float32], *, below: float, cap: float) -> float:
+    left = positive[(positive < below) & (positive <= np.float32(cap))]
+    return float(left.max()) if len(left) else min(DEFAULT_RANGE_CAP, below)
 
 
 def _far_constant(positive: NDArray[np.float32]) -> float:
