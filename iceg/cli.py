@@ -5,6 +5,7 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -195,8 +196,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if arguments is None else arguments)
     try:
         return _main(words)
-    except KeyboardInterrupt:
-        print("iceg: interrupted", file=sys.stderr)
+    except KeyboardInterrupt as err:
+        print("\niceg: " + ", ".join(["interrupted", *map(str, err.args)]), file=sys.stderr)
         return _INTERRUPTED
     except BrokenPipeError:
         # Whoever read our output has seen enough; keep the interpreter from flushing into the closed pipe.
@@ -251,7 +252,7 @@ def parse(words: Sequence[str]) -> Command:
 def _config_file(words: Sequence[str]) -> Path | None:
     """The file given with --config, known before the flags are parsed because it sets their defaults."""
     found = None
-    for word, following in zip(words, [*words[1:], None], strict=True):
+    for word, following in zip_longest(words, words[1:]):
         if word == "--config" and following is not None:
             found = Path(following)
         elif word.startswith("--config="):
@@ -268,16 +269,16 @@ def _run_log(path: Path, directory: Path, config: Config, *, overwrite: bool, sk
     try:
         with compile_note():
             from frontends.logs import read_log
-            from iceg.slam.pipeline import run
 
             log = read_log(path, skip_bad_lines=skip_bad_lines, **dataclasses.asdict(config.log))
             _tell_warnings(log)
+            from iceg.slam.pipeline import run
+
             with ProgressBar(log) as progress:
                 result = run(log, config, progress)
             write_results(result, directory, overwrite=overwrite)
     except KeyboardInterrupt:
-        print(f"\niceg: interrupted, {_what_was_kept(directory, before)}", file=sys.stderr)
-        raise SystemExit(_INTERRUPTED) from None
+        raise KeyboardInterrupt(_what_was_kept(directory, before)) from None
     _tell_results(result, directory)
 
 

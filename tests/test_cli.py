@@ -1,0 +1,378 @@
+"""The command line: what it takes, prints and returns."""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import iceg
+from frontends.scan import Log
+from graph.se2 import compose
+from iceg import results
+from iceg.cli import Eval, PrintConfig, Run, main, parse
+from iceg.config import Config, format_config, parse_config
+from iceg.demo import demo_log_path, demo_truth_path
+from iceg.slam.progress import Progress, ProgressCallback
+from iceg.tum import format_tum
+
+Array = NDArray[np.float64]
+CompletedRun = SimpleNamespace
+
+
+def iceg_process(*words: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-m", "iceg.cli", *words], capture_output=True, text=True, check=False)
+
+
+def write_trajectory(path: Path, poses: Array) -> Path:
+    path.write_text(format_tum(np.arange(len(poses)) / 5, poses))
+    return path
+
+
+def walk(n: int, seed: int = 0) -> Array:
+    rng = np.random.default_rng(seed)
+    poses = np.zeros((n, 3))
+    for k in range(1, n):
+        poses[k] = compose(poses[k - 1], rng.normal([0.2, 0, 0], [0.05, 0.01, 0.3]))
+    return poses
+
+
+def test_help_names_the_commands_and_loads_nothing_heavy() -> None:
+    code = (
+        "import sys, iceg.cli\n"
+        "try: iceg.cli.main(['--help'])\n"
+        "except SystemExit as done: assert not done.code\n"
+        "sys.exit(', '.join(m for m in ('gtsam', 'numba', 'matplotlib', 'scipy') if m in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr.strip() == ""
+    for command in ("run", "demo", "info", "eval", "plot", "config"):
+        assert f"• {command} " in done.stdout
+
+
+def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"iceg {iceg.__version__}\n"
+
+
+@pytest.mark.parametrize("words", [["fly"], [], ["run"], ["run", "a.clf", "-o", "out", "--grid.resolutoin", "1"]])
+def test_what_cannot_be_parsed_is_a_usage_error(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as done:
+        main(words)
+    assert done.value.code == 2
+    assert capsys.readouterr().out == ""
+
+
+def test_a_misspelt_flag_gets_a_suggestion() -> None:
+    done = iceg_process("run", "a.clf", "-o", "out", "--grid.resolutoin", "1")
+    assert done.returncode == 2
+    assert "--grid.resolution" in done.stderr
+
+
+def test_flags_override_the_file_which_overrides_the_defaults(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("seed = 5\n[grid]\nresolution = 0.2\nmode = 'binary'\n")
+    command = parse(["run", "a.clf", "-o", "out", "--config", str(file), "--grid.resolution", "0.1"])
+    assert isinstance(command, Run)
+    assert (command.log, command.output) == (Path("a.clf"), Path("out"))
+    assert command.settings.seed == 5
+    assert command.settings.grid.mode == "binary"
+    assert command.settings.grid.resolution == 0.1
+    assert command.settings.grid.max_range == Config().grid.max_range
+    again = parse(["run", "--grid.resolution=0.1", f"--config={file}", "a.clf", "-o", "out"])
+    assert isinstance(again, Run)
+    assert again.settings == command.settings
+    plain = parse(["run", "a.clf", "-o", "out"])
+    assert isinstance(plain, Run)
+    assert plain.settings == Config()
+
+
+def test_config_prints_a_file_that_reads_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["config"]) == 0
+    text = capsys.readouterr().out
+    assert text == format_config(Config())
+    assert parse_config(text) == Config()
+    file = tmp_path / "mine.toml"
+    file.write_text("[grid]\nresolution = 0.2\n")
+    command = parse(["config", "--config", str(file), "--seed", "3"])
+    assert isinstance(command, PrintConfig)
+    assert (command.settings.seed, command.settings.grid.resolution) == (3, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[grid]\nresolutoin = 1\n", "did you mean 'grid.resolution'?"),
+        ("[grid]\nresolution = -1\n", "grid.resolution: "),
+    ],
+)
+def test_bad_settings_in_a_file_are_a_usage_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, message: str
+) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(text)
+    assert main(["run", "a.clf", "-o", str(tmp_path / "out"), "--config", str(file)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"iceg: {file}: ")
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_a_flag_out_of_range_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "a.clf", "-o", str(tmp_path / "out"), "--grid.resolution", "-1"]) == 2
+    assert "resolution is -1.0" in capsys.readouterr().err
+
+
+def test_eval_prints_the_published_figures(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    poses = walk(30)
+    trajectory = write_trajectory(tmp_path / "t.tum", poses)
+    rng = np.random.default_rng(1)
+    rows = [(i, j, *rng.normal(0, 1, 3), 1 if k % 4 else 0) for k, (i, j) in enumerate(rng.integers(0, 30, (20, 2)))]
+    file = tmp_path / "a.relations.csv"
+    file.write_text(
+        "scan_i,scan_j,x_m,y_m,theta_rad,certain\n" + "".join(",".join(map(str, row)) + "\n" for row in rows)
+    )
+    assert main(["eval", str(trajectory), "--relations", str(file), "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+
+    distances, angles = [], []
+    for i, j, x, y, theta, certain in rows:
+        if certain:
+            dx, dy = poses[j, :2] - poses[i, :2]
+            c, s = np.cos(poses[i, 2]), np.sin(poses[i, 2])
+            distances.append(np.hypot(c * dx + s * dy - x, c * dy - s * dx - y))
+            turn = poses[j, 2] - poses[i, 2] - theta
+            angles.append(abs(np.degrees(np.arctan2(np.sin(turn), np.cos(turn)))))
+    expected = {
+        "n": len(distances),
+        "trans_mean": np.mean(distances),
+        "trans_std": np.std(distances, ddof=1),
+        "trans_median": np.median(distances),
+        "trans_p95": np.percentile(distances, 95),
+        "trans_max": np.max(distances),
+        "rot_mean_deg": np.mean(angles),
+        "rot_std_deg": np.std(angles, ddof=1),
+        "rot_median_deg": np.median(angles),
+        "rot_max_deg": np.max(angles),
+    }
+    for name, value in expected.items():
+        assert figures[name] == pytest.approx(float(value), abs=0.51e-5), name
+        assert figures[name] == round(figures[name], 5)
+    assert figures["dropped"] == 5
+    assert main(["eval", str(trajectory), "--relations", str(file)]) == 0
+    table = capsys.readouterr().out
+    assert f"{figures['trans_mean']:.5f}" in table
+    assert "translation, mean [m]" in table
+
+
+def test_eval_against_a_reference_and_the_truth(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    poses = walk(40)
+    noise = np.random.default_rng(2).normal(0, 0.1, (40, 3))
+    trajectory = write_trajectory(tmp_path / "t.tum", compose([1, 2, 3], poses + noise))
+    truth, reference = tmp_path / "truth.csv", tmp_path / "reference.csv"
+    truth.write_text("t_s,x_m,y_m,theta_rad\n" + "".join(f"0,{x:.9f},{y:.9f},{h:.9f}\n" for x, y, h in poses))
+    reference.write_text(
+        "scan,x_m,y_m,theta_rad\n" + "".join(f"{k},{x:.9f},{y:.9f},{h:.9f}\n" for k, (x, y, h) in enumerate(poses))
+    )
+    assert main(["eval", str(trajectory), "--truth", str(truth), "--json"]) == 0
+    by_truth = json.loads(capsys.readouterr().out)
+    assert main(["eval", str(trajectory), "--reference", str(reference), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out) == by_truth
+    assert list(by_truth) == [
+        "n", "ate_rmse", "ate_max", "x_mean_abs", "y_mean_abs", "x_var", "y_var", "rot_rmse_deg",
+    ]  # fmt: skip
+    assert by_truth["n"] == 40
+    assert by_truth["ate_rmse"] == pytest.approx(0.14, abs=0.03)
+
+
+def test_eval_of_a_run_folder_judges_its_covariances(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    truth = walk(400)
+    rng = np.random.default_rng(3)
+    errors = rng.normal(0, [0.02, 0.03, 0.01], (400, 3))
+    errors[0] = 0
+    estimated = compose(truth, errors)
+    write_trajectory(tmp_path / "trajectory.tum", estimated)
+    covariance = np.diag([4e-4, 9e-4, 1e-4])
+    result: Any = SimpleNamespace(
+        key_scans=np.arange(0, 400, 2), key_poses=estimated[::2], covariances=np.broadcast_to(covariance, (200, 3, 3))
+    )
+    results._write_covariances(result, tmp_path)
+    file = tmp_path / "truth.csv"
+    file.write_text("t_s,x_m,y_m,theta_rad\n" + "".join(f"0,{x:.12f},{y:.12f},{h:.12f}\n" for x, y, h in truth))
+    assert main(["eval", str(tmp_path), "--truth", str(file), "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert figures["nees_n"] == 199
+    assert figures["nees_low"] < figures["nees_mean"] < figures["nees_high"]
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (["eval", "TRAJECTORY"], 2, "expected exactly one"),
+        (["eval", "TRAJECTORY", "--reference", "a.csv", "--truth", "b.csv"], 2, "found 2 of"),
+        (["eval", "TRAJECTORY", "--relations", "a.relations"], 2, "--log"),
+        (["eval", "TRAJECTORY", "--truth", "b.csv", "--log", "a.clf"], 2, "--log is only needed"),
+        (["eval", "TRAJECTORY", "--truth", "missing.csv"], 1, "missing.csv: cannot be read"),
+        (["eval", "missing.tum", "--truth", "TRUTH"], 1, "missing.tum: cannot be read"),
+        (["eval", "TRAJECTORY", "--truth", "TRUTH"], 1, "holds 1 poses, the trajectory 3"),
+        (["info", "missing.clf"], 1, "missing.clf"),
+        (["run", "missing.clf", "-o", "OUT"], 1, "missing.clf"),
+        (["plot", "missing-folder"], 1, "missing-folder"),
+    ],
+)
+def test_errors_are_one_clear_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], words: list[str], code: int, message: str
+) -> None:
+    truth = tmp_path / "truth.csv"
+    truth.write_text("t_s,x_m,y_m,theta_rad\n0,0,0,0\n")
+    places = {
+        "TRAJECTORY": str(write_trajectory(tmp_path / "t.tum", walk(3))),
+        "TRUTH": str(truth),
+        "OUT": str(tmp_path / "out"),
+    }
+    assert main([places.get(word, word) for word in words]) == code
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert captured.err.startswith("iceg: ")
+    assert message in captured.err
+    assert captured.err.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_eval_takes_relations_by_stamp(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    from frontends.logs import read_log
+
+    log = read_log(demo_log_path())
+    trajectory = write_trajectory(tmp_path / "t.tum", log.odometry)
+    first, second = log.stamps[0], log.stamps[10]
+    file = tmp_path / "a.relations"
+    file.write_text(f"{first:.6f} {second:.6f} 0 0 0 0 0 0\n{first:.6f} {second + 1e6:.6f} 0 0 0 0 0 0\n")
+    assert main(["eval", str(trajectory), "--relations", str(file), "--log", str(demo_log_path()), "--json"]) == 0
+    figures = json.loads(capsys.readouterr().out)
+    assert (figures["n"], figures["dropped"], figures["trans_std"]) == (1, 1, None)
+    distance = float(np.hypot(*(log.odometry[10] - log.odometry[0])[:2]))
+    assert figures["trans_mean"] == pytest.approx(distance, abs=1e-5)
+
+
+def test_info_describes_a_log(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", str(demo_log_path())]) == 0
+    assert "181" in capsys.readouterr().out
+
+
+Pipeline = Callable[[Log, Config, ProgressCallback], Any]
+
+
+@pytest.fixture
+def pipeline(monkeypatch: pytest.MonkeyPatch) -> Callable[[Pipeline], None]:
+    """Put another pipeline, and writers of its results, in place of the real ones."""
+
+    def install(run: Pipeline) -> None:
+        module = ModuleType("iceg.slam.pipeline")
+        module.run = run  # type: ignore[attr-defined]
+        monkeypatch.setitem(sys.modules, "iceg.slam.pipeline", module)
+        kept = {name: results._WRITERS[name] for name in ("trajectory", "covariances", "config")}
+        monkeypatch.setattr(results, "_WRITERS", kept)
+
+    return install
+
+
+def by_odometry(log: Log, config: Config, progress: ProgressCallback) -> Any:
+    for scan in range(len(log)):
+        progress(Progress(scans=scan + 1, tried=scan, accepted=scan // 2))
+    return SimpleNamespace(
+        log=log,
+        config=config,
+        trajectory=log.odometry,
+        key_scans=np.arange(len(log)),
+        key_poses=log.odometry,
+        covariances=np.broadcast_to(1e-4 * np.eye(3), (len(log), 3, 3)),
+        landmarks=[],
+        summary={},
+    )
+
+
+def test_run_writes_its_folder_and_refuses_to_overwrite_it(
+    tmp_path: Path, pipeline: Callable[[Pipeline], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipeline(by_odometry)
+    out = tmp_path / "out"
+    words = ["run", str(demo_log_path()), "-o", str(out), "--grid.resolution", "0.25"]
+    assert main(words) == 0
+    captured = capsys.readouterr()
+    assert str(out) in captured.out
+    assert "100%" in captured.err
+    assert "x real time, 50 % matched" in captured.err
+    assert parse_config((out / "config.toml").read_text()).grid.resolution == 0.25
+    assert main(words) == 1
+    assert "not empty" in capsys.readouterr().err
+    assert main([*words, "--overwrite"]) == 0
+
+
+def test_an_interrupted_run_says_what_was_kept(
+    tmp_path: Path, pipeline: Callable[[Pipeline], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object) -> Any:
+        raise KeyboardInterrupt
+
+    out = tmp_path / "out"
+    words = ["run", str(demo_log_path()), "-o", str(out), "--overwrite"]
+    pipeline(interrupted)
+    assert main(words) == 130
+    assert f"interrupted, nothing was written to {out}" in capsys.readouterr().err
+    assert not out.exists()
+    pipeline_module = sys.modules["iceg.slam.pipeline"]
+    pipeline_module.run = by_odometry  # type: ignore[attr-defined]
+    assert main(words) == 0
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    pipeline_module.run = interrupted  # type: ignore[attr-defined]
+    assert main(words) == 130
+    assert "earlier results" in capsys.readouterr().err
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_demo_compares_with_the_truth(
+    tmp_path: Path, pipeline: Callable[[Pipeline], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipeline(by_odometry)
+    assert main(["demo", "-o", str(tmp_path / "out")]) == 0
+    out = capsys.readouterr().out
+    assert demo_truth_path().name in out
+    assert "absolute trajectory error" in out
+    assert "NEES" in out
+    assert f"The map is {tmp_path / 'out' / 'map.png'}" in out
+
+
+def test_eval_options_are_documented() -> None:
+    done = iceg_process("eval", "--help")
+    assert done.returncode == 0
+    for flag in ("--relations", "--log", "--reference", "--truth", "--json"):
+        assert flag in done.stdout
+    assert Eval.__doc__
+
+
+def test_a_reader_that_has_seen_enough_is_no_error() -> None:
+    command = f"{sys.executable} -m iceg.cli config | head -c 1"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert done.stderr == ""
+
+
+def test_public_names_are_all_there() -> None:
+    for name in iceg.__all__:
+        assert getattr(iceg, name) is not None
+    assert set(iceg.__all__) <= set(dir(iceg))
+    assert set(iceg._HOMES) | {"__version__"} == set(iceg.__all__)
+    with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
+        _ = iceg.nothing
+
+
+def test_importing_iceg_is_light() -> None:
+    heavy = "('gtsam', 'numba', 'matplotlib', 'numpy')"
+    code = f"import sys, iceg; sys.exit(', '.join(m for m in {heavy} if m in sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr.strip() == ""
