@@ -22,7 +22,6 @@ help:
 
 demo: $(VENV)/installed.stamp
 	$(BIN)/iceg demo -o $(DEMO) --overwrite
-	@echo "The map is $(CURDIR)/$(DEMO)/map.png"
 
 bench: $(VENV)/installed-dev.stamp
 	$(BIN)/python -m iceg.evaluation.bench -o $(BENCH) $(ARGS)
@@ -60,11 +59,13 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/installed.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e .
+	@echo "Installing into $(VENV) ..."
+	@$(BIN)/python -m pip install --quiet -c constraints.txt -e .
 	@touch $@
 
 $(VENV)/installed-dev.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
+	@echo "Installing into $(VENV), with the development tools ..."
+	@$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
 	@touch $@ $(VENV)/installed.stamp
 
 clean:

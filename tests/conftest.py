@@ -4,8 +4,16 @@ import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
+
+# Compiling a kernel inside an example is no slowness of the example; and CI draws the same examples every time.
+settings.register_profile("here", deadline=None)
+settings.register_profile("ci", deadline=None, derandomize=True)
 
 REPOSITORY = Path(__file__).parent.parent
+IN_CI = os.environ.get("CI", "").lower() in {"true", "1"}
+
+settings.load_profile("ci" if IN_CI else "here")
 
 
 @pytest.fixture(scope="session")
@@ -15,6 +23,6 @@ def data_dir() -> Path:
     if folder.is_dir():
         return folder
     reason = f"no folder of real logs at {folder} (set ICEG_DATA)"
-    if os.environ.get("CI", "").lower() in {"true", "1"}:
+    if IN_CI:
         pytest.fail(reason)
     pytest.skip(reason)

@@ -444,7 +444,7 @@ def test_nothing_but_malformed_lines(write: Write) -> None:
 
 
 @given(cut=st.integers(1, 10_000))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_wherever_the_last_line_is_cut_the_rest_is_read(tmp_path_factory: pytest.TempPathFactory, cut: int) -> None:
     line = flaser(room(181))
     cut = 1 + cut % (len(line) - 1)
@@ -545,7 +545,7 @@ def simulated(n_scans: int, n_beams: int, seed: int, T_robot_laser: NDArray[np.f
     mount=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-3.0, 3.0)),
     suffix=st.sampled_from([".clf", ".clf.gz"]),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_writing_and_reading_back(
     tmp_path_factory: pytest.TempPathFactory, n_scans: int, n_beams: int, seed: int, mount: Pose, suffix: str
 ) -> None:

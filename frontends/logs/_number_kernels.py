@@ -24,12 +24,12 @@ def scan_numbers(text: NDArray[np.uint8], start: int, stop: int, out: NDArray[np
         if position < stop and (text[position] == 45 or text[position] == 43):
             negative = text[position] == 45
             position += 1
-        mantissa = 0
+        mantissa = np.int64(0)
         digits = 0
         decimals = -1
         scale = 1.0
         while position < stop:
-            byte = text[position]
+            byte = np.int64(text[position])
             if 48 <= byte <= 57:
                 if mantissa > (_EXACT_INTEGERS - 10) // 10:
                     return index, begin
