@@ -161,7 +161,7 @@ class Plot:
 
     def __call__(self) -> None:
         """Read the folder, draw, name the pictures."""
-        from iceg.show.plots import plot_results
+        from iceg.show.run_plots import plot_results
 
         for path in plot_results(self.results):
             print(path)

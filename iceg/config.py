@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from graph.config import PoseGraphConfig
+from graph.odometry import OdometryModel
 from iceg.ice.config import IceConfig
 from iceg.maps.config import FeatureMapConfig, GridConfig
 from iceg.settings_file import ConfigError, format_settings, parse_settings, read_settings
@@ -38,6 +39,7 @@ class Config:
     Attributes:
         seed: start of every random number drawn; the same log, settings and version give the same bytes.
         log: how the log is read.
+        odometry: noise of the wheel odometry.
         ice: ICE matching.
         graph: the pose graph.
         feature_map: landmarks and when they expire.
@@ -46,6 +48,7 @@ class Config:
 
     seed: int = 0
     log: LogConfig = field(default_factory=LogConfig)
+    odometry: OdometryModel = field(default_factory=OdometryModel)
     ice: IceConfig = field(default_factory=IceConfig)
     graph: PoseGraphConfig = field(default_factory=PoseGraphConfig)
     feature_map: FeatureMapConfig = field(default_factory=FeatureMapConfig)

@@ -38,7 +38,7 @@ RESULT_FILES = (
 )
 
 _COVARIANCE_COLUMNS = ("scan", "x_m", "y_m", "theta_rad", "xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
-_CLOSURE_COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad", "score", "inliers", "overlap", "verdict", "reason")
+CLOSURE_COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad", "score", "inliers", "overlap", "verdict", "reason")
 _UPPER_TRIANGLE = np.triu_indices(3)
 
 
@@ -144,7 +144,7 @@ def _write_covariances(result: "SlamResult", folder: Path) -> None:
 
 
 def _write_closures(result: "SlamResult", folder: Path) -> None:
-    lines = [",".join(_CLOSURE_COLUMNS)]
+    lines = [",".join(CLOSURE_COLUMNS)]
     for closure in result.closures:
         x, y, heading = closure.T_i_j
         reason = '"' + closure.reason.replace('"', '""') + '"'
@@ -162,9 +162,16 @@ def _write_map(result: "SlamResult", folder: Path) -> None:
 
 
 def _write_picture(result: "SlamResult", folder: Path) -> None:
-    from iceg.show.plots import save_map_png
+    from iceg.show.run_plots import save_map_picture
 
-    save_map_png(result, folder / "map.png")
+    save_map_picture(
+        folder / "map.png",
+        grid=result.grid,
+        trajectory=result.trajectory,
+        key_poses=result.key_poses,
+        landmarks=result.landmarks,
+        closures=result.closures,
+    )
 
 
 def _write_features(result: "SlamResult", folder: Path) -> None:

@@ -1,0 +1,34 @@
+"""The record of a loop closure that was tried, whatever became of it."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Verdict = Literal["accepted", "rejected", "removed"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Closure:
+    """A place seen again, or what looked like it.
+
+    Attributes:
+        scan_i: the earlier scan.
+        scan_j: the later scan.
+        T_i_j: (3,) pose of scan j in the frame of scan i: x [m], y [m], heading [rad].
+        score: correlation score in [0, 1].
+        inliers: how many beams agreed.
+        overlap: share of the usable beams that fell on known reference, in [0, 1].
+        verdict: accepted into the graph, rejected before, or removed afterwards.
+        reason: why, in a sentence for a person.
+    """
+
+    scan_i: int
+    scan_j: int
+    T_i_j: NDArray[np.float64]
+    score: float
+    inliers: int
+    overlap: float
+    verdict: Verdict
+    reason: str
