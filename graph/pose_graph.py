@@ -158,9 +158,9 @@ class PoseGraph:
     def update(self) -> NDArray[np.float64]:
         """Solve with everything added since the last update.
 
-        An update with a loop closure in it is risky: a snapshot is taken before. If it or any other fails, it is tried
-        once more with QR factorisation, which stays in force; if that fails too, the graph returns to its state before
-        the update, and the poses and factors of this update are gone.
+        An update with a loop closure in it is risky: a snapshot is taken before. If it or any other fails, the graph is
+        rebuilt with it once more with QR factorisation, which stays in force; if that fails too, the graph returns to
+        its state before the update, and the poses and factors of this update are gone.
 
         Returns:
             (3,) the newest T_map_robot.
@@ -280,7 +280,7 @@ class PoseGraph:
             return
         self._check_new_poses_tied(new_factors)
         closes_loop = any(factor.kind == "closure" for factor in new_factors)
-        before = self._snapshot() if closes_loop else None
+        before = self._snapshot() if closes_loop and self.config.snapshot_before_closure else None
         try:
             result = self._isam.update(to_gtsam_graph(new_factors), self._waiting_values())
             if closes_loop:

@@ -217,6 +217,9 @@ def compose_covariance(
         (..., 3, 3) in the tangent space at T_a_c.
     """
     carry = adjoint(inverse(T_b_c))
+    if carry.ndim == 2 and covariance_a_b.ndim == 2:
+        total = carry @ covariance_a_b @ carry.T + covariance_b_c
+        return np.asarray(0.5 * (total + total.T))
     return _symmetric(carry @ covariance_a_b @ np.swapaxes(carry, -1, -2) + covariance_b_c)
 
 

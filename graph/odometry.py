@@ -1,0 +1,135 @@
+"""How far odometry can be off after a path: noise that grows with every metre driven and every radian turned."""
+
+import math
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.errors import GraphError
+from graph.se2 import compose, compose_covariance, inverse
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OdometryMotion:
+    """What odometry says since a key pose.
+
+    Attributes:
+        T_key_robot: (3,) pose of the robot in the frame of the key pose.
+        covariance: (3, 3) in the tangent space at it, right perturbation, order x, y, θ.
+        distance: path length [m]; forth and back both count.
+        turn: sum of |heading change| along the path [rad].
+    """
+
+    T_key_robot: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    distance: float = 0.0
+    turn: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class OdometryModel:
+    """Noise of wheel odometry, independent from one bit of path to the next.
+
+    Variances are proportional to the path length and to the angle turned through, so a straight line or a turn on the
+    spot has one covariance however finely it is recorded, and turning left and right again is not free. The floors
+    enter once per motion, at its start: what a key pose itself is off by, because odometry and laser do not share a
+    clock.
+
+    Attributes:
+        along_per_metre: standard deviation along the direction of travel after 1 m [m/√m].
+        across_per_metre: standard deviation across it after 1 m [m/√m].
+        position_per_radian: standard deviation of the position, any direction, after turning by 1 rad [m/√rad].
+        heading_per_metre: standard deviation of the heading after 1 m [rad/√m].
+        heading_per_radian: standard deviation of the heading after turning by 1 rad [rad/√rad].
+        position_floor: standard deviation of the position without any motion [m]; above 0.
+        heading_floor: standard deviation of the heading without any motion [rad]; above 0.
+    """
+
+    along_per_metre: float = 0.05
+    across_per_metre: float = 0.03
+    position_per_radian: float = 0.02
+    heading_per_metre: float = 0.03
+    heading_per_radian: float = 0.06
+    position_floor: float = 0.005
+    heading_floor: float = 0.005
+
+    def __post_init__(self) -> None:
+        for setting in fields(self):
+            value = getattr(self, setting.name)
+            least = "above 0" if setting.name.endswith("_floor") else "0 or above"
+            if not (math.isfinite(value) and value >= 0.0) or (value == 0.0 and least == "above 0"):
+                raise GraphError(f"odometry: {setting.name} is a standard deviation {least}, found {value}")
+
+    def start(self) -> OdometryMotion:
+        """No motion yet: the robot stands at the key pose."""
+        return OdometryMotion(T_key_robot=np.zeros(3), covariance=self._floor())
+
+    def extend(self, motion: OdometryMotion, T_prev_cur: NDArray[np.float64]) -> OdometryMotion:
+        """The motion with one increment more; for the loop over scans.
+
+        Args:
+            motion: since the key pose.
+            T_prev_cur: (3,) from the last odometry pose to the next.
+
+        Returns:
+            The motion up to the next odometry pose.
+        """
+        x, y, heading = T_prev_cur.tolist()
+        own = self._increment_covariance(T_prev_cur)
+        return OdometryMotion(
+            T_key_robot=compose(motion.T_key_robot, T_prev_cur),
+            covariance=compose_covariance(motion.covariance, T_prev_cur, own),
+            distance=motion.distance + math.hypot(x, y),
+            turn=motion.turn + abs(heading),
+        )
+
+    def covariance(self, increments: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Covariance of the motion that increments make up; many motions at once over the leading axes.
+
+        Args:
+            increments: (..., n, 3) each pose in the frame of the one before it; n may be 0.
+
+        Returns:
+            (..., 3, 3) in the tangent space at the motion's end: what `extend` arrives at step by step.
+        """
+        steps = np.asarray(increments, dtype=np.float64)
+        own = self._increment_covariances(steps)
+        total = np.broadcast_to(self._floor(), (*steps.shape[:-2], 3, 3))
+        for k in range(steps.shape[-2]):
+            total = compose_covariance(total, steps[..., k, :], own[..., k, :, :])
+        return np.array(total)
+
+    def _floor(self) -> NDArray[np.float64]:
+        return np.diag((self.position_floor**2, self.position_floor**2, self.heading_floor**2))
+
+    def _increment_covariance(self, T_prev_cur: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What one increment adds, in the tangent space at its end; plain floats of `_increment_covariances`."""
+        x, y, heading = T_prev_cur.tolist()
+        c, s = math.cos(heading), math.sin(heading)
+        u, v = c * x + s * y, c * y - s * x
+        distance, turn = math.hypot(x, y), abs(heading)
+        stretch = (self.along_per_metre**2 - self.across_per_metre**2) / distance if distance > 0.0 else 0.0
+        any_direction = self.across_per_metre**2 * distance + self.position_per_radian**2 * turn
+        mixed = stretch * u * v
+        turned = self.heading_per_metre**2 * distance + self.heading_per_radian**2 * turn
+        return np.array(
+            (
+                (any_direction + stretch * u * u, mixed, 0.0),
+                (mixed, any_direction + stretch * v * v, 0.0),
+                (0.0, 0.0, turned),
+            )
+        )
+
+    def _increment_covariances(self, T_prev_cur: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(..., 3, 3) of (..., 3) increments: along the direction of travel one variance, across it another."""
+        travel_cur = -inverse(T_prev_cur)[..., :2]
+        distance, turn = np.hypot(travel_cur[..., 0], travel_cur[..., 1]), np.abs(T_prev_cur[..., 2])
+        stretch = (self.along_per_metre**2 - self.across_per_metre**2) / np.where(distance > 0.0, distance, 1.0)
+        any_direction = self.across_per_metre**2 * distance + self.position_per_radian**2 * turn
+        total = np.zeros((*T_prev_cur.shape[:-1], 3, 3))
+        total[..., :2, :2] = stretch[..., None, None] * travel_cur[..., :, None] * travel_cur[
+            ..., None, :
+        ] + any_direction[..., None, None] * np.eye(2)
+        total[..., 2, 2] = self.heading_per_metre**2 * distance + self.heading_per_radian**2 * turn
+        return total
