@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
@@ -17,6 +18,7 @@ from iceg.config import Config, read_config
 if TYPE_CHECKING:
     from frontends.scan import Log
     from iceg.slam.pipeline import SlamResult
+    from iceg.slam.progress import Progress
 
 _DESCRIPTION = "2D laser SLAM for recorded logs. 'iceg COMMAND --help' tells more; 'iceg --version' the version."
 _FAILED, _USAGE, _INTERRUPTED = 1, 2, 130
@@ -266,6 +268,7 @@ def _run_log(path: Path, directory: Path, config: Config, *, overwrite: bool, sk
 
     check_directory(directory, overwrite=overwrite)
     before = _written_at(directory)
+    started = time.perf_counter()
     try:
         with compile_note():
             from frontends.logs import read_log
@@ -279,7 +282,7 @@ def _run_log(path: Path, directory: Path, config: Config, *, overwrite: bool, sk
             write_results(result, directory, overwrite=overwrite)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(_what_was_kept(directory, before)) from None
-    _tell_results(result, directory)
+    _tell_results(result, progress.latest, time.perf_counter() - started, directory)
 
 
 def _tell_warnings(log: "Log") -> None:
@@ -287,8 +290,14 @@ def _tell_warnings(log: "Log") -> None:
         print(f"warning: {warning}", file=sys.stderr)
 
 
-def _tell_results(result: "SlamResult", directory: Path) -> None:
-    print(f"{len(result.log)} scans, {len(result.key_scans)} key poses, {len(result.landmarks)} landmarks")
+def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, directory: Path) -> None:
+    from iceg.show.progress import real_time_factor
+
+    factor = real_time_factor(result.log.stamps, seconds)
+    speed = f", {factor:.0f}x real time" if factor else ""
+    print(f"{len(result.log)} scans in {seconds:.1f} s{speed}, everything included")
+    matched = f", {100 * progress.accepted / progress.tried:.1f} % of the matches accepted" if progress.tried else ""
+    print(f"{len(result.key_scans)} key poses, {len(result.landmarks)} landmarks{matched}")
     print(f"Results are in {directory}: map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more")
 
 

@@ -8,6 +8,7 @@ from graph.odometry import OdometryModel
 from iceg.ice.config import IceConfig
 from iceg.maps.config import FeatureMapConfig, GridConfig
 from iceg.settings_file import ConfigError, format_settings, parse_settings, read_settings
+from iceg.slam.config import FrontEndConfig
 
 __all__ = ["Config", "ConfigError", "format_config", "parse_config", "read_config"]
 
@@ -41,6 +42,7 @@ class Config:
         log: how the log is read.
         odometry: noise of the wheel odometry.
         ice: ICE matching.
+        front_end: matching scan after scan, and which scans become key scans.
         graph: the pose graph.
         feature_map: landmarks and when they expire.
         grid: the occupancy grid.
@@ -50,6 +52,7 @@ class Config:
     log: LogConfig = field(default_factory=LogConfig)
     odometry: OdometryModel = field(default_factory=OdometryModel)
     ice: IceConfig = field(default_factory=IceConfig)
+    front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
     graph: PoseGraphConfig = field(default_factory=PoseGraphConfig)
     feature_map: FeatureMapConfig = field(default_factory=FeatureMapConfig)
     grid: GridConfig = field(default_factory=GridConfig)

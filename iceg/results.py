@@ -2,8 +2,10 @@
 
 import json
 import math
+import platform
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 import time
@@ -84,7 +86,9 @@ def write_results(result: "SlamResult", directory: Path, *, overwrite: bool = Fa
                 started = time.perf_counter()
                 write(result, staging)
                 seconds[name] = round(time.perf_counter() - started, 4)
-            _write_text(staging / "summary.json", _format_summary({**result.summary, "writing_s": seconds}))
+            _write_text(
+                staging / "summary.json", _format_summary({**_circumstances(), **result.summary, "writing_s": seconds})
+            )
             _publish(staging, directory)
     except OSError as err:
         raise ResultsError(f"{directory}: results cannot be written: {err}") from err
@@ -194,6 +198,27 @@ _WRITERS: Mapping[str, Callable[["SlamResult", Path], None]] = {
     "features": _write_features,
     "config": _write_config,
 }
+
+
+def _circumstances() -> dict[str, Any]:
+    """What the figures of a run depend on besides log and settings."""
+    from importlib.metadata import version
+
+    packages = ("iceg", "gtsam", "numpy", "scipy", "numba", "matplotlib")
+    return {
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in packages}},
+        "peak_memory_mb": _peak_memory(),
+    }
+
+
+def _peak_memory() -> float | None:
+    """Largest resident memory of this process so far [MB]; None where the system does not tell."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    unit = 1e6 if sys.platform == "darwin" else 1e3
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, 1)
 
 
 def _format_summary(summary: Mapping[str, Any]) -> str:

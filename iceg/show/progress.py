@@ -23,6 +23,7 @@ class ProgressBar:
     def __init__(self, log: Log) -> None:
         interval = _INTERVAL_ON_TERMINAL_S if sys.stderr.isatty() else _INTERVAL_IN_FILE_S
         self._stamps = log.stamps
+        self.latest = Progress(scans=0, tried=0, accepted=0)
         self._interval = interval
         self._started = self._shown = time.perf_counter()
         self._bar = tqdm(
@@ -37,6 +38,7 @@ class ProgressBar:
 
     def __call__(self, progress: Progress) -> None:
         """Show where the run stands; cheap when nothing is due."""
+        self.latest = progress
         now = time.perf_counter()
         if now - self._shown >= self._interval or progress.scans == self._bar.total:
             self._shown = now
