@@ -1,6 +1,7 @@
 """CARMEN logs: every message, every kind of damage, and what is derived from a log."""
 
 import bz2
+import dataclasses
 import gzip
 import lzma
 import math
@@ -518,7 +519,7 @@ def test_formats_are_chosen_by_name_or_content(write: Write) -> None:
         read_log(path)
 
 
-def simulated(n_scans: int, n_beams: int, seed: int, T_robot_laser: NDArray[np.float64]) -> Log:
+def simulated(n_scans: int, n_beams: int, seed: int, T_robot_laser: NDArray[np.float64], view: float = math.pi) -> Log:
     random = np.random.default_rng(seed)
     ranges = random.uniform(0.5, 19.0, (n_scans, n_beams)).astype(np.float32)
     ranges[random.random(ranges.shape) < 0.1] = np.nan
@@ -529,7 +530,7 @@ def simulated(n_scans: int, n_beams: int, seed: int, T_robot_laser: NDArray[np.f
         odometry=odometry,
         stamps=np.array([1e9 + 0.2 * scan for scan in range(n_scans)]),
         geometry=ScanGeometry(
-            bearings=np.linspace(-math.pi / 2, math.pi / 2, n_beams),
+            bearings=np.linspace(-view / 2, view / 2, n_beams),
             range_min=0.02,
             range_max=20.0,
             T_robot_laser=T_robot_laser,
@@ -544,12 +545,19 @@ def simulated(n_scans: int, n_beams: int, seed: int, T_robot_laser: NDArray[np.f
     seed=st.integers(0, 1000),
     mount=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-3.0, 3.0)),
     suffix=st.sampled_from([".clf", ".clf.gz"]),
+    view=st.sampled_from([math.pi, math.radians(270.0), 2.0]),
 )
 @settings(max_examples=40)
 def test_writing_and_reading_back(
-    tmp_path_factory: pytest.TempPathFactory, n_scans: int, n_beams: int, seed: int, mount: Pose, suffix: str
+    tmp_path_factory: pytest.TempPathFactory,
+    n_scans: int,
+    n_beams: int,
+    seed: int,
+    mount: Pose,
+    suffix: str,
+    view: float,
 ) -> None:
-    log = simulated(n_scans, n_beams, seed, np.array(mount))
+    log = simulated(n_scans, n_beams, seed, np.array(mount), view)
     path = tmp_path_factory.mktemp("round") / f"robot{suffix}"
     write_carmen(path, log)
     back = read_log(path, range_max=20.0)
@@ -557,7 +565,7 @@ def test_writing_and_reading_back(
     assert_allclose(back.odometry, log.odometry, atol=1e-6)
     assert_allclose(back.stamps, log.stamps, atol=1e-6)
     assert_allclose(back.geometry.T_robot_laser, mount, atol=5e-5)
-    assert_allclose(back.geometry.bearings, log.geometry.bearings, atol=1e-12)
+    assert_allclose(back.geometry.bearings, log.geometry.bearings, atol=1e-9)
     assert back.geometry.range_max == 20.0
 
 
@@ -568,6 +576,9 @@ def test_writing_is_whole_or_not_at_all_and_always_the_same(tmp_path: Path) -> N
     write_carmen(second, log)
     assert first.read_bytes() == second.read_bytes()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.clf.gz", "b.clf.gz"]
+    uneven = dataclasses.replace(log.geometry, bearings=np.linspace(-1.2, 1.2, 181) ** 3)
+    with pytest.raises(LogError, match="found unevenly spread beams"):
+        write_carmen(first, dataclasses.replace(log, geometry=uneven))
     with pytest.raises(LogError, match="cannot be written"):
         write_carmen(tmp_path / "no" / "folder.clf", log)
 

@@ -9,6 +9,11 @@ _EXACT_DECIMALS = 22  # and every power of ten up to here: their quotient is rou
 
 
 @njit(cache=True)
+def _is_space(byte: int) -> bool:
+    return byte == 32 or 9 <= byte <= 13
+
+
+@njit(cache=True)
 def scan_numbers(text: NDArray[np.uint8], start: int, stop: int, out: NDArray[np.float64]) -> tuple[int, int]:
     """Read numbers parted by white space into `out` until it is full or a token is no plain decimal number.
 
@@ -17,7 +22,7 @@ def scan_numbers(text: NDArray[np.uint8], start: int, stop: int, out: NDArray[np
     """
     position = start
     for index in range(len(out)):
-        while position < stop and text[position] <= 32:
+        while position < stop and _is_space(text[position]):
             position += 1
         begin = position
         negative = False
@@ -43,7 +48,7 @@ def scan_numbers(text: NDArray[np.uint8], start: int, stop: int, out: NDArray[np
             else:
                 break
             position += 1
-        if digits == 0 or decimals > _EXACT_DECIMALS or (position < stop and text[position] > 32):
+        if digits == 0 or decimals > _EXACT_DECIMALS or (position < stop and not _is_space(text[position])):
             return index, begin
         value = np.float64(mantissa) / scale
         out[index] = -value if negative else value

@@ -1,4 +1,4 @@
-"""Writing a log as CARMEN's FLASER lines, which every tool of the field reads."""
+"""Writing a log as CARMEN's laser messages, which every tool of the field reads."""
 
 import gzip
 import io
@@ -8,24 +8,22 @@ from pathlib import Path
 
 import numpy as np
 
+from frontends.logs.beams import Setup, find_beams
 from frontends.logs.errors import LogError
-from frontends.scan import Log
-from graph.se2 import compose, wrap_angle
+from frontends.scan import Log, ScanGeometry
+from graph.se2 import compose
 
 NO_RETURN = 81.83
 """What is written where a beam had no return [m]: a SICK LMS's own mark, beyond what any tool takes for a wall."""
 
-_HEADER = """\
-# CARMEN log
-# FLASER num_readings [ranges] x y theta odom_x odom_y odom_theta ipc_timestamp host logger_timestamp
-"""
+_HEADER = "# CARMEN log\n"
 
 
 def write_carmen(path: Path | str, log: Log, *, range_decimals: int = 3) -> None:
-    """Write a log as FLASER lines: laser pose, then robot pose, then stamps. Compressed when `path` ends with .gz.
+    """Write a log, compressed when `path` ends with .gz.
 
-    The format has no place for bearings: they are right only for the beam numbers `read_carmen` knows, others must
-    spread over 180°.
+    FLASER lines carry laser pose, robot pose and stamps, but no bearings: those follow from the number of beams. A
+    laser whose bearings do not is written as ROBOTLASER1, which has its first bearing and step.
 
     Args:
         path: replaced as a whole when all is written.
@@ -33,9 +31,11 @@ def write_carmen(path: Path | str, log: Log, *, range_decimals: int = 3) -> None
         range_decimals: decimals of a range [m].
 
     Raises:
-        LogError: the file cannot be written.
+        LogError: the file cannot be written, or the beams are not evenly spread, for which there is no message.
     """
     path = Path(path)
+    if not np.allclose(np.diff(log.geometry.bearings, 2), 0.0, atol=1e-9):
+        raise LogError(f"{path}: found unevenly spread beams, expected the same step between all of them")
     text = _text(log, range_decimals).encode("ascii")
     try:
         handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -52,14 +52,37 @@ def write_carmen(path: Path | str, log: Log, *, range_decimals: int = 3) -> None
 
 
 def _text(log: Log, range_decimals: int) -> str:
-    n_beams = log.geometry.n_beams
     ranges = np.where(np.isfinite(log.ranges), log.ranges, NO_RETURN)
     T_odom_laser = compose(log.odometry, log.geometry.T_robot_laser)
-    T_odom_laser[:, 2] = wrap_angle(T_odom_laser[:, 2])
     stamps = np.column_stack([log.stamps, log.stamps - log.stamps[:1]])
-    line = " ".join(["FLASER", str(n_beams), *[f"%.{range_decimals}f"] * n_beams, *["%.6f"] * 7, "iceg", "%.6f"])
+    line = _line_format(log.geometry, range_decimals)
     rows = np.column_stack([ranges, T_odom_laser, log.odometry, stamps])
-    return _HEADER + "".join(f"{line % tuple(row)}\n" for row in rows.tolist())
+    return _HEADER + "".join(line % tuple(row) for row in rows.tolist())
+
+
+def _line_format(geometry: ScanGeometry, range_decimals: int) -> str:
+    """The format of a line for its ranges, laser pose, robot pose and two stamps."""
+    n_beams = geometry.n_beams
+    ranges = [f"%.{range_decimals}f"] * n_beams
+    poses = ["%.6f"] * 6
+    stamps = ["%.6f", "iceg", "%.6f"]
+    if np.allclose(find_beams(Setup(n_beams, None), {}).bearings, geometry.bearings, rtol=0.0, atol=1e-9):
+        words = ["FLASER", str(n_beams), *ranges, *poses, *stamps]
+    else:
+        beams = [f"{angle:.12f}" for angle in (geometry.bearings[0], geometry.field_of_view, geometry.resolution)]
+        description = ["0", *beams, str(NO_RETURN), "0.01", "0"]
+        no_speeds_and_safety_distances = ["0"] * 5
+        words = [
+            "ROBOTLASER1",
+            *description,
+            str(n_beams),
+            *ranges,
+            "0",
+            *poses,
+            *no_speeds_and_safety_distances,
+            *stamps,
+        ]
+    return " ".join(words) + "\n"
 
 
 def _compressed(text: bytes) -> bytes:
