@@ -4,41 +4,85 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from frontends.logs import describe_log, read_log
+    from frontends.matcher import Matcher
     from frontends.scan import Log, Scan, ScanGeometry
     from graph.errors import IcegError
     from graph.measurement import NoMatch, RelativePose
-    from iceg.config import Config
-    from iceg.ice.features import Features
+    from graph.odometry import OdometryModel
+    from graph.pose_graph import PoseGraph
+    from iceg.config import Config, read_config
+    from iceg.demo import demo_log_path, demo_truth_path
+    from iceg.ice.config import IceConfig
+    from iceg.ice.features import Features, extract_features
+    from iceg.ice.matcher import IceMatcher
+    from iceg.ice.segments import Segments, extract_segments
+    from iceg.maps.feature_map import FeatureMap, Landmarks
     from iceg.maps.grid import OccupancyGrid, render_grid
     from iceg.results import write_results
+    from iceg.run_folder import RunFolder, read_run_folder
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Config",
+    "FeatureMap",
     "Features",
+    "IceConfig",
+    "IceMatcher",
     "IcegError",
+    "Landmarks",
     "Log",
+    "Matcher",
     "NoMatch",
     "OccupancyGrid",
+    "OdometryModel",
+    "PoseGraph",
     "RelativePose",
+    "RunFolder",
     "Scan",
     "ScanGeometry",
+    "Segments",
     "__version__",
+    "demo_log_path",
+    "demo_truth_path",
+    "describe_log",
+    "extract_features",
+    "extract_segments",
+    "read_config",
+    "read_log",
+    "read_run_folder",
     "render_grid",
     "write_results",
 ]
 
 _HOMES = {
     "Config": "iceg.config",
+    "FeatureMap": "iceg.maps.feature_map",
     "Features": "iceg.ice.features",
+    "IceConfig": "iceg.ice.config",
+    "IceMatcher": "iceg.ice.matcher",
     "IcegError": "graph.errors",
+    "Landmarks": "iceg.maps.feature_map",
     "Log": "frontends.scan",
+    "Matcher": "frontends.matcher",
     "NoMatch": "graph.measurement",
     "OccupancyGrid": "iceg.maps.grid",
+    "OdometryModel": "graph.odometry",
+    "PoseGraph": "graph.pose_graph",
     "RelativePose": "graph.measurement",
+    "RunFolder": "iceg.run_folder",
     "Scan": "frontends.scan",
     "ScanGeometry": "frontends.scan",
+    "Segments": "iceg.ice.segments",
+    "demo_log_path": "iceg.demo",
+    "demo_truth_path": "iceg.demo",
+    "describe_log": "frontends.logs",
+    "extract_features": "iceg.ice.features",
+    "extract_segments": "iceg.ice.segments",
+    "read_config": "iceg.config",
+    "read_log": "frontends.logs",
+    "read_run_folder": "iceg.run_folder",
     "render_grid": "iceg.maps.grid",
     "write_results": "iceg.results",
 }

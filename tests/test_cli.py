@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -58,7 +59,7 @@ def test_help_names_the_commands_and_loads_nothing_heavy() -> None:
 
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0
-    assert capsys.readouterr().out == f"iceg {iceg.__version__}\n"
+    assert capsys.readouterr().out == f"iceg {version('iceg')}\n"
 
 
 @pytest.mark.parametrize("words", [["fly"], [], ["run"], ["run", "a.clf", "-o", "out", "--grid.resolutoin", "1"]])

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import iceg
 from frontends.scan import Log, ScanGeometry
 from iceg import results
 from iceg.config import Config, read_config
@@ -108,6 +109,8 @@ def test_trajectory_covariances_settings_and_summary_read_back(tmp_path: Path) -
     assert read_config(tmp_path / "config.toml") == result.config
     summary = read_summary(tmp_path)
     assert (summary["scans"], summary["share"], summary["undefined"], summary["per_kind"]) == (9, 0.5, None, [1, 2])
+    assert summary["versions"]["iceg"] == iceg.__version__
+    assert summary["peak_memory_mb"] is None or summary["peak_memory_mb"] > 10
     assert set(summary["writing_s"]) == set(results._WRITERS)
 
 

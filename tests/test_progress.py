@@ -1,0 +1,63 @@
+"""What a run says while it runs."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numba import config as numba_config
+from numba import njit
+
+from frontends.scan import Log, ScanGeometry
+from iceg.show.progress import ProgressBar, compile_note, real_time_factor
+from iceg.slam.progress import Progress
+
+
+def make_log(n: int) -> Log:
+    return Log(
+        ranges=np.ones((n, 3), np.float32),
+        odometry=np.zeros((n, 3)),
+        stamps=np.arange(n) * 1000.0,
+        geometry=ScanGeometry(bearings=np.linspace(-1, 1, 3), range_min=0.1, range_max=10.0),
+        path=Path("made-up.clf"),
+    )
+
+
+def test_the_bar_tells_scans_speed_and_share_of_matches(capsys: pytest.CaptureFixture[str]) -> None:
+    with ProgressBar(make_log(4)) as bar:
+        for scans in range(1, 5):
+            bar(Progress(scans=scans, tried=scans, accepted=scans - 1))
+    assert bar.latest == Progress(scans=4, tried=4, accepted=3)
+    last = capsys.readouterr().err.split("\r")[-1]
+    assert "made-up.clf: 100%" in last
+    assert "4/4 scans" in last
+    assert "x real time, 75 % matched" in last
+
+
+def test_a_run_cut_short_leaves_a_bar_that_says_so(capsys: pytest.CaptureFixture[str]) -> None:
+    bar = ProgressBar(make_log(4))
+    with pytest.raises(KeyboardInterrupt), bar:
+        bar(Progress(scans=1, tried=0, accepted=0))
+        raise KeyboardInterrupt
+    assert "1/4 scans" in capsys.readouterr().err
+
+
+def test_real_time_factor() -> None:
+    assert real_time_factor(np.array([10.0, 15.0, 20.0]), 2.0) == 5.0
+    assert real_time_factor(np.array([10.0]), 2.0) is None
+    assert real_time_factor(np.array([10.0, 10.0]), 2.0) is None
+    assert real_time_factor(np.array([10.0, 9.0]), 2.0) is None
+
+
+@pytest.mark.skipif(bool(numba_config.DISABLE_JIT), reason="nothing is compiled")
+def test_compiling_is_told_once(capsys: pytest.CaptureFixture[str]) -> None:
+    @njit  # type: ignore[untyped-decorator]
+    def doubled(value: float) -> float:
+        return 2.0 * value
+
+    with compile_note():
+        assert doubled(1.0) == 2.0
+        assert doubled(1) == 2
+    assert capsys.readouterr().err.count("compiling kernels") == 1
+    with compile_note():
+        assert doubled(3.0) == 6.0
+    assert capsys.readouterr().err == ""
