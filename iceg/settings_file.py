@@ -7,6 +7,7 @@ import functools
 import inspect
 import json
 import re
+import sys
 import textwrap
 import tomllib
 import types
@@ -232,14 +233,9 @@ def _attributes_section(docstring: str) -> dict[str, str]:
     return documented
 
 
-@functools.cache
 def _attribute_docstrings(cls: type) -> dict[str, str]:
-    try:
-        tree = ast.parse(textwrap.dedent(inspect.getsource(cls)))
-    except (OSError, TypeError, SyntaxError):
-        return {}
-    definition = tree.body[0]
-    if not isinstance(definition, ast.ClassDef):
+    definition = _class_definitions(cls.__module__).get(cls.__qualname__)
+    if definition is None:
         return {}
     documented = {}
     for statement, following in zip(definition.body, definition.body[1:], strict=False):
@@ -247,3 +243,13 @@ def _attribute_docstrings(cls: type) -> dict[str, str]:
             case ast.AnnAssign(target=ast.Name(id=name)), ast.Expr(value=ast.Constant(value=str(text))):
                 documented[name] = " ".join(inspect.cleandoc(text).split())
     return documented
+
+
+@functools.cache
+def _class_definitions(module: str) -> dict[str, ast.ClassDef]:
+    """The classes at the top of a module, parsed from its source; none where there is no source."""
+    try:
+        tree = ast.parse(inspect.getsource(sys.modules[module]))
+    except (OSError, TypeError, KeyError, SyntaxError):
+        return {}
+    return {node.name: node for node in tree.body if isinstance(node, ast.ClassDef)}
