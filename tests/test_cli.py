@@ -1,6 +1,7 @@
 """The command line: what it takes, prints and returns."""
 
 import json
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -335,6 +336,31 @@ def test_an_interrupted_run_says_what_was_kept(
     assert main(words) == 130
     assert "earlier results" in capsys.readouterr().err
     assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no SIGINT to send")
+def test_ctrl_c_ends_the_process_with_one_line(tmp_path: Path) -> None:
+    code = (
+        "import sys, time, types\n"
+        "def run(*_):\n"
+        "    print('running', flush=True)\n"
+        "    time.sleep(60)\n"
+        "pipeline = types.ModuleType('iceg.slam.pipeline')\n"
+        "pipeline.run = run\n"
+        "sys.modules['iceg.slam.pipeline'] = pipeline\n"
+        "from iceg.cli import main\n"
+        "sys.exit(main())\n"
+    )
+    words = [sys.executable, "-c", code, "run", str(demo_log_path()), "-o", str(tmp_path / "out")]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "running\n"
+        process.send_signal(signal.SIGINT)
+        _, error = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "Traceback" not in error
+    assert error.endswith(f"iceg: interrupted, nothing was written to {tmp_path / 'out'}\n")
+    assert not (tmp_path / "out").exists()
 
 
 def test_demo_compares_with_the_truth(
