@@ -25,7 +25,7 @@ class PoseGraphConfig:
         prior_sigma: standard deviation of the first pose [m, rad]; small, because it defines the map frame.
     """
 
-    relinearize_threshold: float = 0.1
+    relinearize_threshold: float = 0.05
     relinearize_skip: int = 10
     settle_iterations: int = 1
     snapshot_before_closure: bool = True

@@ -1,8 +1,9 @@
 """The g2o text format for SE(2): `VERTEX_SE2`, `EDGE_SE2`, `EDGE_PRIOR_SE2` and `FIX`.
 
-A comment line above each edge keeps what the format has no word for: `# kind=closure kernel=dcs width=1.0`. Other
-readers (g2o, GTSAM) skip it, and with it the robust kernel. A prior is g2o's own `EDGE_PRIOR_SE2`; GTSAM's reader skips
-that too. Numbers are written so that they read back bit for bit.
+A remark at the end of each edge's line keeps what the format has no word for, the kind of the factor and its robust
+kernel: `… # closure dcs 1.0`. Other readers (g2o, GTSAM) pass over it, and so lose the kernel; a remark on its own line
+would make GTSAM's reader lose every edge. A prior is g2o's own `EDGE_PRIOR_SE2`, which GTSAM's reader skips. Numbers
+are written so that they read back bit for bit.
 """
 
 import math
@@ -11,12 +12,13 @@ import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import cast, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graph.errors import GraphError
-from graph.factors import Factor, RobustKernel
+from graph.factors import Factor, FactorKind, KernelName, RobustKernel
 from graph.noise import information_of
 
 FIX_SIGMA = 1e-3
@@ -37,7 +39,7 @@ class G2oGraph:
     Attributes:
         ids: (n,) vertex ids of the file, increasing; factors count poses by their place in this array.
         poses: (n, 3) T_map_robot as written; chained along the edges if the file has no vertices.
-        factors: in the file's order. Without a comment, an edge between neighbouring ids counts as odometry, any other
+        factors: in the file's order. Without a remark, an edge between neighbouring ids counts as odometry, any other
             as a closure.
     """
 
@@ -59,7 +61,7 @@ def write_g2o(path: Path | str, poses: NDArray[np.float64], factors: Iterable[Fa
     informations = information_of(np.array([factor.covariance for factor in kept]).reshape(-1, 3, 3))
     for factor, information in zip(kept, informations, strict=True):
         head = f"EDGE_PRIOR_SE2 {factor.j}" if factor.i is None else f"EDGE_SE2 {factor.i} {factor.j}"
-        lines += [_comment(factor), f"{head} {_numbers(factor.T_i_j)} {_numbers(information[_UPPER])}"]
+        lines.append(f"{head} {_numbers(factor.T_i_j)} {_numbers(information[_UPPER])} # {_remark(factor)}")
     _write_atomically(Path(path), "\n".join(lines) + "\n")
 
 
@@ -94,7 +96,7 @@ class _Edge:
     i: int | None
     j: int
     numbers: list[float]
-    remarks: dict[str, str]
+    remark: list[str]
     where: str
 
 
@@ -103,17 +105,14 @@ class _Contents:
     vertices: dict[int, list[float]] = field(default_factory=dict)
     edges: list[_Edge] = field(default_factory=list)
     fixed: list[tuple[int, str]] = field(default_factory=list)
-    remarks: dict[str, str] = field(default_factory=dict)  # of the comment just above
 
 
 def _read_line(contents: _Contents, line: str, where: str) -> None:
-    words = line.split()
+    text, _, remark = line.partition("#")
+    words = text.split()
     if not words:
         return
     tag = words[0]
-    if tag.startswith("#"):
-        contents.remarks = dict(word.split("=", 1) for word in line.lstrip("# \t").split() if "=" in word)
-        return
     if tag not in _N_FIELDS:
         raise G2oError(f"{where}: found {tag}, expected one of {', '.join(_N_FIELDS)} (an SE(2) pose graph)")
     if tag == "FIX" and len(words) > 1:
@@ -130,8 +129,7 @@ def _read_line(contents: _Contents, line: str, where: str) -> None:
         contents.vertices[ids[0]] = numbers
     else:
         i, j = (ids[0], ids[1]) if n_ids == 2 else (None, ids[0])
-        contents.edges.append(_Edge(i, j, numbers, contents.remarks, where))
-    contents.remarks = {}
+        contents.edges.append(_Edge(i, j, numbers, _known(remark.split()), where))
 
 
 def _assembled(contents: _Contents, file: Path) -> G2oGraph:
@@ -159,10 +157,10 @@ def _factor(edge: _Edge, index: dict[int, int]) -> Factor:
     information = np.zeros((3, 3))
     information[_UPPER] = edge.numbers[3:]
     information = information + np.triu(information, 1).T
-    guessed = "prior" if edge.i is None else "odometry" if abs(edge.j - edge.i) == 1 else "closure"
+    guessed: FactorKind = "prior" if edge.i is None else "odometry" if abs(edge.j - edge.i) == 1 else "closure"
     try:
         return Factor(
-            kind=edge.remarks.get("kind", guessed),  # type: ignore[arg-type]  # Factor itself checks the name
+            kind=cast("FactorKind", edge.remark[0]) if edge.remark else guessed,
             i=i,
             j=j,
             T_i_j=np.array(edge.numbers[:3]),
@@ -180,12 +178,17 @@ def _covariance_of(information: NDArray[np.float64]) -> NDArray[np.float64]:
     return information_of(information)
 
 
+def _known(remark: list[str]) -> list[str]:
+    """The remark, if it is one of ours; other people's are passed over."""
+    return remark if remark and remark[0] in get_args(FactorKind) else []
+
+
 def _kernel(edge: _Edge) -> RobustKernel | None:
-    name = edge.remarks.get("kernel")
-    if name is None:
+    if len(edge.remark) <= 1:
         return None
-    width = _number(edge.remarks.get("width", "1.0"), f"{edge.where} (comment above)")
-    return RobustKernel(name=name, width=width)  # type: ignore[arg-type]  # RobustKernel itself checks the name
+    if len(edge.remark) != 3:
+        raise GraphError(f"found the remark {' '.join(edge.remark)!r}, expected KIND or KIND KERNEL WIDTH")
+    return RobustKernel(name=cast("KernelName", edge.remark[1]), width=_number(edge.remark[2], edge.where))
 
 
 def _priors(contents: _Contents, index: dict[int, int]) -> list[Factor]:
@@ -218,9 +221,8 @@ def _ids_of_edges(edges: Iterable[_Edge]) -> set[int]:
     return {vertex for edge in edges for vertex in (edge.i, edge.j) if vertex is not None}
 
 
-def _comment(factor: Factor) -> str:
-    kernel = "" if factor.kernel is None else f" kernel={factor.kernel.name} width={factor.kernel.width!r}"
-    return f"# kind={factor.kind}{kernel}"
+def _remark(factor: Factor) -> str:
+    return factor.kind if factor.kernel is None else f"{factor.kind} {factor.kernel.name} {factor.kernel.width!r}"
 
 
 def _numbers(values: NDArray[np.float64]) -> str:
