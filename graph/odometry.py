@@ -36,6 +36,9 @@ class OdometryModel:
     enter once per motion, at its start: what a key pose itself is off by, because odometry and laser do not share a
     clock.
 
+    The defaults suit small indoor robots: over steps of about 1 m the normalised squared error against reference poses,
+    3 when right, averages 2.6 (Intel), 4.4 (MIT CSAIL), 2.2 (ACES) and 2.0 (MRPT's simulation).
+
     Attributes:
         along_per_metre: standard deviation along the direction of travel after 1 m [m/√m].
         across_per_metre: standard deviation across it after 1 m [m/√m].
@@ -47,12 +50,12 @@ class OdometryModel:
     """
 
     along_per_metre: float = 0.05
-    across_per_metre: float = 0.03
-    position_per_radian: float = 0.02
-    heading_per_metre: float = 0.03
-    heading_per_radian: float = 0.06
-    position_floor: float = 0.005
-    heading_floor: float = 0.005
+    across_per_metre: float = 0.04
+    position_per_radian: float = 0.05
+    heading_per_metre: float = 0.04
+    heading_per_radian: float = 0.10
+    position_floor: float = 0.01
+    heading_floor: float = 0.01
 
     def __post_init__(self) -> None:
         for setting in fields(self):

@@ -46,6 +46,7 @@ def test_a_folder_without_init_is_no_obstacle(tmp_path: Path, monkeypatch: pytes
     # A namespace package gives way to a regular one wherever that lies on the path.
     (tmp_path / "graph").mkdir()
     monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "graph")
     check_shadowing()
 
 
