@@ -1,0 +1,189 @@
+"""Pictures: that they are made, headless, and show what they should."""
+
+import io
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+from numpy.typing import NDArray
+
+from frontends.scan import Scan, ScanGeometry
+from iceg.ice.features import Features
+from iceg.maps.feature_map import Landmarks
+from iceg.maps.grid import OccupancyGrid
+from iceg.show.plots import (
+    draw_correlation_surface,
+    draw_covariance_ellipse,
+    draw_error_over_time,
+    draw_map,
+    draw_scan_features,
+    known_box,
+    save_map_png,
+)
+
+F64 = NDArray[np.float64]
+
+
+@pytest.fixture
+def ax() -> Axes:
+    figure = Figure()
+    FigureCanvasAgg(figure)
+    return figure.add_subplot()
+
+
+def painted(ax: Axes) -> NDArray[np.uint8]:
+    """The figure as (height, width, 3) colours."""
+    content = io.BytesIO()
+    assert isinstance(ax.figure, Figure)
+    ax.figure.savefig(content, format="png", dpi="figure")
+    content.seek(0)
+    return np.asarray(imread(content)[:, :, :3] * 255).round().astype(np.uint8)
+
+
+def room_grid() -> OccupancyGrid:
+    """A room of 8 m x 5 m, free inside, walls around, nothing known outside."""
+    log_odds = np.zeros((140, 220), np.float32)
+    log_odds[20:120, 30:190] = -3.0
+    log_odds[[20, 119], 30:190] = 3.0
+    log_odds[20:120, [30, 189]] = 3.0
+    return OccupancyGrid(log_odds=log_odds, origin=np.array([-1.5, -1.0]), resolution=0.05)
+
+
+def path() -> F64:
+    t = np.linspace(0, 2 * np.pi, 300)
+    return np.stack([4 + 2.5 * np.cos(t), 2.5 + 1.5 * np.sin(t), t], axis=1)
+
+
+def landmarks(n: int = 6) -> Landmarks:
+    whole = np.arange(n, dtype=np.int64)
+    kinds = (whole % 3).astype(np.int8)
+    directions = np.stack([np.zeros(n), np.where(kinds == 1, np.nan, 1.5)], axis=1)
+    return Landmarks(
+        ids=whole,
+        kinds=kinds,
+        positions=np.stack([1.0 + whole, np.full(n, 1.0)], axis=1),
+        directions=directions,
+        covariances=np.tile(1e-4 * np.eye(2), (n, 1, 1)),
+        direction_variances=np.full((n, 2), 1e-3),
+        distances=np.ones(n),
+        anchors=whole,
+        first_seen=whole,
+        last_seen=whole,
+        seen=whole,
+        missed=whole * 0,
+        expired_at=whole * 0 - 1,
+    )
+
+
+def features() -> Features:
+    return Features(
+        kinds=np.array([0, 1, 2], np.int8),
+        positions=np.array([[2.0, 1.0], [3.0, 0.0], [2.0, -1.0]]),
+        directions=np.array([[0.0, 1.5], [math.nan, 1.0], [0.0, 1.0]]),
+        covariances=np.tile(1e-4 * np.eye(2), (3, 1, 1)),
+        direction_variances=np.full(3, 1e-3),
+        distances=np.full(3, 2.0),
+        real=np.array([True, False, True]),
+    )
+
+
+def test_the_picture_of_a_map(tmp_path: Path) -> None:
+    file = tmp_path / "map.png"
+    save_map_png(file, room_grid(), path(), path()[::20], landmarks(), np.array([[0, 150]]), title="room")
+    image = imread(file)[:, :, :3]
+    assert 1500 < max(image.shape) < 3000
+    assert [entry.name for entry in tmp_path.iterdir()] == ["map.png"]
+    colours = {tuple(colour) for colour in (image[::3, ::3].reshape(-1, 3) * 255).round().astype(int)}
+    assert {(255, 255, 255), (20, 20, 20), (232, 232, 232)} <= colours  # free, occupied, unknown
+    assert len(colours) > 100  # the trajectory's
+
+
+def test_a_picture_of_the_grid_alone_and_one_pose(tmp_path: Path) -> None:
+    save_map_png(tmp_path / "grid.png", room_grid())
+    save_map_png(tmp_path / "pose.png", room_grid(), path()[:1], path()[:1], landmarks(0))
+    nothing = OccupancyGrid(log_odds=np.zeros((4, 4), np.float32), origin=np.zeros(2), resolution=0.05)
+    save_map_png(tmp_path / "nothing.png", nothing)
+    assert all((tmp_path / name).stat().st_size > 1000 for name in ("grid.png", "pose.png", "nothing.png"))
+
+
+def test_the_same_map_gives_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("a.png", "b.png"):
+        save_map_png(tmp_path / name, room_grid(), path(), path()[::20], landmarks())
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_the_picture_is_cropped_to_what_is_known() -> None:
+    grid = room_grid()
+    assert known_box(grid, margin=0.0) == pytest.approx((0.0, 8.0, 0.0, 5.0))
+    far = path()
+    far[0, 0] = 20.0
+    assert known_box(grid, far, margin=0.5) == pytest.approx((-0.5, 20.5, -0.5, 5.5))
+    grid.log_odds[130, 215] = 3.0  # one return through a window
+    assert known_box(grid, margin=0.0) == pytest.approx((0.0, 8.0, 0.0, 5.0), abs=0.05)
+
+
+def test_walls_are_drawn_where_they_are(ax: Axes) -> None:
+    draw_map(ax, room_grid())
+    image = painted(ax)
+    height = image.shape[0]
+    for x, y, grey in ((0.02, 2.5, 20), (4.0, 4.97, 20), (4.0, 2.5, 255), (-0.4, 2.5, 232)):
+        column, row = ax.transData.transform((x, y))
+        assert abs(int(image[height - 1 - int(row), int(column), 0]) - grey) <= 2
+
+
+def test_rarely_seen_landmarks_are_left_out(ax: Axes) -> None:
+    draw_map(ax, room_grid(), landmarks=landmarks(), min_seen=3)
+    markers = [line for line in ax.lines if line.get_marker() in {"s", "o", "x"}]
+    assert sum(len(np.atleast_1d(np.asarray(line.get_xdata()))) for line in markers) == 3  # seen 3, 4 and 5 times
+
+
+def test_a_scan_with_its_features(ax: Axes) -> None:
+    geometry = ScanGeometry(bearings=np.linspace(-1.5, 1.5, 91), range_min=0.05, range_max=20.0)
+    draw_scan_features(ax, Scan(ranges=np.full(91, 3.0, np.float32), geometry=geometry), features())
+    legend = ax.get_legend()
+    assert legend is not None
+    assert [text.get_text() for text in legend.get_texts()] == ["corner", "end of wall (weak)", "intersection"]
+    assert len(np.unique(painted(ax).reshape(-1, 3), axis=0)) > 10
+
+
+def test_an_ellipse_is_where_the_covariance_says(ax: Axes) -> None:
+    angle, sigmas = 0.6, 3.0
+    rotation = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    covariance = np.eye(3)
+    covariance[:2, :2] = rotation @ np.diag([0.25, 0.04]) @ rotation.T
+    ellipse = draw_covariance_ellipse(ax, [1.0, 2.0, 0.3], covariance, sigmas)
+    # Any point of the outline lies `sigmas` away in the Mahalanobis sense.
+    outline = ellipse.get_patch_transform().transform(np.array([[1.0, 0.0], [0.0, 1.0], [-0.6, 0.8]]))
+    offset = outline - [1.0, 2.0]
+    np.testing.assert_allclose(
+        np.einsum("ni,ij,nj->n", offset, np.linalg.inv(covariance[:2, :2]), offset), sigmas**2, rtol=1e-9
+    )
+
+
+def test_a_correlation_surface_with_its_covariance(ax: Axes) -> None:
+    xs, ys = np.linspace(-0.3, 0.3, 31), np.linspace(-0.2, 0.2, 21)
+    scores = np.exp(-(xs[None] ** 2) / 0.02 - ys[:, None] ** 2 / 0.005)
+    draw_correlation_surface(ax, xs, ys, scores, best=(0.0, 0.0, 0.1), covariance=np.diag([0.01, 0.0025, 1.0]))
+    assert ax.images[0].get_extent() == pytest.approx((-0.31, 0.31, -0.21, 0.21))
+    assert len(ax.patches) == 1
+
+
+def test_errors_beside_what_was_claimed(ax: Axes) -> None:
+    time = np.linspace(0, 10, 50)
+    draw_error_over_time(ax, time, np.sin(time), np.full(50, 0.5), label="heading error [rad]")
+    low, high = ax.get_ylim()
+    assert (low, high) == pytest.approx((-1.65, 1.65))
+    draw_error_over_time(ax, time, np.abs(np.sin(time)))
+    assert ax.get_xlabel() == "time [s]"
+
+
+def test_drawing_needs_no_display_and_no_global_state() -> None:
+    code = "import sys, iceg.show.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
