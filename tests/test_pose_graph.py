@@ -17,7 +17,7 @@ from graph.g2o import read_g2o
 from graph.measurement import RelativePose
 from graph.noise import MAX_CONDITION, conditioned, information_of
 from graph.pose_graph import PoseGraph, Snapshot
-from graph.se2 import between, chain_covariance, compose, expmap, wrap_angle
+from graph.se2 import between, chain_covariance, compose, expmap, logmap, wrap_angle
 
 Array = NDArray[np.float64]
 
@@ -111,6 +111,34 @@ def test_a_loop_shared_between_two_ways_in_closed_form() -> None:
     graph.add_closure(0, 4, match(np.array([4.0, 0.0, 0.0]), covariance), None)
     assert graph.marginal_covariance(4)[0, 0] == pytest.approx(v * 4 / 5, rel=1e-4)
     assert graph.marginal_covariance(2)[0, 0] == pytest.approx(2 * v - 4 * v * v / (5 * v), rel=1e-4)
+
+
+def test_covariances_are_honest_against_truth() -> None:
+    # Round a square of 2 m three times, closures on every lap: the normalised squared error of 3 numbers averages 3.
+    rng, root = np.random.default_rng(11), np.linalg.cholesky(COVARIANCE)
+    squared_errors = []
+    for _ in range(60):
+        turns = np.where(np.arange(1, 61) % 5 == 0, np.pi / 2, 0.0)
+        truth = [np.zeros(3)]
+        for turn in turns:
+            truth.append(compose(truth[-1], np.array([0.4, 0.0, turn])))
+        graph = PoseGraph()
+        graph.add_first_pose(truth[0])
+        for j in range(1, 61):
+            ties = [("odometry", j - 1, 2.0), ("ice", j - 1, 1.0)] + ([("closure", j - 20, 1.0)] if j % 20 == 5 else [])
+            measured = [
+                (kind, i, compose(between(truth[i], truth[j]), expmap(scale * root @ rng.normal(size=3))), scale)
+                for kind, i, scale in ties
+                if i >= 0
+            ]
+            graph.add_pose(compose(graph.pose(j - 1), measured[1][2]))
+            for kind, i, T_i_j, scale in measured:
+                graph.add(Factor(kind=kind, i=i, j=j, T_i_j=T_i_j, covariance=scale**2 * COVARIANCE))  # type: ignore[arg-type]
+            graph.update()
+        error = logmap(between(truth[60], graph.pose(60)))
+        squared_errors.append(error @ np.linalg.solve(graph.marginal_covariance(60), error))
+    # The mean of 60 draws of χ²₃ has a standard deviation of 0.32.
+    assert 2.0 < np.mean(squared_errors) < 4.0
 
 
 def test_growing_and_batch_agree() -> None:
