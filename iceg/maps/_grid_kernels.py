@@ -20,7 +20,7 @@ Bool = NDArray[np.bool_]
 def beam_outline(
     ranges: F32,
     bearings: F64,
-    half_widths: F64,
+    chords: F64,
     touching: bool,
     max_range: float,
     no_return_range: float,
@@ -36,7 +36,7 @@ def beam_outline(
     Args:
         ranges: (n,) [m], NaN without return.
         bearings: (n,) [rad], increasing.
-        half_widths: (n, 2) angle from the axis to the right and left border [rad].
+        chords: (n - 1, 5) of `chord_tables`.
         touching: whether the borders of neighbouring beams coincide or overlap, so that chords mean something.
         max_range: beams are cut here [m].
         no_return_range: how far a beam without return is taken as free [m].
@@ -66,12 +66,27 @@ def beam_outline(
         step = bearings[j] - bearings[i]
         if abs(r_i - r_j) > min(r_i, r_j) * step * cot_min_incidence:
             continue
-        # A straight line in polar coordinates: 1/r(θ) is a sinusoid through both returns.
-        sin_step = np.sin(step)
-        a = half_widths[i, 1]
-        surface[i, 2] = sin_step / (np.sin(step - a) / r_i + np.sin(a) / r_j)
-        a = half_widths[j, 0]
-        surface[j, 0] = sin_step / (np.sin(a) / r_i + np.sin(step - a) / r_j)
+        product = r_i * r_j * chords[i, 0]
+        surface[i, 2] = product / (chords[i, 1] * r_j + chords[i, 2] * r_i)
+        surface[j, 0] = product / (chords[i, 3] * r_j + chords[i, 4] * r_i)
+
+
+@njit(cache=True)
+def chord_tables(bearings: F64, half_widths: F64) -> F64:
+    """What the chord between the returns of beams i and i + 1 needs at the borders of the two beams.
+
+    A straight line in polar coordinates is r(θ) = sin(β - α) / (sin(β - θ) / r_α + sin(θ - α) / r_β).
+
+    Returns:
+        (n - 1, 5): sin(β - α), then sin(β - θ) and sin(θ - α) at the left border of i and at the right border of i + 1.
+    """
+    tables = np.empty((max(len(bearings) - 1, 0), 5))
+    for i in range(len(tables)):
+        step = bearings[i + 1] - bearings[i]
+        tables[i, 0] = np.sin(step)
+        tables[i, 1], tables[i, 2] = np.sin(step - half_widths[i, 1]), np.sin(half_widths[i, 1])
+        tables[i, 3], tables[i, 4] = np.sin(half_widths[i + 1, 0]), np.sin(step - half_widths[i + 1, 0])
+    return tables
 
 
 @njit(cache=True)
@@ -91,6 +106,11 @@ def cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64)
     """
     col, row = int(np.floor(x0)), int(np.floor(y0))
     last_col, last_row = int(np.floor(x1)), int(np.floor(y1))
+    rows[0], cols[0] = row, col
+    borders = abs(last_col - col) + abs(last_row - row)
+    if borders <= 1:
+        rows[borders], cols[borders] = last_row, last_col
+        return borders + 1
     dx, dy = x1 - x0, y1 - y0
     step_col = 1 if dx > 0 else -1
     step_row = 1 if dy > 0 else -1
@@ -101,7 +121,6 @@ def cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64)
     per_row = abs(1.0 / dy) if dy != 0 else np.inf
     # Counting the borders instead of comparing positions ends the walk whatever the rounding.
     left_cols, left_rows = abs(last_col - col), abs(last_row - row)
-    rows[0], cols[0] = row, col
     count = 1
     while left_cols + left_rows > 0:
         if left_rows == 0 or (left_cols > 0 and next_x < next_y):
@@ -158,10 +177,10 @@ def fill_polygon(
                 counts[row] += 1
         x0, y0 = x1, y1
     for row in range(lowest, highest + 1):
-        line = log_odds[row]
         for pair in range(0, counts[row] - 1, 2):
-            for column in range(crossings[row, pair], crossings[row, pair + 1]):
-                line[column] = max(line[column] + miss, low)
+            inside = log_odds[row, crossings[row, pair] : crossings[row, pair + 1]]
+            for column in range(inside.size):
+                inside[column] = max(low, inside[column] + miss)
         counts[row] = 0
 
 
@@ -223,36 +242,27 @@ def footprint_cells(xs: F64, ys: F64) -> int:
 
 @njit(cache=True)
 def extent(
-    T_map_laser: F64,
-    ranges: F32,
-    bearings: F64,
-    half_widths: F64,
-    touching: bool,
-    max_range: float,
-    no_return_range: float,
-    cot_min_incidence: float,
+    T_map_laser: F64, ranges: F32, bearings: F64, half_widths: F64, max_range: float, no_return_range: float
 ) -> tuple[float, float, float, float]:
-    """Smallest box (x_min, y_min, x_max, y_max) [m] around the lasers and all footprints."""
+    """A box (x_min, y_min, x_max, y_max) [m] that holds the lasers and all footprints."""
     n_beams = len(bearings)
-    surface = np.empty((n_beams, 3))
-    hits = np.empty(n_beams, np.bool_)
-    cos, sin = border_directions(bearings, half_widths)
+    cos, sin = np.cos(bearings), np.sin(bearings)
     x_min, y_min, x_max, y_max = np.inf, np.inf, -np.inf, -np.inf
+    farthest = 0.0
     for k in range(len(T_map_laser)):
         x, y, heading = T_map_laser[k]
         c, s = np.cos(heading), np.sin(heading)
-        beam_outline(
-            ranges[k], bearings, half_widths, touching, max_range, no_return_range, cot_min_incidence, surface, hits
-        )
         x_min, x_max = min(x_min, x), max(x_max, x)
         y_min, y_max = min(y_min, y), max(y_max, y)
         for i in range(n_beams):
-            for e in range(3):
-                px = x + surface[i, e] * (c * cos[i, e] - s * sin[i, e])
-                py = y + surface[i, e] * (s * cos[i, e] + c * sin[i, e])
-                x_min, x_max = min(x_min, px), max(x_max, px)
-                y_min, y_max = min(y_min, py), max(y_max, py)
-    return x_min, y_min, x_max, y_max
+            r = no_return_range if np.isnan(ranges[k, i]) else min(np.float64(ranges[k, i]), max_range)
+            px, py = x + r * (c * cos[i] - s * sin[i]), y + r * (s * cos[i] + c * sin[i])
+            farthest = max(farthest, r)
+            x_min, x_max = min(x_min, px), max(x_max, px)
+            y_min, y_max = min(y_min, py), max(y_max, py)
+    # A footprint reaches no farther from its axis than the arc to its border.
+    side = farthest * half_widths.max()
+    return x_min - side, y_min - side, x_max + side, y_max + side
 
 
 @njit(cache=True)
@@ -312,9 +322,9 @@ def render(
         resolution: side of a cell [m].
         T_map_laser: (n_scans, 3) poses of the laser.
         ranges: (n_scans, n_beams) [m], NaN without return.
-        bearings: see `beam_outline`, as the next five.
-        half_widths: …
-        touching: …
+        bearings: (n_beams,) [rad], increasing.
+        half_widths: (n_beams, 2) angle from each beam's axis to its right and its left border [rad].
+        touching: see `beam_outline`, as the next three.
         max_range: …
         no_return_range: …
         cot_min_incidence: …
@@ -329,6 +339,7 @@ def render(
     surface = np.empty((n_beams, 3))
     hits = np.empty(n_beams, np.bool_)
     cos, sin = border_directions(bearings, half_widths)
+    chords = chord_tables(bearings, half_widths)
     xs, ys = np.empty(4 * n_beams + 1), np.empty(4 * n_beams + 1)
     crossings = np.empty((n_rows, len(xs)), np.int32)
     counts = np.zeros(n_rows, np.int32)
@@ -346,7 +357,7 @@ def render(
         y = (T_map_laser[k, 1] - origin_y) / resolution
         c, s = np.cos(heading) / resolution, np.sin(heading) / resolution
         beam_outline(
-            ranges[k], bearings, half_widths, touching, max_range, no_return_range, cot_min_incidence, surface, hits
+            ranges[k], bearings, chords, touching, max_range, no_return_range, cot_min_incidence, surface, hits
         )
         n_hits = 0
         n_vertices = 0

@@ -103,20 +103,28 @@ def render_grid(
     T_map_laser = _laser_poses(trajectory[used], geometry)
     ranges = ranges[used]
     half_widths, touching = _half_widths(geometry, config.beam_width)
-    beams = (
-        np.ascontiguousarray(geometry.bearings, dtype=np.float64),
+    bearings = np.ascontiguousarray(geometry.bearings, dtype=np.float64)
+    box = kernels.extent(T_map_laser, ranges, bearings, half_widths, config.max_range, config.no_return_range)
+    origin, shape = _frame(box, config)
+    log_odds = np.zeros(shape, dtype=np.float32)
+    hit, miss, limit = _evidence(config)
+    kernels.render(
+        log_odds,
+        float(origin[0]),
+        float(origin[1]),
+        config.resolution,
+        T_map_laser,
+        ranges,
+        bearings,
         half_widths,
         touching,
         config.max_range,
         config.no_return_range,
         1.0 / math.tan(config.min_incidence),
-    )
-    origin, shape = _frame(kernels.extent(T_map_laser, ranges, *beams), config)
-    log_odds = np.zeros(shape, dtype=np.float32)
-    hit, miss, limit = _evidence(config)
-    free_margin = config.resolution
-    kernels.render(
-        log_odds, origin[0], origin[1], config.resolution, T_map_laser, ranges, *beams, free_margin, hit, miss, limit
+        config.resolution,
+        hit,
+        miss,
+        limit,
     )
     return OccupancyGrid(
         log_odds=log_odds,
