@@ -1,12 +1,19 @@
-"""Features of a scan: corners, ends of walls and intersections."""
+"""Features of a scan: corners, ends of walls and intersections (paper, section III.B)."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.scan import Scan
+from iceg.ice import _feature_kernels as kernels
+from iceg.ice.config import FeatureConfig, SegmentConfig
+from iceg.ice.points import ScanPoints, extract_points
+from iceg.ice.segments import segment_rows
+
 CORNER, END_OF_WALL, INTERSECTION = 0, 1, 2
 KIND_NAMES = ("corner", "end_of_wall", "intersection")
+_CAPACITY = 250
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,3 +44,72 @@ class Features:
     def __len__(self) -> int:
         """Number of features."""
         return len(self.kinds)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FeatureRows:
+    """The same features in the layout of the kernels.
+
+    Attributes:
+        kinds: (n,) int8.
+        rows: (n, 10) x, y, clockwise heading, counter-clockwise heading, var x, cov xy, var y, heading variance,
+            1 if real, distance from the laser.
+    """
+
+    kinds: NDArray[np.int8]
+    rows: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        """Number of features."""
+        return len(self.kinds)
+
+    def unpack(self) -> Features:
+        """As named arrays."""
+        rows = self.rows
+        covariances = rows[:, [4, 5, 5, 6]].reshape(-1, 2, 2)
+        return Features(
+            kinds=self.kinds,
+            positions=rows[:, :2],
+            directions=rows[:, 2:4],
+            covariances=covariances,
+            direction_variances=rows[:, 7],
+            distances=rows[:, 9],
+            real=rows[:, 8] > 0.5,
+        )
+
+
+def extract_features(
+    scan: Scan, config: FeatureConfig | None = None, segments: SegmentConfig | None = None
+) -> Features:
+    """Corners, ends of walls and intersections of one scan.
+
+    Args:
+        scan: the scan.
+        config: thresholds of the features.
+        segments: thresholds of the segments they come from.
+
+    Returns:
+        The features in the robot frame, corners and intersections first.
+    """
+    return feature_rows(scan, config or FeatureConfig(), segments or SegmentConfig(), extract_points(scan)).unpack()
+
+
+def feature_rows(scan: Scan, config: FeatureConfig, segments: SegmentConfig, scan_points: ScanPoints) -> FeatureRows:
+    """Features in the layout of the kernels."""
+    lines = segment_rows(scan, segments, scan_points)
+    kinds, rows = np.empty(_CAPACITY, np.int8), np.empty((_CAPACITY, kernels.FEATURE_COLUMNS))
+    count = kernels.extract_features(
+        scan_points.points,
+        scan_points.beams,
+        len(scan_points),
+        scan.geometry.origin_robot,
+        scan.geometry.resolution,
+        lines,
+        config.corner_gap,
+        config.extension,
+        config.min_angle,
+        config.weak_sigma,
+        kinds,
+        rows,
+    )
+    return FeatureRows(kinds=kinds[:count], rows=rows[:count])

@@ -1,0 +1,170 @@
+"""Settings of ICE matching, one small class per stage."""
+
+from dataclasses import dataclass, field
+from math import pi
+from typing import Literal
+
+from graph.errors import IcegError
+
+Fitness = Literal["points", "probabilistic", "paper"]
+Search = Literal["hierarchy", "evolutionary"]
+
+
+class IceConfigError(IcegError):
+    """A setting of ICE outside its range."""
+
+
+def _require(condition: bool, message: str) -> None:
+    if not condition:
+        raise IceConfigError(message)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SegmentConfig:
+    """How a scan is cut into straight segments."""
+
+    gap: float = 0.3
+    """Neighbouring points farther apart than this plus four beam spacings start a new cluster [m]."""
+    split: float = 0.03
+    """A cluster splits where a point lies farther than this from its line [m]."""
+    min_points: int = 3
+    """Fewest points of a segment."""
+    min_length: float = 0.2
+    """Shortest segment [m]."""
+    range_noise: float = 0.01
+    """Standard deviation of one range [m]."""
+
+    def __post_init__(self) -> None:
+        _require(
+            self.gap > 0 and self.split > 0 and self.range_noise > 0, "segments: gap, split and range_noise must be > 0"
+        )
+        _require(self.min_points >= 2, f"segments.min_points must be at least 2, found {self.min_points}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FeatureConfig:
+    """Which corners, wall ends and intersections are kept."""
+
+    corner_gap: float = 0.5
+    """Facing ends of two segments closer than this make a corner [m]."""
+    extension: float = 4.0
+    """Farthest a wall is extended to an intersection [m]."""
+    min_angle: float = 25.0 * pi / 180.0
+    """Smallest angle between the two walls of a corner or intersection [rad]."""
+    weak_sigma: float = 0.5
+    """Standard deviation along the wall of an end that is only occluded or cut off [m]."""
+    merge_radius: float = 0.25
+    """Features of different scans closer than this are one feature of the local map [m]."""
+
+    def __post_init__(self) -> None:
+        _require(0 < self.min_angle < pi / 2, f"features.min_angle must lie in (0, π/2), found {self.min_angle}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class HypothesisConfig:
+    """How pairs of features become relative poses and how these are ranked."""
+
+    search: Search = "hierarchy"
+    """Filters from cheap to dear over all pairs, or the evolutionary search over (dx, dy, dθ)."""
+    fitness: Fitness = "points"
+    """Ranking: dense point agreement, features weighed by their covariances, or equations (1)-(3) of the paper."""
+    opening_gate: float = 20.0 * pi / 180.0
+    """Largest difference between the opening angles of two paired features [rad]."""
+    field_sigma: float = 0.2
+    """Width of the likelihood field that ranks hypotheses by points [m]."""
+    ranking_points: int = 90
+    """Points of the scan used to rank one hypothesis."""
+    candidates: int = 4
+    """Distinct hypotheses that are refined."""
+    sigmas: float = 3.0
+    """Size of the search window in standard deviations of the guess."""
+    min_window: float = 0.15
+    """Smallest half-width of the search window [m]."""
+    min_turn: float = 5.0 * pi / 180.0
+    """Smallest half-width of the search window in heading [rad]."""
+
+    wide_window: float = 1.0
+    """Half-width of the window of a second try, when nothing in the first explains the scan [m]."""
+    wide_turn: float = 75.0 * pi / 180.0
+    """The same in heading [rad]."""
+
+    def __post_init__(self) -> None:
+        _require(self.candidates >= 1, f"hypotheses.candidates must be at least 1, found {self.candidates}")
+        _require(
+            self.ranking_points >= 10, f"hypotheses.ranking_points must be at least 10, found {self.ranking_points}"
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RefinementConfig:
+    """Polish of a hypothesis on all points, point to line."""
+
+    enabled: bool = True
+    """Off leaves the pose as the features give it."""
+    scale: float = 0.04
+    """Final width of the Cauchy weight [m]."""
+    coarse_scale: float = 0.5
+    """Width at which the first, wide stage starts [m]."""
+    iterations: int = 20
+    """Most Gauss-Newton steps of the fine stage."""
+    credible: float = 0.75
+    """The guess is taken without further hypotheses when this share of the points agrees after its polish."""
+    doubtful: float = 0.6
+    """Below this share the search is repeated in the wide window."""
+    min_inliers: float = 0.45
+    """A match needs at least this share of its points on the reference."""
+
+    def __post_init__(self) -> None:
+        _require(0 < self.scale <= self.coarse_scale, "refinement.scale must be positive and at most coarse_scale")
+        _require(0 <= self.min_inliers <= 1, f"refinement.min_inliers must lie in [0, 1], found {self.min_inliers}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LocalMapConfig:
+    """The reference: surfels and features of recent and revisited key scans."""
+
+    cell: float = 0.1
+    """Reference points in one cell that face the same way are averaged to one surfel [m]."""
+    reach: float = 25.0
+    """Points farther than this from the newest key pose are left out [m]."""
+    fine_radius: float = 0.4
+    """Farthest correspondence of the fine stage [m]."""
+    coarse_cell: float = 0.2
+    """Cell of the wide field [m]."""
+    coarse_radius: float = 1.0
+    """Farthest correspondence of the wide stage [m]."""
+    normal_reach: float = 0.2
+    """Neighbours up to this far on either side give a point its normal [m]."""
+
+    def __post_init__(self) -> None:
+        _require(self.cell > 0 and self.coarse_cell >= self.cell, "local_map: need 0 < cell <= coarse_cell")
+
+
+@dataclass(frozen=True, kw_only=True)
+class CovarianceConfig:
+    """Covariance from the correlation scores around the optimum."""
+
+    sigma: float = 0.03
+    """Standard deviation of a point-to-line residual [m]."""
+    independence: float = 0.15
+    """Share of the points that count as independent; calibrated against simulated truth."""
+    points: int = 90
+    """Points of the scan used for the scores."""
+    max_step: float = 0.15
+    """Largest spacing of the score grid; two of them on each side bound the window [m, rad]."""
+    weak_sigma: float = 1.0
+    """Standard deviation given to a direction the match cannot observe [m, rad]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class IceConfig:
+    """All settings of the ICE matcher."""
+
+    segments: SegmentConfig = field(default_factory=SegmentConfig)
+    features: FeatureConfig = field(default_factory=FeatureConfig)
+    hypotheses: HypothesisConfig = field(default_factory=HypothesisConfig)
+    refinement: RefinementConfig = field(default_factory=RefinementConfig)
+    local_map: LocalMapConfig = field(default_factory=LocalMapConfig)
+    covariance: CovarianceConfig = field(default_factory=CovarianceConfig)
+    use_features: bool = True
+    """Off leaves only the guess as hypothesis (the ablation of ICE)."""

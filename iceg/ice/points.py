@@ -1,0 +1,54 @@
+"""The points of a scan with the normals of the surfaces they lie on."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import Scan
+from iceg.ice import _field_kernels as kernels
+
+_JUMP = 0.1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanPoints:
+    """The n returns of one scan, in beam order.
+
+    Attributes:
+        points: (n, 2) in the robot frame [m].
+        normals: (n, 2) unit vectors towards the laser; 0, 0 where no line fits the neighbourhood.
+        beams: (n,) int32 index of the beam of each point.
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    beams: NDArray[np.int32]
+
+    def __len__(self) -> int:
+        """Number of returns."""
+        return len(self.points)
+
+
+def extract_points(scan: Scan, reach: float = 0.2) -> ScanPoints:
+    """End points of a scan and the local surface normals.
+
+    Args:
+        scan: the scan.
+        reach: neighbours up to this far on either side of a point define its normal [m].
+
+    Returns:
+        The points of all beams with a return.
+    """
+    geometry = scan.geometry
+    n = geometry.n_beams
+    points, normals, beams = np.empty((n, 2)), np.empty((n, 2)), np.empty(n, np.int32)
+    count = kernels.scan_points(
+        scan.ranges, geometry.directions_robot, geometry.origin_robot, reach, _JUMP, points, normals, beams
+    )
+    return ScanPoints(points=points[:count], normals=normals[:count], beams=beams[:count])
+
+
+def spread(count: int, wanted: int) -> NDArray[np.int64]:
+    """Indices of at most `wanted` of `count` items, evenly spread."""
+    return np.linspace(0, count - 1, min(count, wanted)).astype(np.int64)

@@ -1,0 +1,66 @@
+"""Settings of the SLAM system around the matcher."""
+
+from dataclasses import dataclass, field
+
+from graph.errors import IcegError
+
+
+class SlamConfigError(IcegError):
+    """A setting of the SLAM system outside its range."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeyScanConfig:
+    """When a scan becomes a key scan, and which of them make up the local reference."""
+
+    distance: float = 0.3
+    """A new key scan after driving this far [m]."""
+    angle: float = 0.3
+    """A new key scan after turning this far [rad]."""
+    window: int = 25
+    """Key scans in the local reference."""
+    rebuild: int = 8
+    """The reference is built anew after this many key scans; in between it is only extended."""
+
+    def __post_init__(self) -> None:
+        if not (self.distance > 0 and self.angle > 0):
+            raise SlamConfigError(f"key_scans: distance {self.distance} and angle {self.angle} must be positive")
+        if self.window < 1 or self.rebuild < 1:
+            raise SlamConfigError(f"key_scans: window {self.window} and rebuild {self.rebuild} must be at least 1")
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrontEndConfig:
+    """Matching scan after scan against the local reference."""
+
+    key_scans: KeyScanConfig = field(default_factory=KeyScanConfig)
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopClosureConfig:
+    """Finding places again."""
+
+    enabled: bool = True
+    """Off leaves odometry and matches to recent key scans only."""
+    spacing: float = 0.6
+    """Look for earlier passes again after driving this far [m] …"""
+    spacing_angle: float = 1.0
+    """… or turning this far [rad]."""
+    min_path: float = 8.0
+    """A pass counts as earlier when the path since is longer than this [m]."""
+    radius: float = 3.0
+    """Views of the two key scans may lie this far apart, plus twice the drift [m]."""
+    view_distance: float = 2.0
+    """A view is the point this far ahead of the robot [m]."""
+    pass_gap: int = 12
+    """Key scans between two passes."""
+    max_passes: int = 3
+    """Most earlier passes tried for one key scan."""
+    reference_half: int = 7
+    """Key scans of the earlier pass on either side that make up the reference."""
+    min_score: float = 0.65
+    """Least share of beams that agree."""
+    min_support: float = 0.6
+    """Least mean share of beams of the neighbouring key scans that agree."""
+    support_offsets: tuple[int, ...] = (-6, -3, 3, 6)
+    """Neighbouring key scans asked to agree."""

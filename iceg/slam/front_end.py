@@ -1,0 +1,165 @@
+"""The front end: every scan matched against the local reference of recent key scans."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import eigh
+
+from frontends.matcher import Matcher
+from frontends.scan import Log, Scan
+from graph.measurement import NoMatch, RelativePose
+from graph.odometry import OdometryModel
+from graph.se2 import between, compose
+from iceg.slam.config import FrontEndConfig
+from iceg.slam.track import KeyScan, Track
+
+
+_ODOMETRY_SPEAKS = 0.5
+"""Ratio of variances (match over odometry) from which on a direction is shared with odometry."""
+
+
+class FrontEnd:
+    """Tracks a robot scan by scan and decides which scans become key scans."""
+
+    def __init__(self, matcher: Matcher, odometry: OdometryModel, config: FrontEndConfig) -> None:
+        self._matcher = matcher
+        self._odometry = odometry
+        self._config = config
+        self._track = _tracking_of(matcher)
+        self.keys: list[KeyScan] = []
+        self._reference: Any = None
+        self._motion = odometry.start()
+        self._T_key_robot = np.zeros(3)
+        self._last_odometry: NDArray[np.float64] | None = None
+        self.failures = 0
+
+    def add(self, index: int, scan: Scan, T_odom_robot: NDArray[np.float64]) -> tuple[int, NDArray[np.float64]]:
+        """Track one more scan.
+
+        Args:
+            index: which scan of the log it is.
+            scan: the scan.
+            T_odom_robot: (3,) raw odometry at the scan.
+
+        Returns:
+            The key scan it is tied to and its pose in that key scan's frame.
+        """
+        if self._last_odometry is None:
+            self._last_odometry = T_odom_robot
+            return self._start(index, scan)
+        step = between(self._last_odometry, T_odom_robot)
+        self._last_odometry = T_odom_robot
+        self._motion = self._odometry.extend(self._motion, step)
+        self._follow(scan, compose(self._T_key_robot, step))
+        if self._is_key():
+            self._add_key(index, scan)
+            return len(self.keys) - 1, np.zeros(3)
+        return len(self.keys) - 1, self._T_key_robot
+
+    def _start(self, index: int, scan: Scan) -> tuple[int, NDArray[np.float64]]:
+        first = NoMatch(reason="first scan")
+        self.keys.append(KeyScan(index=index, scan=scan, motion=self._motion, match=first, T_track_robot=np.zeros(3)))
+        self._build_reference()
+        return 0, np.zeros(3)
+
+    def _follow(self, scan: Scan, T_key_guess: NDArray[np.float64]) -> None:
+        """Pose of a scan in the last key scan's frame; odometry carries it where nothing credible is found."""
+        T_track_key = self.keys[-1].T_track_robot
+        found = self._track(self._reference, scan, compose(T_track_key, T_key_guess), self._motion.covariance)
+        if isinstance(found, NoMatch):
+            self.failures += 1
+            self._T_key_robot = T_key_guess
+        else:
+            self._T_key_robot = between(T_track_key, found)
+
+    def _match(self, scan: Scan) -> RelativePose | NoMatch:
+        """Match with covariance from the tracked pose, expressed in the last key scan's frame."""
+        T_track_key = self.keys[-1].T_track_robot
+        guess = compose(T_track_key, self._T_key_robot)
+        match = self._matcher.match(self._reference, scan, guess, self._motion.covariance)
+        return match if isinstance(match, NoMatch) else replace(match, T_ref_cur=between(T_track_key, match.T_ref_cur))
+
+    def _fuse(self, match: RelativePose) -> NDArray[np.float64]:
+        """Where the match is weaker than odometry since the key scan, odometry speaks, and only there.
+
+        Elsewhere it would pull every match a little towards its own bias, and the local map with it.
+        """
+        odometry = self._motion.covariance
+        ratios, directions = eigh(match.covariance, odometry)
+        share = np.where(ratios > _ODOMETRY_SPEAKS, ratios / (1.0 + ratios), 0.0)
+        if not share.any():
+            return match.T_ref_cur
+        offset = between(match.T_ref_cur, self._motion.T_key_robot)
+        return compose(match.T_ref_cur, odometry @ directions @ (share * (directions.T @ offset)))
+
+    def _is_key(self) -> bool:
+        x, y, heading = self._T_key_robot.tolist()
+        limits = self._config.key_scans
+        return x * x + y * y > limits.distance**2 or abs(heading) > limits.angle
+
+    def _add_key(self, index: int, scan: Scan) -> None:
+        match = self._match(scan)
+        if not isinstance(match, NoMatch):
+            self._T_key_robot = self._fuse(match)
+        T_track_robot = compose(self.keys[-1].T_track_robot, self._T_key_robot)
+        self.keys.append(KeyScan(index=index, scan=scan, motion=self._motion, match=match, T_track_robot=T_track_robot))
+        self._motion = self._odometry.start()
+        self._T_key_robot = np.zeros(3)
+        extend = getattr(self._matcher, "extend", None)
+        if extend is None or len(self.keys) % self._config.key_scans.rebuild == 0:
+            self._build_reference()
+        else:
+            extend(self._reference, scan, T_track_robot)
+
+    def _build_reference(self) -> None:
+        recent = self.keys[-self._config.key_scans.window :]
+        poses = np.array([key.T_track_robot for key in recent])
+        self._reference = self._matcher.prepare([key.scan for key in recent], poses)
+
+
+def track_log(
+    log: Log,
+    matcher: Matcher,
+    odometry: OdometryModel,
+    config: FrontEndConfig,
+    progress: Callable[[int, int], None] | None = None,
+    corrected_odometry: NDArray[np.float64] | None = None,
+    n_scans: int | None = None,
+) -> Track:
+    """Run the front end over a whole log.
+
+    Args:
+        log: the log.
+        matcher: ICE or any other.
+        odometry: noise of the wheels.
+        config: key scans and local reference.
+        progress: called with the number of scans done and of failures so far.
+
+    Returns:
+        The track.
+    """
+    front_end = FrontEnd(matcher, odometry, config)
+    poses = log.odometry if corrected_odometry is None else corrected_odometry
+    n = len(log) if n_scans is None else min(n_scans, len(log))
+    key_of_scan, T_key_scan = np.empty(n, np.int64), np.empty((n, 3))
+    for index in range(n):
+        key_of_scan[index], T_key_scan[index] = front_end.add(index, log.scan(index), poses[index])
+        if progress is not None:
+            progress(index + 1, front_end.failures)
+    return Track(keys=front_end.keys, key_of_scan=key_of_scan, T_key_scan=T_key_scan, failures=front_end.failures)
+
+
+def _tracking_of(matcher: Matcher) -> Callable[..., NDArray[np.float64] | NoMatch]:
+    """The matcher's own quick tracking, or its full matching where it has none."""
+    track: Callable[..., NDArray[np.float64] | NoMatch] | None = getattr(matcher, "track", None)
+    if track is not None:
+        return track
+
+    def pose_of_match(*arguments: Any) -> NDArray[np.float64] | NoMatch:  # noqa: ANN401
+        match = matcher.match(*arguments)
+        return match if isinstance(match, NoMatch) else match.T_ref_cur
+
+    return pose_of_match

@@ -1,0 +1,209 @@
+"""What this robot's odometry does wrong, learnt from the log's own matches: bias, time shift, laser mount, noise."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import nnls
+
+from graph.measurement import NoMatch
+from graph.odometry import OdometryModel
+from graph.se2 import between, compose, inverse, wrap_angle
+from iceg.slam.track import Track
+
+# Standard deviations of the parameters before any data: what is usual among robots.
+_HEADING_PRIOR = np.array([0.05, 0.05, 0.7])
+_TRANSLATION_PRIOR = np.array([0.05, 0.03, 0.7, 0.2, 0.1])
+_ROBUST_ROUNDS = 15
+_LARGEST_EXCESS = 4.0
+_FEWEST_KEYS = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OdometryCalibration:
+    """How raw odometry becomes the best prediction of the scans' motion.
+
+    Attributes:
+        translation_scale: driven metres per metre claimed, minus 1.
+        heading_scale: turned radians per radian claimed, minus 1.
+        heading_per_metre: heading drift [rad/m].
+        heading_shift: odometry is read this many scan periods later (earlier if negative) for its heading …
+        translation_shift: … and for its translation: the two clocks differ in both, but not always alike.
+        T_odometry_laser: (3,) where the laser really sits relative to where the log puts it: x, y [m], heading [rad].
+        noise: what is left.
+    """
+
+    translation_scale: float = 0.0
+    heading_scale: float = 0.0
+    heading_per_metre: float = 0.0
+    heading_shift: float = 0.0
+    translation_shift: float = 0.0
+    T_odometry_laser: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    noise: OdometryModel
+
+    def apply(self, odometry: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Correct a log's odometry.
+
+        Args:
+            odometry: (n, 3) raw T_odom_robot, one per scan.
+
+        Returns:
+            (n, 3) corrected, starting at the same pose.
+        """
+        if len(odometry) < 2:
+            return odometry.copy()
+        steps = between(odometry[:-1], odometry[1:])
+        distance = np.hypot(steps[:, 0], steps[:, 1])
+        turns = (1.0 + self.heading_scale) * steps[:, 2] + self.heading_per_metre * distance
+        moves = (1.0 + self.translation_scale) * steps[:, :2]
+        corrected = np.column_stack(
+            [_shifted(moves[:, 0], self.translation_shift), _shifted(moves[:, 1], self.translation_shift), turns]
+        )
+        corrected[:, 2] = _shifted(turns, self.heading_shift)
+        mount = np.array(self.T_odometry_laser)
+        corrected = compose(compose(inverse(mount), corrected), mount)
+        return _accumulate(odometry[0], corrected)
+
+
+def calibrate_odometry(track: Track, odometry: NDArray[np.float64]) -> OdometryCalibration:
+    """Fit bias, time shift, mount and noise to the motions between key scans that were matched.
+
+    A robust linear regression (Cauchy weights, priors of what is usual): the match minus the odometry between two
+    key scans is linear in the scales and the drift, in the shift (times the change of speed) and in the mount.
+
+    Args:
+        track: the front end's matches, made with any odometry.
+        odometry: (n, 3) raw odometry of the same log.
+
+    Returns:
+        The calibration; with few matches it stays near "nothing is wrong".
+    """
+    samples = _Samples.collect(track, odometry)
+    if samples is None:
+        return OdometryCalibration(noise=OdometryModel())
+    m, o, change = samples.matched, samples.motions, samples.speed_change
+    c, s = np.cos(m[:, 2]), np.sin(m[:, 2])
+    error = m - o
+    error[:, 2] = wrap_angle(error[:, 2])
+    heading, _ = _robust_fit(np.column_stack([o[:, 2], samples.distance, change[:, 2]]), error[:, 2], _HEADING_PRIOR)
+    zero = np.zeros(len(m))
+    rows_x = np.column_stack([o[:, 0], zero, change[:, 0], c - 1.0, -s])
+    rows_y = np.column_stack([o[:, 1], o[:, 0], change[:, 1], s, c - 1.0])
+    translation, _ = _robust_fit(
+        np.vstack([rows_x, rows_y]), np.concatenate([error[:, 0], error[:, 1]]), _TRANSLATION_PRIOR
+    )
+    left_heading = error[:, 2] - np.column_stack([o[:, 2], samples.distance, change[:, 2]]) @ heading
+    left_x, left_y = error[:, 0] - rows_x @ translation, error[:, 1] - rows_y @ translation
+    return OdometryCalibration(
+        translation_scale=float(translation[0]),
+        heading_scale=float(heading[0]),
+        heading_per_metre=float(heading[1]),
+        heading_shift=float(np.clip(heading[2], -2, 2)),
+        translation_shift=float(np.clip(translation[2], -2, 2)),
+        T_odometry_laser=(float(translation[3]), float(translation[4]), float(-translation[1])),
+        noise=_noise(samples, left_x, left_y, left_heading),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Samples:
+    """Per matched key scan: match, odometry, path, and change of speed from one key scan to the next."""
+
+    matched: NDArray[np.float64]
+    motions: NDArray[np.float64]
+    variances: NDArray[np.float64]
+    distance: NDArray[np.float64]
+    turn: NDArray[np.float64]
+    speed_change: NDArray[np.float64]
+
+    @classmethod
+    def collect(cls, track: Track, odometry: NDArray[np.float64]) -> "_Samples | None":
+        pairs = [
+            (previous, key, key.match)
+            for previous, key in zip(track.keys[:-1], track.keys[1:], strict=True)
+            if not isinstance(key.match, NoMatch) and key.match.is_fully_observed
+        ]
+        if len(pairs) < _FEWEST_KEYS:
+            return None
+        starts = np.array([previous.index for previous, _, _ in pairs])
+        ends = np.array([key.index for _, key, _ in pairs])
+        steps = between(odometry[:-1], odometry[1:])
+        padded = np.vstack([steps[:1], steps, steps[-1:]])
+        speed = 0.5 * (padded[:-1] + padded[1:])
+        travelled = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
+        turned = np.concatenate([[0.0], np.cumsum(np.abs(steps[:, 2]))])
+        return cls(
+            matched=np.array([match.T_ref_cur for _, _, match in pairs]),
+            motions=between(odometry[starts], odometry[ends]),
+            variances=np.array([np.diag(match.covariance) for _, _, match in pairs]),
+            distance=travelled[ends] - travelled[starts],
+            turn=turned[ends] - turned[starts],
+            speed_change=speed[ends] - speed[starts],
+        )
+
+
+def _robust_fit(
+    rows: NDArray[np.float64], values: NDArray[np.float64], prior: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """Iteratively reweighted least squares with Cauchy weights; returns the parameters and the robust scale."""
+    x = np.zeros(rows.shape[1])
+    scale = 1.0
+    for _ in range(_ROBUST_ROUNDS):
+        residual = values - rows @ x
+        scale = _robust_deviation(residual)
+        weights = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2)
+        information = (rows * weights[:, None]).T @ rows + np.diag((scale / prior) ** 2)
+        x = np.linalg.solve(information, (rows * weights[:, None]).T @ values)
+    return x, scale
+
+
+def _robust_deviation(residual: NDArray[np.float64]) -> float:
+    return 1.4826 * float(np.median(np.abs(residual))) + 1e-6
+
+
+def _noise(
+    samples: _Samples, left_x: NDArray[np.float64], left_y: NDArray[np.float64], left_heading: NDArray[np.float64]
+) -> OdometryModel:
+    """Non-negative least squares of the squared residuals on path and turn."""
+    one, path, turn = np.ones(len(left_x)), samples.distance, samples.turn
+    ahead = _variance_fit(left_x, samples.variances[:, 0], np.column_stack([one, path, turn]))
+    side = _variance_fit(left_y, samples.variances[:, 1], np.column_stack([one, path, turn]))
+    heading = _variance_fit(left_heading, samples.variances[:, 2], np.column_stack([one, path, turn]))
+    return OdometryModel(
+        along_per_metre=max(0.01, float(ahead[1]) ** 0.5),
+        across_per_metre=max(0.005, float(side[1]) ** 0.5),
+        position_per_radian=max(0.002, float(0.5 * (ahead[2] + side[2])) ** 0.5),
+        heading_per_metre=max(0.003, float(heading[1]) ** 0.5),
+        heading_per_radian=max(0.005, float(heading[2]) ** 0.5),
+        position_floor=max(0.002, float(0.5 * (ahead[0] + side[0])) ** 0.5),
+        heading_floor=max(0.001, float(heading[0]) ** 0.5),
+    )
+
+
+def _variance_fit(
+    residual: NDArray[np.float64], variance: NDArray[np.float64], rows: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Coefficients ≥ 0 of the residual's variance beyond the match's own; outliers are clipped."""
+    limit = (_LARGEST_EXCESS * _robust_deviation(residual)) ** 2
+    excess = np.minimum(residual**2, limit) - np.minimum(variance, 0.5 * np.median(residual**2))
+    weights = 1.0 / np.maximum(rows[:, 1] + rows[:, 2], 0.05)
+    solution, _ = nnls(rows * weights[:, None], excess * weights)
+    return np.asarray(solution, dtype=np.float64)
+
+
+def _shifted(values: NDArray[np.float64], shift: float) -> NDArray[np.float64]:
+    """A sequence read `shift` places later, linearly interpolated, held at its ends."""
+    places = np.arange(len(values), dtype=np.float64)
+    return np.interp(places + shift, places, values)
+
+
+def _accumulate(start: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Poses from increments."""
+    poses = np.empty((len(steps) + 1, 3))
+    poses[0] = start
+    heading = start[2] + np.concatenate([[0.0], np.cumsum(steps[:, 2])])
+    c, s = np.cos(heading[:-1]), np.sin(heading[:-1])
+    poses[1:, 0] = start[0] + np.cumsum(c * steps[:, 0] - s * steps[:, 1])
+    poses[1:, 1] = start[1] + np.cumsum(s * steps[:, 0] + c * steps[:, 1])
+    poses[:, 2] = wrap_angle(heading)
+    return poses

@@ -1,0 +1,51 @@
+"""What the front end hands over: key scans, and every other scan tied to one."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import Scan
+from graph.measurement import NoMatch, RelativePose
+from graph.odometry import OdometryMotion
+from graph.se2 import compose
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeyScan:
+    """A scan that became a node of the graph.
+
+    Attributes:
+        index: which scan of the log it is.
+        scan: the scan.
+        motion: odometry since the previous key scan.
+        match: of this scan in the frame of the previous key scan, or why there is none.
+        T_track_robot: (3,) its pose in the front end's own frame.
+    """
+
+    index: int
+    scan: Scan
+    motion: OdometryMotion
+    match: RelativePose | NoMatch
+    T_track_robot: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Track:
+    """What the front end knows after a log.
+
+    Attributes:
+        keys: the key scans in order.
+        key_of_scan: (n_scans,) index into `keys` of the key scan each scan is tied to.
+        T_key_scan: (n_scans, 3) pose of each scan in the frame of its key scan.
+        failures: scans without a credible match, carried by odometry.
+    """
+
+    keys: list[KeyScan]
+    key_of_scan: NDArray[np.int64]
+    T_key_scan: NDArray[np.float64]
+    failures: int
+
+    def trajectory(self, key_poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n_scans, 3) pose of every scan, given the (k, 3) poses of the key scans."""
+        return compose(key_poses[self.key_of_scan], self.T_key_scan)
