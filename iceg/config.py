@@ -7,6 +7,8 @@ from graph.config import PoseGraphConfig
 from graph.odometry import OdometryModel
 from iceg.ice.config import IceConfig
 from iceg.maps.config import FeatureMapConfig, GridConfig
+from graph.odometry import OdometryModel
+from iceg.slam.config import FrontEndConfig, LoopClosureConfig
 from iceg.settings_file import ConfigError, format_settings, parse_settings, read_settings
 from iceg.slam.config import FrontEndConfig
 
@@ -43,7 +45,10 @@ class Config:
         odometry: noise of the wheel odometry.
         ice: ICE matching.
         front_end: matching scan after scan, and which scans become key scans.
+        front_end: tracking, key scans and the local reference.
+        odometry: noise of the wheels before it is calibrated.
         graph: the pose graph.
+        loops: places seen again.
         feature_map: landmarks and when they expire.
         grid: the occupancy grid.
     """
@@ -53,7 +58,10 @@ class Config:
     odometry: OdometryModel = field(default_factory=OdometryModel)
     ice: IceConfig = field(default_factory=IceConfig)
     front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
+    front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
+    odometry: OdometryModel = field(default_factory=OdometryModel)
     graph: PoseGraphConfig = field(default_factory=PoseGraphConfig)
+    loops: LoopClosureConfig = field(default_factory=LoopClosureConfig)
     feature_map: FeatureMapConfig = field(default_factory=FeatureMapConfig)
     grid: GridConfig = field(default_factory=GridConfig)
 

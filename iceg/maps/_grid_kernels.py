@@ -186,21 +186,11 @@ def fill_polygon(
 
 @njit(cache=True)
 def collect_hits(
-    xs: F64,
-    ys: F64,
-    evidence: float,
-    n_cols: int,
-    rows: I64,
-    cols: I64,
-    cells: I64,
-    shares: F32,
-    count: int,
-    slots: I32,
+    xs: F64, ys: F64, evidence: float, n_cols: int, rows: I64, cols: I64, cells: I64, shares: F32, count: int
 ) -> int:
     """Add the cells below one beam's footprint to the hit cells of a scan.
 
-    The beam returned from somewhere among the cells its footprint covers, so they share its evidence. A cell hit by
-    several beams of a scan keeps the strongest share.
+    The beam returned from somewhere among the cells its footprint covers, so they share its evidence.
 
     Args:
         xs: (3,) column coordinates of the footprint's right border, axis and left border [cells].
@@ -209,10 +199,9 @@ def collect_hits(
         n_cols: columns of the grid.
         rows: scratch for the cells of the footprint.
         cols: scratch.
-        cells: flat indices of the scan's hit cells, extended in place.
+        cells: flat indices of the scan's hit cells, extended in place; a cell hit by several beams comes repeatedly.
         shares: their evidence, extended in place.
         count: how many hit cells there are so far.
-        slots: (n_rows * n_cols,) for every cell its place in `cells`, valid only where `cells` points back.
 
     Returns:
         The new number of hit cells.
@@ -221,16 +210,9 @@ def collect_hits(
     n += cast_cells(xs[1], ys[1], xs[2], ys[2], rows[n:], cols[n:])
     share = np.float32(evidence / n)
     for k in range(n):
-        cell = rows[k] * n_cols + cols[k]
-        slot = slots[cell]
-        if slot < count and cells[slot] == cell:
-            shares[slot] = max(shares[slot], share)
-        else:
-            slots[cell] = count
-            cells[count] = cell
-            shares[count] = share
-            count += 1
-    return count
+        cells[count + k] = rows[k] * n_cols + cols[k]
+        shares[count + k] = share
+    return count + n
 
 
 @njit(cache=True)
@@ -343,7 +325,6 @@ def render(
     xs, ys = np.empty(4 * n_beams + 1), np.empty(4 * n_beams + 1)
     crossings = np.empty((n_rows, len(xs)), np.int32)
     counts = np.zeros(n_rows, np.int32)
-    slots = np.zeros(n_rows * n_cols, np.int32)
     cells = np.empty(4 * n_beams + 64, np.int64)
     shares = np.empty(len(cells), np.float32)
     before = np.empty(len(cells), np.float32)
@@ -384,12 +365,15 @@ def render(
                     cells = grown_cells(cells, n_hits, 2 * (n_hits + needed))
                     shares = grown_shares(shares, n_hits, len(cells))
                     before = np.empty(len(cells), np.float32)
-                n_hits = collect_hits(hit_xs, hit_ys, hit, n_cols, rows, cols, cells, shares, n_hits, slots)
+                n_hits = collect_hits(hit_xs, hit_ys, hit, n_cols, rows, cols, cells, shares, n_hits)
         xs[n_vertices], ys[n_vertices] = x, y
         n_vertices += 1
-        # A cell hit in a scan is not missed by it too: misses first, then the hit cells restart from what they were.
+        # Misses first, then the hit cells restart from what they were: a cell hit in a scan is not missed by it too,
+        # and of several hits in one scan the strongest counts.
         for h in range(n_hits):
             before[h] = flat[cells[h]]
         fill_polygon(log_odds, xs, ys, n_vertices, miss32, low, crossings, counts)
         for h in range(n_hits):
-            flat[cells[h]] = min(before[h] + shares[h], high)
+            flat[cells[h]] = before[h]
+        for h in range(n_hits):
+            flat[cells[h]] = max(flat[cells[h]], min(before[h] + shares[h], high))

@@ -34,6 +34,14 @@ class FrontEndConfig:
     """Matching scan after scan against the local reference."""
 
     key_scans: KeyScanConfig = field(default_factory=KeyScanConfig)
+    calibrate_odometry: bool = True
+    """Learn bias, time shift and noise of the odometry from the log's own matches."""
+    calibration_path: float = 40.0
+    """The first pass that calibrates ends after this much odometry path [m] …"""
+    calibration_turn: float = 25.0
+    """… and this much turning [rad] …"""
+    calibration_scans: int = 2500
+    """… or after this many scans."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,5 +70,19 @@ class LoopClosureConfig:
     """Least share of beams that agree."""
     min_support: float = 0.6
     """Least mean share of beams of the neighbouring key scans that agree."""
+    drift_floor: float = 0.1
+    """Standard deviation of a pose relative to an earlier pass right after a closure [m] …"""
+    drift_per_metre: float = 0.01
+    """… and its growth with the path since."""
+    max_drift: float = 3.0
+    """It is never taken larger than this [m]."""
+    turn_floor: float = 0.03
+    """The same for the heading [rad] …"""
+    turn_per_metre: float = 0.002
+    """… per metre of path [rad/m]."""
+    max_turn: float = 0.6
+    """… and at most [rad]."""
+    kernel_width: float = 5.0
+    """Φ of dynamic covariance scaling on a closure (squared standard deviations)."""
     support_offsets: tuple[int, ...] = (-6, -3, 3, 6)
     """Neighbouring key scans asked to agree."""

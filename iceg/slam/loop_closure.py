@@ -14,14 +14,14 @@ from iceg.slam.track import KeyScan
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class ClosureRecord:
+class Attempt:
     """One loop closure that was tried.
 
     Attributes:
         key_old: index of the earlier key pose.
         key_new: index of the later one.
         match: what the matcher said, None if it found nothing credible.
-        accepted: whether it entered the graph.
+        accepted: whether it may enter the graph.
         reason: why, or why not.
     """
 
@@ -80,13 +80,13 @@ class LoopCloser:
             for _, key in best[: config.max_passes]
         ]
 
-    def match(self, candidate: Candidate, key_new: int, poses: NDArray[np.float64]) -> ClosureRecord:
+    def match(self, candidate: Candidate, key_new: int, poses: NDArray[np.float64]) -> Attempt:
         """Match a key scan against the local map of a candidate's pass and verify it with its neighbours."""
         base = candidate.key_old
         reference = self._reference(base, poses)
         guess = candidate.T_old_new
         found = self._matcher.match(reference, self._keys[key_new].scan, guess, candidate.covariance)
-        record = ClosureRecord(key_old=base, key_new=key_new, match=None, accepted=False, reason="")
+        record = Attempt(key_old=base, key_new=key_new, match=None, accepted=False, reason="")
         if isinstance(found, NoMatch):
             return replace(record, reason=found.reason)
         record = replace(record, match=found)

@@ -1,0 +1,234 @@
+"""The whole job: a log in; trajectory, graph, feature map and occupancy grid out."""
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.matcher import Matcher
+from frontends.scan import Log
+from graph.pose_graph import PoseGraph
+from graph.se2 import between
+from iceg.config import Config
+from iceg.ice.features import extract_features
+from iceg.ice.matcher import IceMatcher
+from iceg.maps.feature_map import Landmarks, build_feature_map
+from iceg.maps.grid import OccupancyGrid, render_grid
+from iceg.slam.back_end import Solution, solve_track
+from iceg.slam.front_end import track_log
+from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
+from iceg.slam.progress import Progress, ProgressCallback
+from iceg.slam.track import Track
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Closure:
+    """A loop closure that was tried, in terms of scans.
+
+    Attributes:
+        scan_i: the earlier scan.
+        scan_j: the later scan.
+        T_i_j: (3,) pose of scan j in the frame of scan i; NaN where nothing was found.
+        score: share of beams that agree.
+        inliers: how many.
+        overlap: share of beams on known reference.
+        verdict: "accepted" or "rejected".
+        reason: why.
+    """
+
+    scan_i: int
+    scan_j: int
+    T_i_j: NDArray[np.float64]
+    score: float
+    inliers: int
+    overlap: float
+    verdict: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SlamResult:
+    """What a run found.
+
+    Attributes:
+        log: the log.
+        config: the settings.
+        trajectory: (n_scans, 3) T_map_robot of every scan, in file order.
+        key_scans: (k,) which scans are key scans.
+        key_poses: (k, 3) their T_map_robot.
+        covariances: (k, 3, 3) their marginal covariances, tangent space at each.
+        graph: the factor graph.
+        landmarks: the feature map, expired landmarks included.
+        grid: the occupancy grid.
+        closures: every loop closure tried.
+        summary: counts, seconds per stage and calibration.
+    """
+
+    log: Log
+    config: Config
+    trajectory: NDArray[np.float64]
+    key_scans: NDArray[np.int64]
+    key_poses: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    graph: PoseGraph
+    landmarks: Landmarks
+    grid: OccupancyGrid
+    closures: list[Closure]
+    summary: dict[str, Any]
+
+
+def run(
+    log: Log,
+    config: Config | None = None,
+    progress: ProgressCallback | None = None,
+    *,
+    matcher: Matcher | None = None,
+) -> SlamResult:
+    """Estimate the trajectory and the maps of a log.
+
+    Args:
+        log: the log.
+        config: settings; the defaults when left out.
+        progress: called as the front end proceeds.
+        matcher: any scan matcher; ICE when left out.
+
+    Returns:
+        Everything that was found.
+    """
+    config = config or Config()
+    matcher = matcher or IceMatcher(config.ice)
+    clock = _StageClock()
+    with clock.stage("calibration"):
+        first = _calibrate(log, matcher, config)
+    with clock.stage("front_end"):
+        track = _track(log, matcher, first, config, progress)
+    with clock.stage("graph"):
+        calibration = _recalibrate(track, log, first, config)
+        solution = _solve(track, log, matcher, calibration, config)
+    with clock.stage("covariances"):
+        covariances = solution.graph.marginal_covariances()
+    trajectory = track.trajectory(solution.poses)
+    with clock.stage("feature_map"):
+        landmarks = _landmarks(track, solution.poses, config)
+    with clock.stage("grid"):
+        grid = render_grid(trajectory, log.ranges, log.geometry, config.grid)
+    return SlamResult(
+        log=log,
+        config=config,
+        trajectory=trajectory,
+        key_scans=np.array([key.index for key in track.keys], dtype=np.int64),
+        key_poses=solution.poses,
+        covariances=covariances,
+        graph=solution.graph,
+        landmarks=landmarks,
+        grid=grid,
+        closures=_closures(track, solution),
+        summary=_summary(log, track, solution, calibration, clock),
+    )
+
+
+class _StageClock:
+    """Seconds spent in each stage."""
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        started = time.perf_counter()
+        yield
+        self.seconds[name] = round(time.perf_counter() - started, 4)
+
+
+def _calibrate(log: Log, matcher: Matcher, config: Config) -> OdometryCalibration:
+    """Track the first part of the log to learn what its odometry does wrong."""
+    nothing_known = OdometryCalibration(noise=config.odometry)
+    if not (log.has_odometry and config.front_end.calibrate_odometry) or len(log) < 2:
+        return nothing_known
+    steps = between(log.odometry[:-1], log.odometry[1:])
+    path, turn = np.cumsum(np.hypot(steps[:, 0], steps[:, 1])), np.cumsum(np.abs(steps[:, 2]))
+    enough = (path > config.front_end.calibration_path) & (turn > config.front_end.calibration_turn)
+    n_scans = min(int(np.argmax(enough)) + 1 if enough.any() else len(log), config.front_end.calibration_scans)
+    track = track_log(log, matcher, config.odometry, config.front_end, n_scans=n_scans)
+    return calibrate_odometry(track, log.odometry[:n_scans])
+
+
+def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Config) -> OdometryCalibration:
+    """The same from all of the log, for the graph's odometry factors."""
+    if not (log.has_odometry and config.front_end.calibrate_odometry):
+        return first
+    return calibrate_odometry(track, log.odometry)
+
+
+def _track(
+    log: Log, matcher: Matcher, calibration: OdometryCalibration, config: Config, progress: ProgressCallback | None
+) -> Track:
+    def report(scans: int, failures: int) -> None:
+        if progress is not None:
+            progress(Progress(scans=scans, tried=scans - 1, accepted=scans - 1 - failures))
+
+    odometry = calibration.apply(log.odometry) if log.has_odometry else None
+    return track_log(log, matcher, calibration.noise, config.front_end, report, corrected_odometry=odometry)
+
+
+def _solve(
+    track: Track, log: Log, matcher: Matcher, calibration: OdometryCalibration, config: Config
+) -> Solution:
+    odometry = calibration.apply(log.odometry) if log.has_odometry else None
+    return solve_track(track, odometry, calibration.noise, matcher, config.graph, config.loops)
+
+
+def _landmarks(track: Track, key_poses: NDArray[np.float64], config: Config) -> Landmarks:
+    features = (extract_features(key.scan, config.ice.features, config.ice.segments) for key in track.keys)
+    feature_map = build_feature_map(key_poses, features, (key.scan for key in track.keys), config.feature_map)
+    return feature_map.record()
+
+
+def _closures(track: Track, solution: Solution) -> list[Closure]:
+    return [
+        Closure(
+            scan_i=track.keys[attempt.key_old].index,
+            scan_j=track.keys[attempt.key_new].index,
+            T_i_j=np.full(3, np.nan) if attempt.match is None else attempt.match.T_ref_cur,
+            score=0.0 if attempt.match is None else attempt.match.score,
+            inliers=0 if attempt.match is None else attempt.match.inliers,
+            overlap=0.0 if attempt.match is None else attempt.match.overlap,
+            verdict="accepted" if attempt.accepted else "rejected",
+            reason=attempt.reason,
+        )
+        for attempt in solution.attempts
+    ]
+
+
+def _summary(
+    log: Log, track: Track, solution: Solution, calibration: OdometryCalibration, clock: _StageClock
+) -> dict[str, Any]:
+    factors = solution.graph.factors
+    kinds = ("prior", "odometry", "ice", "closure")
+    return {
+        "log": log.path.name,
+        "scans": len(log),
+        "skipped_lines": log.skipped_lines,
+        "warnings": list(log.warnings),
+        "key_poses": len(track.keys),
+        "scans_carried_by_odometry": track.failures,
+        "weak_matches": sum(1 for key in track.keys if getattr(key.match, "is_fully_observed", True) is False),
+        "factors": {kind: sum(1 for factor in factors if factor.kind == kind) for kind in kinds},
+        "closures": {
+            "tried": len(solution.attempts),
+            "accepted": sum(1 for attempt in solution.attempts if attempt.accepted),
+        },
+        "odometry": {
+            "translation_scale": calibration.translation_scale,
+            "heading_scale": calibration.heading_scale,
+            "heading_per_metre_rad": calibration.heading_per_metre,
+            "heading_shift_scans": calibration.heading_shift,
+            "translation_shift_scans": calibration.translation_shift,
+            "T_odometry_laser": list(calibration.T_odometry_laser),
+        },
+        "seconds": clock.seconds,
+    }
