@@ -54,7 +54,7 @@ def room(T_map_laser: F64, bearings: F64, half: tuple[float, float] = (4.02, 3.0
 def cast(x0: float, y0: float, x1: float, y1: float) -> list[tuple[int, int]]:
     """Cells (column, row) of the kernel."""
     rows, cols = np.zeros(2000, np.int64), np.zeros(2000, np.int64)
-    n = kernels.cast_cells(x0, y0, x1, y1, rows, cols)
+    n = kernels.cast_cells(x0, y0, x1, y1, rows, cols, 0)
     return list(zip(cols[:n].tolist(), rows[:n].tolist(), strict=True))
 
 

@@ -90,7 +90,7 @@ def chord_tables(bearings: F64, half_widths: F64) -> F64:
 
 
 @njit(cache=True)
-def cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64) -> int:
+def cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64, at: int) -> int:
     """All cells a straight line passes through, in order, start and end included.
 
     Args:
@@ -98,19 +98,20 @@ def cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64)
         y0: start row coordinate [cells].
         x1: end column coordinate [cells].
         y1: end row coordinate [cells].
-        rows: output, at least |Δrow| + |Δcol| + 1 entries.
+        rows: output, room for |Δrow| + |Δcol| + 1 entries from `at` on.
         cols: output, as rows.
+        at: where to write the first cell.
 
     Returns:
-        Number of cells written.
+        Where the next cell would go.
     """
     col, row = int(np.floor(x0)), int(np.floor(y0))
     last_col, last_row = int(np.floor(x1)), int(np.floor(y1))
-    rows[0], cols[0] = row, col
+    rows[at], cols[at] = row, col
     borders = abs(last_col - col) + abs(last_row - row)
     if borders <= 1:
-        rows[borders], cols[borders] = last_row, last_col
-        return borders + 1
+        rows[at + borders], cols[at + borders] = last_row, last_col
+        return at + borders + 1
     dx, dy = x1 - x0, y1 - y0
     step_col = 1 if dx > 0 else -1
     step_row = 1 if dy > 0 else -1
@@ -121,7 +122,7 @@ def cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64)
     per_row = abs(1.0 / dy) if dy != 0 else np.inf
     # Counting the borders instead of comparing positions ends the walk whatever the rounding.
     left_cols, left_rows = abs(last_col - col), abs(last_row - row)
-    count = 1
+    count = at + 1
     while left_cols + left_rows > 0:
         if left_rows == 0 or (left_cols > 0 and next_x < next_y):
             col += step_col
@@ -206,8 +207,8 @@ def collect_hits(
     Returns:
         The new number of hit cells.
     """
-    n = cast_cells(xs[0], ys[0], xs[1], ys[1], rows, cols) - 1
-    n += cast_cells(xs[1], ys[1], xs[2], ys[2], rows[n:], cols[n:])
+    n = cast_cells(xs[0], ys[0], xs[1], ys[1], rows, cols, 0)
+    n = cast_cells(xs[1], ys[1], xs[2], ys[2], rows, cols, n - 1)
     share = np.float32(evidence / n)
     for k in range(n):
         cells[count + k] = rows[k] * n_cols + cols[k]
