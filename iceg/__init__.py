@@ -3,6 +3,8 @@
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from iceg._shadowing import check_shadowing
+
 if TYPE_CHECKING:
     from frontends.logs import describe_log, read_log
     from frontends.matcher import Matcher
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from iceg.maps.grid import OccupancyGrid, render_grid
     from iceg.results import write_results
     from iceg.run_folder import RunFolder, read_run_folder
+    from iceg.slam.pipeline import SlamResult, run
 
 __version__ = "0.1.0"
 
@@ -43,6 +46,7 @@ __all__ = [
     "Scan",
     "ScanGeometry",
     "Segments",
+    "SlamResult",
     "__version__",
     "demo_log_path",
     "demo_truth_path",
@@ -53,6 +57,7 @@ __all__ = [
     "read_log",
     "read_run_folder",
     "render_grid",
+    "run",
     "write_results",
 ]
 
@@ -75,6 +80,7 @@ _HOMES = {
     "Scan": "frontends.scan",
     "ScanGeometry": "frontends.scan",
     "Segments": "iceg.ice.segments",
+    "SlamResult": "iceg.slam.pipeline",
     "demo_log_path": "iceg.demo",
     "demo_truth_path": "iceg.demo",
     "describe_log": "frontends.logs",
@@ -84,8 +90,11 @@ _HOMES = {
     "read_log": "frontends.logs",
     "read_run_folder": "iceg.run_folder",
     "render_grid": "iceg.maps.grid",
+    "run": "iceg.slam.pipeline",
     "write_results": "iceg.results",
 }
+
+check_shadowing()
 
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401

@@ -7,10 +7,8 @@ from graph.config import PoseGraphConfig
 from graph.odometry import OdometryModel
 from iceg.ice.config import IceConfig
 from iceg.maps.config import FeatureMapConfig, GridConfig
-from graph.odometry import OdometryModel
-from iceg.slam.config import FrontEndConfig, LoopClosureConfig
 from iceg.settings_file import ConfigError, format_settings, parse_settings, read_settings
-from iceg.slam.config import FrontEndConfig
+from iceg.slam.config import FrontEndConfig, LoopClosureConfig
 
 __all__ = ["Config", "ConfigError", "format_config", "parse_config", "read_config"]
 
@@ -42,9 +40,7 @@ class Config:
     Attributes:
         seed: start of every random number drawn; the same log, settings and version give the same bytes.
         log: how the log is read.
-        odometry: noise of the wheel odometry.
         ice: ICE matching.
-        front_end: matching scan after scan, and which scans become key scans.
         front_end: tracking, key scans and the local reference.
         odometry: noise of the wheels before it is calibrated.
         graph: the pose graph.
@@ -55,9 +51,7 @@ class Config:
 
     seed: int = 0
     log: LogConfig = field(default_factory=LogConfig)
-    odometry: OdometryModel = field(default_factory=OdometryModel)
     ice: IceConfig = field(default_factory=IceConfig)
-    front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
     front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
     odometry: OdometryModel = field(default_factory=OdometryModel)
     graph: PoseGraphConfig = field(default_factory=PoseGraphConfig)

@@ -34,6 +34,7 @@ class ProgressBar:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self._bar.set_postfix_str(self._describe(self.latest, time.perf_counter()), refresh=False)
         self._bar.close()
 
     def __call__(self, progress: Progress) -> None:
