@@ -16,7 +16,7 @@ class Closure:
     Attributes:
         scan_i: the earlier scan.
         scan_j: the later scan.
-        T_i_j: (3,) pose of scan j in the frame of scan i: x [m], y [m], heading [rad].
+        T_i_j: (3,) pose of scan j in the frame of scan i: x [m], y [m], heading [rad]; NaN where nothing was found.
         score: correlation score in [0, 1].
         inliers: how many beams agreed.
         overlap: share of the usable beams that fell on known reference, in [0, 1].

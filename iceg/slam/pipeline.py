@@ -19,35 +19,11 @@ from iceg.ice.matcher import IceMatcher
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid
 from iceg.slam.back_end import Solution, solve_track
+from iceg.slam.closure import Closure
 from iceg.slam.front_end import track_log
 from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.progress import Progress, ProgressCallback
 from iceg.slam.track import Track
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Closure:
-    """A loop closure that was tried, in terms of scans.
-
-    Attributes:
-        scan_i: the earlier scan.
-        scan_j: the later scan.
-        T_i_j: (3,) pose of scan j in the frame of scan i; NaN where nothing was found.
-        score: share of beams that agree.
-        inliers: how many.
-        overlap: share of beams on known reference.
-        verdict: "accepted" or "rejected".
-        reason: why.
-    """
-
-    scan_i: int
-    scan_j: int
-    T_i_j: NDArray[np.float64]
-    score: float
-    inliers: int
-    overlap: float
-    verdict: str
-    reason: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
