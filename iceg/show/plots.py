@@ -6,11 +6,14 @@ Everything draws on axes it is given or on a figure of its own; no global state,
 import io
 import itertools
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backend_bases import GraphicsContextBase, RendererBase
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LinearSegmentedColormap
@@ -32,7 +35,11 @@ _KIND_MARKERS = ("s", "o", "x")
 _KIND_LABELS = ("corner", "end of wall", "intersection")
 _UNKNOWN, _FREE, _OCCUPIED = 232.0, 255.0, 20.0  # greys
 _TIME_COLOURS = ("#f4a259", "#d1495b", "#8e3b8a", "#3b3b98")  # start to end, all readable on white
+_CLOSURE_COLOUR = "#2a9d8f"
 _INK = "#222222"
+_DPI = 220
+_STRIP = 0.42  # height below the map for scale bar and legend [inches]
+_NARROWEST = 4.6  # sheet that holds the legend [inches]
 
 
 def draw_map(
@@ -60,28 +67,9 @@ def draw_map(
         box: x_min, x_max, y_min, y_max to show [m]; the known area when left out.
         line_width: of the trajectory [points]; other strokes and markers follow it.
     """
-    x_min, x_max, y_min, y_max = box or known_box(grid, trajectory)
-    rows, cols = _window(grid, (x_min, x_max, y_min, y_max))
-    image = _shades(grid.occupancy()[rows, cols])
-    left = float(grid.origin[0]) + cols.start * grid.resolution
-    low = float(grid.origin[1]) + rows.start * grid.resolution
-    extent = (left, left + image.shape[1] * grid.resolution, low, low + image.shape[0] * grid.resolution)
-    ax.imshow(image, cmap="gray", vmin=0, vmax=255, origin="lower", extent=extent, interpolation="nearest")
-    ax.set_facecolor(str(_UNKNOWN / 255))
-    if landmarks is not None:
-        _draw_landmarks(ax, landmarks[landmarks.seen >= min_seen], line_width)
-    if closures is not None and trajectory is not None and len(closures):
-        ends = trajectory[closures][:, :, :2]
-        ax.add_collection(LineCollection(list(ends), colors="#2a9d8f", linewidths=line_width, alpha=0.8, zorder=4))
-    if trajectory is not None:
-        _draw_trajectory(ax, trajectory, line_width)
-    if key_poses is not None:
-        ax.plot(
-            *key_poses[:, :2].T, ".", color=_INK, markersize=2.4 * line_width, markeredgewidth=0, alpha=0.8, zorder=6
-        )
-    ax.set(xlim=(x_min, x_max), ylim=(y_min, y_max), xticks=[], yticks=[], aspect="equal")
-    for spine in ax.spines.values():
-        spine.set_visible(False)
+    box = box or known_box(grid, trajectory)
+    ax.imshow(_shades_in(grid, box), cmap="gray", vmin=0, vmax=255, origin="lower", extent=box, interpolation="nearest")
+    _draw_on_map(ax, box, trajectory, key_poses, landmarks, closures, min_seen, line_width)
 
 
 def save_map_png(
@@ -110,27 +98,46 @@ def save_map_png(
         title: a line beside the scale bar.
     """
     box = known_box(grid, trajectory)
-    cells = max(box[1] - box[0], box[3] - box[2]) / grid.resolution
-    pixels_per_cell = float(max(1, round(long_side / cells))) if cells <= long_side else long_side / cells
-    dpi = 220
-    inches_per_metre = pixels_per_cell / grid.resolution / dpi
-    width, height = (box[1] - box[0]) * inches_per_metre, (box[3] - box[2]) * inches_per_metre
-    strip = 0.42
-    width = max(width, 4.2)
-    figure = Figure(figsize=(width, height + strip), dpi=dpi, facecolor="white")
-    FigureCanvasAgg(figure)
-    ax = figure.add_axes((0.0, strip / (height + strip), 1.0, height / (height + strip)))
-    draw_map(ax, grid, trajectory, key_poses, landmarks, closures, min_seen=min_seen, box=box)
-    below = figure.add_axes((0.0, 0.0, 1.0, strip / (height + strip)))
-    below.set(xlim=(0.0, width), ylim=(0.0, strip))
+    image = _scaled(_shades_in(grid, box), long_side)
+    height_px, width_px = image.shape
+    strip_px, sheet_px = round(_STRIP * _DPI), max(width_px, round(_NARROWEST * _DPI))
+    figure = Figure(figsize=(sheet_px / _DPI, (height_px + strip_px) / _DPI), dpi=_DPI, facecolor="white")
+    canvas = FigureCanvasAgg(figure)
+    left = (sheet_px - width_px) // 2
+    figure.add_artist(_Pixels(image, left, strip_px))
+    frame = (
+        left / sheet_px,
+        strip_px / (height_px + strip_px),
+        width_px / sheet_px,
+        height_px / (height_px + strip_px),
+    )
+    ax = figure.add_axes(frame, facecolor="none")
+    _draw_on_map(ax, box, trajectory, key_poses, landmarks, closures, min_seen, 0.8)
+    below = figure.add_axes((0.0, 0.0, 1.0, frame[1]))
+    below.set(xlim=(0.0, sheet_px / _DPI), ylim=(0.0, _STRIP))
     below.axis("off")
-    end = _draw_scale_bar(below, inches_per_metre, strip)
+    end = _draw_scale_bar(below, width_px / _DPI / (box[1] - box[0]))
     if title:
-        below.text(end + 0.25, 0.5 * strip, title, fontsize=7, color=_INK, va="center")
-    _draw_legend(below, width, trajectory is not None, key_poses is not None, landmarks, closures, min_seen)
-    content = io.BytesIO()
-    figure.savefig(content, format="png", pil_kwargs={"compress_level": 3})
-    write_atomically(path, content.getvalue())
+        below.text(end + 0.25, 0.5 * _STRIP, title, fontsize=7, color=_INK, va="center")
+    _draw_legend(below, sheet_px / _DPI, trajectory is not None, key_poses is not None, landmarks, closures, min_seen)
+    write_atomically(path, _png(canvas))
+
+
+class _Pixels(Artist):
+    """A grey image painted pixel by pixel: quicker than matplotlib's own images, which resample."""
+
+    def __init__(self, image: NDArray[np.uint8], left: int, bottom: int) -> None:
+        super().__init__()
+        self._corner = (left, bottom)
+        self._rgba = np.full((*image.shape, 4), 255, dtype=np.uint8)
+        self._rgba[:, :, :3] = image[:, :, None]
+        self.set_zorder(-1)
+
+    def draw(self, renderer: RendererBase) -> None:
+        """Paint it."""
+        context: GraphicsContextBase = renderer.new_gc()
+        renderer.draw_image(context, *self._corner, self._rgba)
+        context.restore()
 
 
 def known_box(
@@ -308,13 +315,73 @@ def _shades(occupancy: NDArray[np.float32]) -> NDArray[np.uint8]:
     return np.asarray(np.round(shades), dtype=np.uint8)
 
 
-def _window(grid: "OccupancyGrid", box: tuple[float, float, float, float]) -> tuple[slice, slice]:
-    """Rows and columns of a grid inside a box."""
-    n_rows, n_cols = grid.shape
+def _shades_in(grid: "OccupancyGrid", box: tuple[float, float, float, float]) -> NDArray[np.uint8]:
+    """Greys of the cells in a box whose borders are cell borders; unknown where it leaves the grid."""
     first_col, end_col = np.rint((np.array(box[:2]) - grid.origin[0]) / grid.resolution).astype(int)
     first_row, end_row = np.rint((np.array(box[2:]) - grid.origin[1]) / grid.resolution).astype(int)
-    rows = slice(max(int(first_row), 0), min(max(int(end_row), 0), n_rows))
-    return rows, slice(max(int(first_col), 0), min(max(int(end_col), 0), n_cols))
+    shades = np.full((end_row - first_row, end_col - first_col), round(_UNKNOWN), dtype=np.uint8)
+    n_rows, n_cols = grid.shape
+    rows = slice(max(first_row, 0), max(min(end_row, n_rows), 0))
+    cols = slice(max(first_col, 0), max(min(end_col, n_cols), 0))
+    inside = _shades(grid.occupancy()[rows, cols])
+    row, col = rows.start - first_row, cols.start - first_col
+    shades[row : row + inside.shape[0], col : col + inside.shape[1]] = inside
+    return shades
+
+
+def _scaled(image: NDArray[np.uint8], long_side: int) -> NDArray[np.uint8]:
+    """A whole number of pixels a cell, or of cells a pixel (the darkest counts, so that walls remain)."""
+    cells = max(image.shape)
+    if cells > 2 * long_side:
+        factor = math.ceil(cells / (2 * long_side))
+        rows, cols = (-(-n // factor) * factor for n in image.shape)
+        padded = np.full((rows, cols), 255, dtype=np.uint8)
+        padded[: image.shape[0], : image.shape[1]] = image
+        blocks = padded.reshape(rows // factor, factor, cols // factor, factor)
+        return np.asarray(blocks.min(axis=(1, 3)), dtype=np.uint8)
+    factor = max(1, round(long_side / cells))
+    return image.repeat(factor, axis=0).repeat(factor, axis=1)
+
+
+def _png(canvas: FigureCanvasAgg) -> bytes:
+    """The picture as PNG without transparency, quickly compressed."""
+    from PIL import Image
+
+    draw: Callable[[], None] = canvas.draw
+    draw()
+    pixels: Callable[[], memoryview] = canvas.buffer_rgba
+    content = io.BytesIO()
+    image = Image.fromarray(np.ascontiguousarray(np.asarray(pixels())[:, :, :3]))
+    image.save(content, format="PNG", compress_level=2, dpi=(_DPI, _DPI))
+    return content.getvalue()
+
+
+def _draw_on_map(
+    ax: Axes,
+    box: tuple[float, float, float, float],
+    trajectory: NDArray[np.float64] | None,
+    key_poses: NDArray[np.float64] | None,
+    landmarks: "Landmarks | None",
+    closures: NDArray[np.int64] | None,
+    min_seen: int,
+    line_width: float,
+) -> None:
+    """All that lies on the grid, on axes without decoration."""
+    if landmarks is not None:
+        _draw_landmarks(ax, landmarks[landmarks.seen >= min_seen], line_width)
+    if closures is not None and trajectory is not None and len(closures):
+        ends = trajectory[closures][:, :, :2]
+        ax.add_collection(
+            LineCollection(list(ends), colors=_CLOSURE_COLOUR, linewidths=line_width, alpha=0.8, zorder=4)
+        )
+    if trajectory is not None:
+        _draw_trajectory(ax, trajectory, line_width)
+    if key_poses is not None:
+        size = 2.4 * line_width
+        ax.plot(*key_poses[:, :2].T, ".", color=_INK, markersize=size, markeredgewidth=0, alpha=0.8, zorder=6)
+    ax.set(xlim=box[:2], ylim=box[2:], xticks=[], yticks=[], aspect="equal")
+    for spine in ax.spines.values():
+        spine.set_visible(False)
 
 
 def _time_colours() -> LinearSegmentedColormap:
@@ -365,11 +432,11 @@ def _wall_strokes(
     return list(np.stack([positions[rows], ends], axis=1))
 
 
-def _draw_scale_bar(ax: Axes, inches_per_metre: float, strip: float) -> float:
+def _draw_scale_bar(ax: Axes, inches_per_metre: float) -> float:
     """A bar of a round length, about an inch; returns where it ends [inches]."""
     lengths = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
     length = min(lengths, key=lambda metres: abs(math.log(metres * inches_per_metre / 1.0)))
-    x, y, height = 0.15, 0.3 * strip, 0.045
+    x, y, height = 0.15, 0.3 * _STRIP, 0.045
     for part in range(4):
         colour = _INK if part % 2 == 0 else "white"
         quarter = length * inches_per_metre / 4
@@ -396,7 +463,7 @@ def _draw_legend(
     if has_key_poses:
         handles.append(Line2D([], [], marker=".", color=_INK, markersize=3, lw=0, label="key pose"))
     if closures is not None and len(closures):
-        handles.append(Line2D([], [], color="#2a9d8f", lw=1.2, label=f"loop closure ({len(closures)})"))
+        handles.append(Line2D([], [], color=_CLOSURE_COLOUR, lw=1.2, label=f"loop closure ({len(closures)})"))
     if landmarks is not None:
         counts = np.bincount(landmarks.kinds[landmarks.seen >= min_seen], minlength=3)
         for colour, marker, label, count in zip(KIND_COLOURS, _KIND_MARKERS, _KIND_LABELS, counts, strict=True):
