@@ -139,7 +139,15 @@ def cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64,
 
 @njit(cache=True)
 def fill_polygon(
-    log_odds: F32, xs: F64, ys: F64, n_vertices: int, miss: np.float32, low: np.float32, crossings: I32, counts: I32
+    log_odds: F32,
+    xs: F64,
+    ys: F64,
+    n_vertices: int,
+    miss: np.float32,
+    low: np.float32,
+    base: int,
+    crossings: I32,
+    counts: I32,
 ) -> None:
     """Add `miss` (negative) once to every cell whose centre lies inside a polygon, not below `low`.
 
@@ -150,8 +158,9 @@ def fill_polygon(
         n_vertices: how many of them count.
         miss: what to add.
         low: lower clamp.
-        crossings: (n_rows, ≥ n_vertices) scratch.
-        counts: (n_rows,) scratch, all zero before and after.
+        base: the polygon touches no row before this one, …
+        crossings: (k, ≥ n_vertices) scratch, … nor any k or more rows after it.
+        counts: (k,) scratch, all zero before and after.
     """
     n_rows, n_cols = log_odds.shape
     lowest, highest = n_rows, -1
@@ -170,19 +179,19 @@ def fill_polygon(
                 column = min(max(int(np.ceil(x)), 0), n_cols)
                 x += slope
                 # Insertion into the row's sorted crossings: rows have few.
-                at = counts[row]
-                while at > 0 and crossings[row, at - 1] > column:
-                    crossings[row, at] = crossings[row, at - 1]
+                at = counts[row - base]
+                while at > 0 and crossings[row - base, at - 1] > column:
+                    crossings[row - base, at] = crossings[row - base, at - 1]
                     at -= 1
-                crossings[row, at] = column
-                counts[row] += 1
+                crossings[row - base, at] = column
+                counts[row - base] += 1
         x0, y0 = x1, y1
     for row in range(lowest, highest + 1):
-        for pair in range(0, counts[row] - 1, 2):
-            inside = log_odds[row, crossings[row, pair] : crossings[row, pair + 1]]
+        for pair in range(0, counts[row - base] - 1, 2):
+            inside = log_odds[row, crossings[row - base, pair] : crossings[row - base, pair + 1]]
             for column in range(inside.size):
                 inside[column] = max(low, inside[column] + miss)
-        counts[row] = 0
+        counts[row - base] = 0
 
 
 @njit(cache=True)
@@ -316,7 +325,7 @@ def render(
         miss: evidence of a free cell [log-odds, < 0].
         limit: the log-odds stay in [-limit, limit].
     """
-    n_rows, n_cols = log_odds.shape
+    n_cols = log_odds.shape[1]
     n_beams = len(bearings)
     flat = log_odds.reshape(-1)
     surface = np.empty((n_beams, 3))
@@ -324,8 +333,9 @@ def render(
     cos, sin = border_directions(bearings, half_widths)
     chords = chord_tables(bearings, half_widths)
     xs, ys = np.empty(4 * n_beams + 1), np.empty(4 * n_beams + 1)
-    crossings = np.empty((n_rows, len(xs)), np.int32)
-    counts = np.zeros(n_rows, np.int32)
+    reach = max_range / resolution + 2.0
+    crossings = np.empty((int(2.0 * reach) + 2, len(xs)), np.int32)
+    counts = np.zeros(len(crossings), np.int32)
     cells = np.empty(4 * n_beams + 64, np.int64)
     shares = np.empty(len(cells), np.float32)
     before = np.empty(len(cells), np.float32)
@@ -373,7 +383,8 @@ def render(
         # and of several hits in one scan the strongest counts.
         for h in range(n_hits):
             before[h] = flat[cells[h]]
-        fill_polygon(log_odds, xs, ys, n_vertices, miss32, low, crossings, counts)
+        base = int(np.floor(y - reach))
+        fill_polygon(log_odds, xs, ys, n_vertices, miss32, low, base, crossings, counts)
         for h in range(n_hits):
             flat[cells[h]] = before[h]
         for h in range(n_hits):

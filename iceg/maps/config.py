@@ -34,14 +34,14 @@ class GridConfig:
     no_return_range: float = 0.0
     """How far a beam without return is taken as free [m]; 0: it says nothing."""
     beam_width: float | None = None
-    """Full opening angle of a beam's cone [rad]; None: the beams touch (as wide as their spacing)."""
+    """Full opening angle of a beam's cone [rad], at most the spacing of the beams; None: that spacing, they touch."""
     min_incidence: float = 0.2
     """Neighbouring returns lie on one surface unless it would be seen flatter than this [rad]."""
     min_travel: float = 0.0
-    """Skip scans until the robot has moved this far [m] …"""
+    """Skip scans until the robot has moved this far since the last one used [m]; every scan when min_turn is 0 too."""
     min_turn: float = 0.0
-    """… or turned this much [rad] since the last one used; 0 and 0: every scan."""
-    max_cells: int = 200_000_000
+    """Use a scan nevertheless once the robot has turned this much [rad]; 0: the turn does not matter."""
+    max_cells: int = 50_000_000
     """Refuse grids larger than this (a diverged trajectory fills the memory)."""
 
     def __post_init__(self) -> None:
@@ -101,9 +101,9 @@ class FeatureMapConfig:
     edge_on: float = 0.2
     """Walls seen under a flatter angle are not expected to be seen [rad]."""
     detection_probability: float = 0.3
-    """Probability that a landmark in the visible area is seen. It expires when the evidence turns against it …"""
+    """Probability that a landmark in the visible area is seen while it is there."""
     false_detection_probability: float = 0.05
-    """… compared with the probability that something is seen in its place although it is gone."""
+    """Probability that something is taken for it although it is gone; both weigh seen against missed."""
     longest_memory: float = 0.98
     """The probability of a landmark's existence never exceeds this, so that it can be forgotten."""
     expiry: float = 0.12
