@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from frontends.logs.carmen import is_carmen, read_carmen
+from frontends.logs.dpslam import is_dpslam, read_dpslam
 from frontends.logs.errors import LogError
 from frontends.logs.text import TextLog
 from frontends.scan import Log
@@ -26,6 +27,7 @@ class Reader:
 
 READERS: dict[str, Reader] = {
     "carmen": Reader(read=read_carmen, recognises=is_carmen),
+    "dpslam": Reader(read=read_dpslam, recognises=is_dpslam),
 }
 """Every format that can be read, by the name that chooses it."""
 
