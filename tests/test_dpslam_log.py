@@ -88,10 +88,17 @@ def test_marks_of_the_sick_in_millimetres_are_no_returns(write: Write) -> None:
 
 
 def test_usable_range_and_mount_can_be_set(write: Write) -> None:
-    log = read_dpslam(write(*scans(2)), range_min=2.0, range_max=5.0, T_robot_laser=(0.4, 0.0, 0.0))
+    log = read_dpslam(write(*scans(2)), range_min=2.0, range_max=5.0, T_robot_laser=(0.16, 0.0, 0.0))
     assert np.nanmin(log.ranges) >= 2.0
     assert np.nanmax(log.ranges) <= 5.0
+    assert_allclose(log.geometry.T_robot_laser, [0.16, 0, 0])
+    assert not any("where the laser sits" in warning for warning in log.warnings)
+
+
+def test_mount_of_the_authors_robot_is_assumed_and_said(write: Write) -> None:
+    log = read_dpslam(write(*scans(2)))
     assert_allclose(log.geometry.T_robot_laser, [0.4, 0, 0])
+    assert any("does not say where the laser sits: 0.4 m ahead" in warning for warning in log.warnings)
 
 
 @pytest.mark.parametrize(
