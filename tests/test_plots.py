@@ -18,6 +18,7 @@ from frontends.scan import Scan, ScanGeometry
 from iceg.ice.features import Features
 from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
+from iceg.show import plots
 from iceg.show.plots import (
     draw_correlation_surface,
     draw_covariance_ellipse,
@@ -187,3 +188,20 @@ def test_errors_beside_what_was_claimed(ax: Axes) -> None:
 def test_drawing_needs_no_display_and_no_global_state() -> None:
     code = "import sys, iceg.show.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+@pytest.mark.parametrize(("cells", "pixels"), [((40, 20), (200, 100)), ((150, 90), (150, 90)), ((900, 7), (300, 3))])
+def test_a_cell_is_a_whole_number_of_pixels_or_the_reverse(cells: tuple[int, int], pixels: tuple[int, int]) -> None:
+    image = np.full(cells, 255, np.uint8)
+    image[3, 2] = 20
+    scaled = plots._scaled(image, long_side=200)
+    assert scaled.shape == pixels
+    assert scaled.min() == 20
+
+
+def test_a_long_narrow_map_leaves_room_for_its_legend(tmp_path: Path) -> None:
+    corridor = OccupancyGrid(log_odds=np.full((800, 40), -3.0, np.float32), origin=np.zeros(2), resolution=0.05)
+    save_map_png(tmp_path / "map.png", corridor, path(), path()[::20], landmarks())
+    height, width = imread(tmp_path / "map.png").shape[:2]
+    assert width >= 1000
+    assert height > width
