@@ -222,3 +222,21 @@ def extract_features(
             row[9] = r
             count += 1
     return count
+
+
+@njit(cache=True)
+def smooth_on_segments(points, origin, segments, min_points, min_length, smoothed, normals):
+    """Give the points of long segments the normal of their line, and put them onto it."""
+    for k in range(len(segments)):
+        line = segments[k]
+        first, last = int(line[I_FIRST]), int(line[I_LAST])
+        if last - first + 1 < min_points or line[LAST] - line[FIRST] < min_length:
+            continue
+        nx, ny = -line[TY], line[TX]
+        if nx * (line[CX] - origin[0]) + ny * (line[CY] - origin[1]) > 0.0:
+            nx, ny = -nx, -ny
+        for i in range(first, last + 1):
+            off = nx * (points[i, 0] - line[CX]) + ny * (points[i, 1] - line[CY])
+            smoothed[i, 0] -= off * nx
+            smoothed[i, 1] -= off * ny
+            normals[i, 0], normals[i, 1] = nx, ny

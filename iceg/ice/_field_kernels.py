@@ -190,6 +190,7 @@ def refine(
     pose[0], pose[1], pose[2] = start[0], start[1], start[2]
     ny, nx = nearest.shape
     inliers, used = 0, 0
+    squares, weight = 0.0, 1e-9
     last = iterations == 0
     for it in range(max(1, iterations)):
         c, s = cos(pose[2]), sin(pose[2])
@@ -198,6 +199,7 @@ def refine(
         h00, h01, h02, h11, h12, h22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
         g0, g1, g2 = 0.0, 0.0, 0.0
         inliers, used = 0, 0
+        squares, weight = 0.0, 1e-9
         for i in range(len(points)):
             px, py = points[i, 0], points[i, 1]
             rx, ry = c * px - s * py, s * px + c * py
@@ -218,6 +220,8 @@ def refine(
             used += 1
             r = mx * (x - qx) + my * (y - qy)
             w = 1.0 / (1.0 + r * r / k2)
+            squares += w * r * r
+            weight += w
             if r * r < 4.0 * scale * scale:
                 inliers += 1
             # derivative with respect to a step of the pose in the reference frame, rotation about the robot
@@ -259,7 +263,7 @@ def refine(
         pose[2] += s2
         if it >= 3 and abs(s0) < 2e-4 and abs(s1) < 2e-4 and abs(s2) < 1e-4 and scale0 * 0.6**it <= scale:
             last = True
-    return inliers, used
+    return inliers, used, sqrt(squares / weight)
 
 
 @njit(cache=True)

@@ -1,6 +1,6 @@
 """Kernels that pair features and judge the relative poses these pairs imply."""
 
-from math import cos, exp, floor, hypot, pi, sin, sqrt, atan
+from math import atan, cos, exp, floor, hypot, pi, sin, sqrt
 
 from numba import njit
 

@@ -31,6 +31,10 @@ class SegmentConfig:
     """Fewest points of a segment."""
     min_length: float = 0.2
     """Shortest segment [m]."""
+    wall_points: int = 5
+    """Segments of at least this many points …"""
+    wall_length: float = 0.6
+    """… and this length [m] are walls: in the local map their points lie on the line."""
     range_noise: float = 0.01
     """Standard deviation of one range [m]."""
 
@@ -144,8 +148,8 @@ class LocalMapConfig:
 class CovarianceConfig:
     """Covariance from the correlation scores around the optimum."""
 
-    sigma: float = 0.03
-    """Standard deviation of a point-to-line residual [m]."""
+    min_sigma: float = 0.004
+    """The residuals of a match are never taken to be smaller than this [m]."""
     independence: float = 0.15
     """Share of the points that count as independent; calibrated against simulated truth."""
     points: int = 90

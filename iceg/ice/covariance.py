@@ -57,7 +57,8 @@ def score_covariance(
         The covariance with its weak directions.
     """
     heading = refined.T_ref_cur[2]
-    information = _to_tangent(refined.hessian, heading) * (config.independence / config.sigma**2)
+    sigma = max(config.min_sigma, refined.residual)
+    information = _to_tangent(refined.hessian, heading) * (config.independence / sigma**2)
     eigenvalues, axes = np.linalg.eigh(information)
     steps = np.clip(_SPACING / np.sqrt(np.maximum(eigenvalues, 1e-9)), _MIN_STEP, config.max_step)
     picks = spread(len(scan_points), config.points)
@@ -79,7 +80,7 @@ def score_covariance(
         _HALF,
         costs,
     )
-    per_cost = 0.5 * (scale / config.sigma) ** 2 * config.independence * len(scan_points) / max(1, len(picks))
+    per_cost = 0.5 * (scale / sigma) ** 2 * config.independence * len(scan_points) / max(1, len(picks))
     weights = np.exp(-per_cost * (costs - best))
     weights /= weights.sum()
     return _moments(weights, axes, steps, config)

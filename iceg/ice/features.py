@@ -91,12 +91,13 @@ def extract_features(
     Returns:
         The features in the robot frame, corners and intersections first.
     """
-    return feature_rows(scan, config or FeatureConfig(), segments or SegmentConfig(), extract_points(scan)).unpack()
+    scan_points = extract_points(scan)
+    lines = segment_rows(scan, segments or SegmentConfig(), scan_points)
+    return feature_rows(scan, config or FeatureConfig(), lines, scan_points).unpack()
 
 
-def feature_rows(scan: Scan, config: FeatureConfig, segments: SegmentConfig, scan_points: ScanPoints) -> FeatureRows:
-    """Features in the layout of the kernels."""
-    lines = segment_rows(scan, segments, scan_points)
+def feature_rows(scan: Scan, config: FeatureConfig, lines: NDArray[np.float64], scan_points: ScanPoints) -> FeatureRows:
+    """Features of segments, both in the layout of the kernels."""
     kinds, rows = np.empty(_CAPACITY, np.int8), np.empty((_CAPACITY, kernels.FEATURE_COLUMNS))
     count = kernels.extract_features(
         scan_points.points,

@@ -16,6 +16,7 @@ from iceg.ice.hypotheses import SearchWindow, distinct, pair_hypotheses, search_
 from iceg.ice.local_map import LocalMap
 from iceg.ice.points import ScanPoints, extract_points
 from iceg.ice.refinement import Refined, evaluate_points, polish_on_features, refine_on_points
+from iceg.ice.segments import segment_rows, smoothed_on_segments
 
 _CLEAR_LEAD = 0.9
 _CLEARLY_MORE = 1.03
@@ -26,9 +27,16 @@ _TRACKING_PRIOR = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Observation:
-    """What ICE extracts from one scan."""
+    """What ICE extracts from one scan.
+
+    Attributes:
+        points: its returns, as measured.
+        reference_points: the same with walls straightened, to match others against.
+        features: its corners, wall ends and intersections.
+    """
 
     points: ScanPoints
+    reference_points: ScanPoints
     features: FeatureRows
 
 
@@ -46,8 +54,12 @@ class IceMatcher:
         observation = self._observations.get(scan)
         if observation is None:
             points = self._points(scan)
-            features = feature_rows(scan, self.config.features, self.config.segments, points)
-            observation = Observation(points=points, features=features)
+            lines = segment_rows(scan, self.config.segments, points)
+            observation = Observation(
+                points=points,
+                reference_points=smoothed_on_segments(points, lines, scan.geometry.origin_robot, self.config.segments),
+                features=feature_rows(scan, self.config.features, lines, points),
+            )
             self._observations[scan] = observation
         return observation
 
@@ -68,7 +80,7 @@ class IceMatcher:
     def extend(self, reference: LocalMap, scan: Scan, T_ref_scan: NDArray[np.float64]) -> None:
         """Add one more scan to a local map."""
         observation = self.observe(scan)
-        reference.add(observation.points, observation.features, T_ref_scan)
+        reference.add(observation.reference_points, observation.features, T_ref_scan)
 
     def track(
         self,

@@ -26,12 +26,14 @@ class Refined:
         T_ref_cur: (3,) the pose.
         inliers: points (or features) that agree.
         used: points (or features) that found a partner.
+        residual: weighted root mean square of the point-to-line distances [m]; NaN for features.
         hessian: (3, 3) Σ w JᵀJ in the reference frame, rotation about the robot; unit residual variance for points.
     """
 
     T_ref_cur: NDArray[np.float64]
     inliers: int
     used: int
+    residual: float
     hessian: NDArray[np.float64]
 
 
@@ -87,7 +89,7 @@ def _descend(
 ) -> Refined:
     field = local_map.coarse if coarse else local_map.fine
     pose, hessian = np.empty(3), np.empty((3, 3))
-    inliers, used = field_kernels.refine(
+    inliers, used, residual = field_kernels.refine(
         scan_points.points,
         scan_points.normals,
         start,
@@ -103,7 +105,7 @@ def _descend(
         pose,
         hessian,
     )
-    return Refined(T_ref_cur=pose, inliers=inliers, used=used, hessian=hessian)
+    return Refined(T_ref_cur=pose, inliers=inliers, used=used, residual=residual, hessian=hessian)
 
 
 def polish_on_features(
@@ -133,4 +135,4 @@ def polish_on_features(
         pose,
         hessian,
     )
-    return Refined(T_ref_cur=pose, inliers=hit, used=hit, hessian=hessian)
+    return Refined(T_ref_cur=pose, inliers=hit, used=hit, residual=float("nan"), hessian=hessian)

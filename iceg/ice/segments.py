@@ -83,3 +83,27 @@ def segment_rows(scan: Scan, config: SegmentConfig, scan_points: ScanPoints) -> 
         rows,
     )
     return rows[:count]
+
+
+def smoothed_on_segments(
+    scan_points: ScanPoints, rows: NDArray[np.float64], origin: NDArray[np.float64], config: SegmentConfig
+) -> ScanPoints:
+    """The points of long segments put onto their lines, with the lines' normals.
+
+    A line through many points is known better than any of them: quantised ranges and the few neighbours of a point
+    would bend walls and tilt their normals.
+
+    Args:
+        scan_points: points of a scan.
+        rows: its segments in the layout of the kernels.
+        origin: (2,) position of the laser [m].
+        config: which segments count as walls.
+
+    Returns:
+        New points; those off any wall are unchanged.
+    """
+    points, normals = scan_points.points.copy(), scan_points.normals.copy()
+    kernels.smooth_on_segments(
+        scan_points.points, origin, rows, config.wall_points, config.wall_length, points, normals
+    )
+    return ScanPoints(points=points, normals=normals, beams=scan_points.beams)

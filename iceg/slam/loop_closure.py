@@ -52,9 +52,7 @@ class LoopCloser:
         self._path = np.cumsum(steps)
         self._references: dict[int, tuple[Any, NDArray[np.float64]]] = {}
 
-    def candidates(
-        self, key_new: int, poses: NDArray[np.float64], drift: NDArray[np.float64]
-    ) -> list[Candidate]:
+    def candidates(self, key_new: int, poses: NDArray[np.float64], drift: NDArray[np.float64]) -> list[Candidate]:
         """Earlier passes whose view overlaps that of `key_new`, nearest first.
 
         Args:
@@ -112,7 +110,11 @@ class LoopCloser:
         return reference
 
     def _support(
-        self, reference: Any, key_new: int, T_ref_new: NDArray[np.float64], poses: NDArray[np.float64]  # noqa: ANN401
+        self,
+        reference: Any,
+        key_new: int,
+        T_ref_new: NDArray[np.float64],
+        poses: NDArray[np.float64],  # noqa: ANN401
     ) -> float:
         """Mean score of neighbouring key scans at the poses the closure implies for them."""
         scores = []

@@ -151,9 +151,7 @@ def _track(
     return track_log(log, matcher, calibration.noise, config.front_end, report, corrected_odometry=odometry)
 
 
-def _solve(
-    track: Track, log: Log, matcher: Matcher, calibration: OdometryCalibration, config: Config
-) -> Solution:
+def _solve(track: Track, log: Log, matcher: Matcher, calibration: OdometryCalibration, config: Config) -> Solution:
     odometry = calibration.apply(log.odometry) if log.has_odometry else None
     return solve_track(track, odometry, calibration.noise, matcher, config.graph, config.loops)
 
