@@ -5,7 +5,7 @@ normal. The *field* stores for every cell of a regular grid which surfel is near
 one look-up.
 """
 
-from math import cos, floor, hypot, log, sin, sqrt
+from math import atan2, cos, floor, hypot, log, pi, sin, sqrt
 
 import numpy as np
 from numba import njit
@@ -313,3 +313,45 @@ def score_grid(points, normals, picks, surfels, nearest, origin, cell, scale, fa
                 costs[i0, i1, i2] = cost
                 best = min(best, cost)
     return best
+
+
+@njit(cache=True)
+def visible_agreement(surfels, pose, origin, heading, bearing0, resolution, ranges, near, margin):
+    """Count the surfels a scan taken at `pose` should see: those where it ends, and those it looks through.
+
+    origin, heading: mount of the laser on the robot. A surfel counts as seen when a beam ends within `margin` of it,
+    as contradicted when its own beam and both neighbours end more than `margin` behind it.
+    """
+    c, s = cos(pose[2]), sin(pose[2])
+    lx = pose[0] + c * origin[0] - s * origin[1]
+    ly = pose[1] + s * origin[0] + c * origin[1]
+    turn = pose[2] + heading
+    n = len(ranges)
+    agree, contradict = 0, 0
+    for k in range(len(surfels)):
+        dx, dy = surfels[k, 0] - lx, surfels[k, 1] - ly
+        d = hypot(dx, dy)
+        if d < 0.3 or d > near:
+            continue
+        # only surfaces seen from their front and not too flat
+        if (dx * surfels[k, 2] + dy * surfels[k, 3]) > -0.25 * d:
+            continue
+        bearing = atan2(dy, dx) - turn
+        bearing -= 2.0 * pi * floor((bearing - bearing0 + resolution) / (2.0 * pi))
+        b = int(floor((bearing - bearing0) / resolution + 0.5))
+        if b < 1 or b >= n - 1:
+            continue
+        behind, at = 0, 0
+        for q in range(b - 1, b + 2):
+            r = ranges[q]
+            if r != r:
+                continue
+            if abs(r - d) <= margin:
+                at += 1
+            elif r > d + margin:
+                behind += 1
+        if at > 0:
+            agree += 1
+        elif behind == 3:
+            contradict += 1
+    return agree, contradict

@@ -87,6 +87,8 @@ class HypothesisConfig:
     min_turn: float = 5.0 * pi / 180.0
     """Smallest half-width of the search window in heading [rad]."""
 
+    trusted_window: float = 0.5
+    """In a larger window a credible polished guess does not end the search: it may have slid along a corridor [m]."""
     wide_window: float = 1.0
     """Half-width of the window of a second try, when nothing in the first explains the scan [m]."""
     wide_turn: float = 75.0 * pi / 180.0

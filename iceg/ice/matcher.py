@@ -15,8 +15,9 @@ from iceg.ice.fitness import Ranking, rank_by_features, rank_by_points
 from iceg.ice.hypotheses import SearchWindow, distinct, pair_hypotheses, search_window, widened
 from iceg.ice.local_map import LocalMap
 from iceg.ice.points import ScanPoints, extract_points
-from iceg.ice.refinement import Refined, evaluate_points, polish_on_features, refine_on_points
+from iceg.ice.refinement import Refined, polish_on_features, refine_on_points
 from iceg.ice.segments import segment_rows, smoothed_on_segments
+from iceg.ice.verification import Agreement, agreement
 
 _CLEAR_LEAD = 0.9
 _CLEARLY_MORE = 1.03
@@ -124,12 +125,9 @@ class IceMatcher:
             weak_directions=scores.weak_directions,
         )
 
-    def agreement(self, reference: LocalMap, scan: Scan, T_ref_cur: NDArray[np.float64]) -> float:
-        """Share of a scan's beams that agree with the local map at a given pose, in [0, 1]."""
-        scan_points = self._points(scan)
-        if not len(scan_points):
-            return 0.0
-        return evaluate_points(scan_points, reference, T_ref_cur, self.config.refinement).inliers / len(scan_points)
+    def agreement(self, reference: LocalMap, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
+        """Compare a scan with a local map at a given pose, both ways."""
+        return agreement(scan, self._points(scan), reference, T_ref_cur, self.config.refinement)
 
     def _find(
         self,
@@ -156,7 +154,8 @@ class IceMatcher:
         best: Refined | None = None
         if config.enabled:
             best = refine_on_points(scan_points, reference, window.T_ref_guess, config, wide=False)
-            if best.inliers >= config.credible * len(scan_points):
+            trusted = window.translation <= self.config.hypotheses.trusted_window
+            if trusted and best.inliers >= config.credible * len(scan_points):
                 return best
         best = self._best_hypothesis(reference, scan, window, best)
         if config.enabled and best.inliers < config.doubtful * len(scan_points):

@@ -66,10 +66,12 @@ class LoopClosureConfig:
     """Most earlier passes tried for one key scan."""
     reference_half: int = 7
     """Key scans of the earlier pass on either side that make up the reference."""
-    min_score: float = 0.65
-    """Least share of beams that agree."""
-    min_support: float = 0.6
-    """Least mean share of beams of the neighbouring key scans that agree."""
+    min_overlap: float = 0.4
+    """Least share of the beams of a key scan and its neighbours that fall on the earlier pass …"""
+    min_fit: float = 0.8
+    """… of which so many must agree with it …"""
+    min_view: float = 0.8
+    """… and least share of the earlier pass in view that they see, instead of looking through it."""
     drift_floor: float = 0.1
     """Standard deviation of a pose relative to an earlier pass right after a closure [m] …"""
     drift_per_metre: float = 0.01
@@ -84,5 +86,5 @@ class LoopClosureConfig:
     """… and at most [rad]."""
     kernel_width: float = 5.0
     """Φ of dynamic covariance scaling on a closure (squared standard deviations)."""
-    support_offsets: tuple[int, ...] = (-6, -3, 3, 6)
-    """Neighbouring key scans asked to agree."""
+    support_offsets: tuple[int, ...] = (-4, -2, 0, 2, 4)
+    """Key scans asked to agree, relative to the one matched."""

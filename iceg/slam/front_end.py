@@ -16,7 +16,6 @@ from graph.se2 import between, compose
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.track import KeyScan, Track
 
-
 _ODOMETRY_SPEAKS = 0.5
 """Ratio of variances (match over odometry) from which on a direction is shared with odometry."""
 

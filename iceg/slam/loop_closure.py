@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from frontends.matcher import Matcher
 from graph.measurement import NoMatch, RelativePose
-from graph.se2 import between, compose, wrap_angle
+from graph.se2 import between, compose
+from iceg.ice.verification import Agreement
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.track import KeyScan
 
@@ -88,12 +89,12 @@ class LoopCloser:
         if isinstance(found, NoMatch):
             return replace(record, reason=found.reason)
         record = replace(record, match=found)
-        if found.score < self._config.min_score:
-            return replace(record, reason=f"only {found.score:.0%} of the beams agree")
-        support = self._support(reference, key_new, found.T_ref_cur, poses)
-        if support < self._config.min_support:
-            return replace(record, reason=f"neighbouring key scans agree to {support:.0%} only")
-        return replace(record, accepted=True, reason=f"score {found.score:.2f}, neighbours {support:.2f}")
+        support = self._support(reference, key_new, found.T_ref_cur)
+        told = f"overlap {support.overlap:.2f}, fit {support.fit:.2f}, view {support.view:.2f}"
+        config = self._config
+        if support.overlap < config.min_overlap or support.fit < config.min_fit or support.view < config.min_view:
+            return replace(record, reason=told)
+        return replace(record, accepted=True, reason=told)
 
     def _reference(self, base: int, poses: NDArray[np.float64]) -> Any:  # noqa: ANN401
         """Local map of the key scans of one pass around `base`, in the frame of `base`."""
@@ -109,19 +110,13 @@ class LoopCloser:
         self._references[base] = (reference, placed)
         return reference
 
-    def _support(
-        self,
-        reference: Any,
-        key_new: int,
-        T_ref_new: NDArray[np.float64],
-        poses: NDArray[np.float64],  # noqa: ANN401
-    ) -> float:
-        """Mean score of neighbouring key scans at the poses the closure implies for them."""
-        scores = []
+    def _support(self, reference: Any, key_new: int, T_ref_new: NDArray[np.float64]) -> Agreement:  # noqa: ANN401
+        """How a key scan and its neighbours agree with the reference at the poses a closure implies for them."""
+        total = Agreement()
         for offset in self._config.support_offsets:
             other = key_new + offset
-            if not 0 <= other < len(self._keys):
-                continue
-            T_new_other = between(self._keys[key_new].T_track_robot, self._keys[other].T_track_robot)
-            scores.append(self._matcher.agreement(reference, self._keys[other].scan, compose(T_ref_new, T_new_other)))
-        return float(np.mean(scores)) if scores else 1.0
+            if 0 <= other < len(self._keys):
+                T_new_other = between(self._keys[key_new].T_track_robot, self._keys[other].T_track_robot)
+                T_ref_other = compose(T_ref_new, T_new_other)
+                total += self._matcher.agreement(reference, self._keys[other].scan, T_ref_other)
+        return total

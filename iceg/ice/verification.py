@@ -1,0 +1,93 @@
+"""Does a scan belong where a match puts it: do its beams end on the reference, and does it see what is there?"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import Scan
+from iceg.ice import _field_kernels as kernels
+from iceg.ice.config import RefinementConfig
+from iceg.ice.local_map import LocalMap
+from iceg.ice.points import ScanPoints
+from iceg.ice.refinement import evaluate_points
+
+_NEAR = 8.0
+_MARGIN = 0.2
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Agreement:
+    """Counts that add up over several scans.
+
+    Attributes:
+        points: returns of the scan.
+        known: those that fall on known reference.
+        inliers: those that agree with it.
+        seen: reference surfels in view on which a beam ends.
+        contradicted: reference surfels in view that the beams pass through.
+    """
+
+    points: int = 0
+    known: int = 0
+    inliers: int = 0
+    seen: int = 0
+    contradicted: int = 0
+
+    def __add__(self, other: "Agreement") -> "Agreement":
+        """Counts of both."""
+        return Agreement(
+            points=self.points + other.points,
+            known=self.known + other.known,
+            inliers=self.inliers + other.inliers,
+            seen=self.seen + other.seen,
+            contradicted=self.contradicted + other.contradicted,
+        )
+
+    @property
+    def overlap(self) -> float:
+        """Share of the returns on known reference."""
+        return self.known / max(1, self.points)
+
+    @property
+    def fit(self) -> float:
+        """Share of those that agree."""
+        return self.inliers / max(1, self.known)
+
+    @property
+    def view(self) -> float:
+        """Share of the surfels in view that are seen."""
+        return self.seen / max(1, self.seen + self.contradicted)
+
+
+def agreement(
+    scan: Scan, scan_points: ScanPoints, local_map: LocalMap, T_ref_cur: NDArray[np.float64], config: RefinementConfig
+) -> Agreement:
+    """Compare a scan with a local map at a given pose, both ways.
+
+    Args:
+        scan: the scan.
+        scan_points: its points.
+        local_map: the reference.
+        T_ref_cur: (3,) the pose to judge.
+        config: what counts as agreeing.
+
+    Returns:
+        The counts.
+    """
+    refined = evaluate_points(scan_points, local_map, T_ref_cur, config)
+    geometry = scan.geometry
+    seen, contradicted = kernels.visible_agreement(
+        local_map.surfels,
+        T_ref_cur,
+        geometry.origin_robot,
+        geometry.T_robot_laser[2],
+        geometry.bearings[0],
+        geometry.resolution,
+        scan.ranges,
+        _NEAR,
+        _MARGIN,
+    )
+    return Agreement(
+        points=len(scan_points), known=refined.used, inliers=refined.inliers, seen=seen, contradicted=contradicted
+    )
