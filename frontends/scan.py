@@ -6,7 +6,13 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+
+from graph.errors import IcegError
+
+
+class ScanError(IcegError):
+    """Numbers that are no scan."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,6 +69,43 @@ class Scan:
 
     ranges: NDArray[np.float32]
     geometry: ScanGeometry
+
+    @classmethod
+    def from_ranges(
+        cls,
+        ranges: ArrayLike,
+        *,
+        field_of_view: float,
+        range_min: float = 0.02,
+        range_max: float = np.inf,
+        T_robot_laser: ArrayLike = (0.0, 0.0, 0.0),
+    ) -> "Scan":
+        """A scan from plain numbers, beams evenly spread from right to left around straight ahead.
+
+        Args:
+            ranges: (n_beams,) readings [m], at least two; zero, negative, NaN and infinite ones are no returns.
+            field_of_view: angle between the first and the last beam [rad].
+            range_min: shorter readings are no returns [m].
+            range_max: readings of this length and more are no returns [m].
+            T_robot_laser: (3,) pose of the laser on the robot.
+
+        Raises:
+            ScanError: the ranges are not one row of at least two, or the field of view is not in (0, 2π].
+        """
+        readings = np.asarray(ranges, dtype=np.float32)
+        if readings.ndim != 1 or len(readings) < 2:
+            raise ScanError(f"found ranges of shape {readings.shape}, expected one row of at least 2")
+        if not 0 < field_of_view <= 2 * np.pi:
+            raise ScanError(f"found a field of view of {field_of_view} rad, expected more than 0 and at most 2π")
+        usable = np.isfinite(readings) & (readings >= range_min) & (readings < range_max)
+        half = 0.5 * field_of_view
+        geometry = ScanGeometry(
+            bearings=np.linspace(-half, half, len(readings)),
+            range_min=range_min,
+            range_max=range_max,
+            T_robot_laser=np.array(T_robot_laser, dtype=np.float64),
+        )
+        return cls(ranges=np.where(usable, readings, np.float32(np.nan)), geometry=geometry)
 
     @property
     def points(self) -> NDArray[np.float64]:
