@@ -38,8 +38,11 @@ _TIME_COLOURS = ("#f4a259", "#d1495b", "#8e3b8a", "#3b3b98")  # start to end, al
 _CLOSURE_COLOUR = "#2a9d8f"
 _INK = "#222222"
 _DPI = 220
-_STRIP = 0.42  # height below the map for scale bar and legend [inches]
-_NARROWEST = 4.6  # sheet that holds the legend [inches]
+_STRIP = 0.42  # height below the map for the scale bar [inches]
+_LEGEND_LINE = 0.16  # height of one more line, for a legend that does not fit beside it [inches]
+_LEGEND_CHARACTER, _LEGEND_SYMBOL = 0.048, 0.36  # widths in the legend, rather too wide than too narrow [inches]
+_NARROWEST = 3.0  # sheet [inches]
+_MARGIN = 0.15  # left and right of scale bar and legend [inches]
 
 
 def draw_map(
@@ -100,7 +103,12 @@ def save_map_png(
     box = known_box(grid, trajectory)
     image = _scaled(_shades_in(grid, box), long_side)
     height_px, width_px = image.shape
-    strip_px, sheet_px = round(_STRIP * _DPI), max(width_px, round(_NARROWEST * _DPI))
+    sheet_px = max(width_px, round(_NARROWEST * _DPI))
+    inches_per_metre = width_px / _DPI / (box[1] - box[0])
+    handles = _legend_handles(trajectory is not None, key_poses is not None, landmarks, closures, min_seen)
+    columns, lines = _legend_layout(handles, sheet_px / _DPI, _scale_bar_end(inches_per_metre), title)
+    strip = _STRIP + lines * _LEGEND_LINE
+    strip_px = round(strip * _DPI)
     figure = Figure(figsize=(sheet_px / _DPI, (height_px + strip_px) / _DPI), dpi=_DPI, facecolor="white")
     canvas = FigureCanvasAgg(figure)
     left = (sheet_px - width_px) // 2
@@ -114,12 +122,13 @@ def save_map_png(
     ax = figure.add_axes(frame, facecolor="none")
     _draw_on_map(ax, box, trajectory, key_poses, landmarks, closures, min_seen, 0.8)
     below = figure.add_axes((0.0, 0.0, 1.0, frame[1]))
-    below.set(xlim=(0.0, sheet_px / _DPI), ylim=(0.0, _STRIP))
+    below.set(xlim=(0.0, sheet_px / _DPI), ylim=(_STRIP - strip, _STRIP))
     below.axis("off")
-    end = _draw_scale_bar(below, width_px / _DPI / (box[1] - box[0]))
+    _draw_scale_bar(below, inches_per_metre)
     if title:
+        end = _scale_bar_end(inches_per_metre)
         below.text(end + 0.25, 0.5 * _STRIP, title, fontsize=7, color=_INK, va="center")
-    _draw_legend(below, sheet_px / _DPI, trajectory is not None, key_poses is not None, landmarks, closures, min_seen)
+    _draw_legend(below, handles, columns, beside_scale_bar=lines == 0)
     write_atomically(path, _png(canvas))
 
 
@@ -372,7 +381,7 @@ def _draw_on_map(
     if closures is not None and trajectory is not None and len(closures):
         ends = trajectory[closures][:, :, :2]
         ax.add_collection(
-            LineCollection(list(ends), colors=_CLOSURE_COLOUR, linewidths=line_width, alpha=0.8, zorder=4)
+            LineCollection(list(ends), colors=_CLOSURE_COLOUR, linewidths=0.4 * line_width, alpha=0.45, zorder=4)
         )
     if trajectory is not None:
         _draw_trajectory(ax, trajectory, line_width)
@@ -415,9 +424,9 @@ def _draw_landmarks(ax: Axes, landmarks: "Landmarks", line_width: float) -> None
             *landmarks.positions[chosen].T,
             marker,
             color=colour,
-            markersize=(2.2 if oriented else 1.8) * line_width,
-            markeredgewidth=0.0 if oriented else 0.45 * line_width,
-            alpha=1.0 if oriented else 0.6,
+            markersize=(2.2 if oriented else 1.2) * line_width,
+            markeredgewidth=0.0 if oriented else 0.3 * line_width,
+            alpha=1.0 if oriented else 0.35,
             zorder=4 if oriented else 2,
         )
 
@@ -432,30 +441,35 @@ def _wall_strokes(
     return list(np.stack([positions[rows], ends], axis=1))
 
 
-def _draw_scale_bar(ax: Axes, inches_per_metre: float) -> float:
-    """A bar of a round length, about an inch; returns where it ends [inches]."""
+def _scale_bar_length(inches_per_metre: float) -> float:
+    """A round length that takes about an inch [m]."""
     lengths = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
-    length = min(lengths, key=lambda metres: abs(math.log(metres * inches_per_metre / 1.0)))
-    x, y, height = 0.15, 0.3 * _STRIP, 0.045
+    return min(lengths, key=lambda metres: abs(math.log(metres * inches_per_metre / 1.0)))
+
+
+def _scale_bar_end(inches_per_metre: float) -> float:
+    """Where the bar and its label end, seen from the left edge of the sheet [inches]."""
+    return _MARGIN + _scale_bar_length(inches_per_metre) * inches_per_metre + 0.15
+
+
+def _draw_scale_bar(ax: Axes, inches_per_metre: float) -> None:
+    length = _scale_bar_length(inches_per_metre)
+    x, y, height = _MARGIN, 0.3 * _STRIP, 0.045
     for part in range(4):
         colour = _INK if part % 2 == 0 else "white"
         quarter = length * inches_per_metre / 4
         ax.add_patch(Rectangle((x + part * quarter, y), quarter, height, fc=colour, ec=_INK, lw=0.5))
-    end = x + length * inches_per_metre
     ax.text(x, y + 0.1, "0", fontsize=6, color=_INK, ha="center", va="bottom")
-    ax.text(end, y + 0.1, f"{length:g} m", fontsize=6, color=_INK, ha="center", va="bottom")
-    return end
+    ax.text(x + length * inches_per_metre, y + 0.1, f"{length:g} m", fontsize=6, color=_INK, ha="center", va="bottom")
 
 
-def _draw_legend(
-    ax: Axes,
-    width: float,
+def _legend_handles(
     has_trajectory: bool,
     has_key_poses: bool,
     landmarks: "Landmarks | None",
     closures: NDArray[np.int64] | None,
     min_seen: int,
-) -> None:
+) -> list[Line2D]:
     handles: list[Line2D] = []
     if has_trajectory:
         handles.append(Line2D([], [], marker="o", color=_TIME_COLOURS[0], markersize=4, lw=1.2, label="start"))
@@ -463,23 +477,46 @@ def _draw_legend(
     if has_key_poses:
         handles.append(Line2D([], [], marker=".", color=_INK, markersize=3, lw=0, label="key pose"))
     if closures is not None and len(closures):
-        handles.append(Line2D([], [], color=_CLOSURE_COLOUR, lw=1.2, label=f"loop closure ({len(closures)})"))
+        handles.append(Line2D([], [], color=_CLOSURE_COLOUR, lw=0.8, label=f"loop closure ({len(closures)})"))
     if landmarks is not None:
         counts = np.bincount(landmarks.kinds[landmarks.seen >= min_seen], minlength=3)
         for colour, marker, label, count in zip(KIND_COLOURS, _KIND_MARKERS, _KIND_LABELS, counts, strict=True):
             if count:
+                size = 3.5 if marker != "x" else 2.5
                 handles.append(
-                    Line2D([], [], marker=marker, color=colour, markersize=3.5, lw=0, label=f"{label} ({count})")
+                    Line2D([], [], marker=marker, color=colour, markersize=size, lw=0, label=f"{label} ({count})")
                 )
-    if handles:
-        ax.legend(
-            handles=handles,
-            loc="center right",
-            bbox_to_anchor=((width - 0.1) / width, 0.5),
-            ncols=len(handles),
-            fontsize=6,
-            frameon=False,
-            handletextpad=0.4,
-            columnspacing=1.2,
-            borderaxespad=0.0,
-        )
+    return handles
+
+
+def _legend_layout(handles: list[Line2D], sheet: float, scale_bar_end: float, title: str) -> tuple[int, int]:
+    """Columns of the legend, and the lines it needs below the scale bar: none where it fits beside it."""
+    widths = [_LEGEND_SYMBOL + _LEGEND_CHARACTER * len(str(handle.get_label())) for handle in handles]
+    taken = scale_bar_end + (0.25 + 0.06 * len(title) if title else 0.0)
+    if taken + sum(widths) + _MARGIN <= sheet:
+        return max(1, len(handles)), 0
+    columns = max(1, int((sheet - 2 * _MARGIN) / max(widths)))
+    return columns, math.ceil(len(handles) / columns)
+
+
+def _draw_legend(ax: Axes, handles: list[Line2D], columns: int, *, beside_scale_bar: bool) -> None:
+    if not handles:
+        return
+    left, right = ax.get_xlim()
+    low, high = ax.get_ylim()
+    middle = (0.5 * _STRIP - low) / (high - low)
+    ax.legend(
+        handles=handles,
+        loc="center right" if beside_scale_bar else "lower left",
+        bbox_to_anchor=((right - 0.1) / right, middle)
+        if beside_scale_bar
+        else ((left + 0.1) / right, 0.06 / (high - low)),
+        ncols=columns,
+        fontsize=6,
+        frameon=False,
+        handletextpad=0.4,
+        columnspacing=1.2,
+        borderaxespad=0.0,
+        borderpad=0.0,
+        labelspacing=0.35,
+    )
