@@ -40,8 +40,8 @@ _INK = "#222222"
 _DPI = 220
 _STRIP = 0.42  # height below the map for the scale bar [inches]
 _LEGEND_LINE = 0.16  # height of one more line, for a legend that does not fit beside it [inches]
-_LEGEND_CHARACTER, _LEGEND_SYMBOL = 0.048, 0.36  # widths in the legend, rather too wide than too narrow [inches]
-_NARROWEST = 3.0  # sheet [inches]
+_LEGEND_CHARACTER, _LEGEND_SYMBOL = 0.044, 0.28  # widths in the legend [inches]
+_NARROWEST = 4.6  # sheet [inches]
 _MARGIN = 0.15  # left and right of scale bar and legend [inches]
 
 
