@@ -1,0 +1,56 @@
+"""A scan as the point matchers see it: its returns in bearing order, seen from the laser."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import Scan
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BearingScan:
+    """The n returns of a scan in the frame of its laser.
+
+    Attributes:
+        xy: (n, 2) end points [m].
+        bearings: (n,) increasing [rad].
+        ranges: (n,) [m].
+        resolution: angle between neighbouring beams [rad].
+    """
+
+    xy: NDArray[np.float64]
+    bearings: NDArray[np.float64]
+    ranges: NDArray[np.float64]
+    resolution: float
+
+    def __len__(self) -> int:
+        """Number of returns."""
+        return len(self.xy)
+
+    @classmethod
+    def of(cls, scan: Scan) -> "BearingScan":
+        """The returns of a scan."""
+        geometry = scan.geometry
+        hit = np.isfinite(scan.ranges)
+        bearings, ranges = geometry.bearings[hit], scan.ranges[hit].astype(np.float64)
+        xy = np.empty((len(ranges), 2))
+        np.multiply(ranges, np.cos(bearings), out=xy[:, 0])
+        np.multiply(ranges, np.sin(bearings), out=xy[:, 1])
+        resolution = geometry.resolution if geometry.n_beams > 1 else 0.0
+        return cls(xy=xy, bearings=bearings, ranges=ranges, resolution=resolution)
+
+    def links(self, max_gap: float, max_beams: float = 3.0) -> NDArray[np.bool_]:
+        """Which neighbours may be joined by a piece of surface.
+
+        Args:
+            max_gap: their largest distance [m].
+            max_beams: largest angle between them, in beams.
+
+        Returns:
+            (n,) bool: whether return i and the next one (the first after the last) are joined.
+        """
+        step = np.roll(self.xy, -1, axis=0) - self.xy
+        turn = np.mod(np.roll(self.bearings, -1) - self.bearings, 2 * np.pi)
+        near = step[:, 0] ** 2 + step[:, 1] ** 2 <= max_gap**2
+        return np.asarray(near & (turn <= (max_beams + 0.5) * self.resolution), dtype=np.bool_)
