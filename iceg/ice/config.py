@@ -80,6 +80,8 @@ class HypothesisConfig:
     """Points of the scan used to rank one hypothesis."""
     candidates: int = 4
     """Distinct hypotheses that are refined."""
+    alternatives: int = 10
+    """Distinct hypotheses that are compared where the place may be ambiguous (loop closing after much drift)."""
     sigmas: float = 3.0
     """Size of the search window in standard deviations of the guess."""
     min_window: float = 0.15

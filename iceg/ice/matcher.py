@@ -177,6 +177,24 @@ class IceMatcher:
         assert best is not None
         return best
 
+    def alternatives(
+        self,
+        reference: LocalMap,
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> list[NDArray[np.float64]]:
+        """Distinct polished poses inside the window, the best ranked first: more than one means an ambiguous place."""
+        window = search_window(T_ref_guess, covariance_guess, self.config.hypotheses)
+        observation = self.observe(scan)
+        hypotheses, ranking = self.rank(reference, observation, window)
+        leading = distinct(hypotheses, ranking.order, self.config.hypotheses.alternatives)
+        least = self.config.refinement.min_inliers * len(observation.points)
+        polished = [self.refine(reference, observation, hypotheses[index]) for index in leading]
+        credible = sorted((r for r in polished if r.inliers >= least), key=lambda r: -r.inliers)
+        poses = np.array([r.T_ref_cur for r in credible]).reshape(-1, 3)
+        return [poses[index] for index in distinct(poses, np.arange(len(poses)), len(poses))]
+
     def rank(
         self, reference: LocalMap, observation: Observation, window: SearchWindow
     ) -> tuple[NDArray[np.float64], Ranking]:

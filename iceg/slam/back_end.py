@@ -1,20 +1,27 @@
 """The back end: key poses, odometry, matches and loop closures in one graph, solved as it grows."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontends.matcher import Matcher
 from graph.config import PoseGraphConfig
-from graph.factors import RobustKernel
 from graph.measurement import NoMatch
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose
 from iceg.slam.config import LoopClosureConfig
-from iceg.slam.loop_closure import Attempt, LoopCloser
+from iceg.slam.loop_closure import Attempt, Candidate, Drift, LoopCloser
 from iceg.slam.track import Track
+
+_UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
+"""Covariance of a step between key scans that neither odometry nor a match has seen."""
+_NEAR_DISTANCE, _NEAR_TURN = 0.4, 0.12
+"""A closure no farther than this from the estimate [m, rad] is believed at once."""
+_PARTNER_KEYS, _PARTNER_DISTANCE, _PARTNER_TURN = 60, 0.3, 0.06
+"""Two closures within so many key poses confirm each other when they differ by less than this [m, rad]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,19 +42,17 @@ class Solution:
 class BackEnd:
     """Adds one key scan after the other to the graph and looks for places seen before."""
 
-    def __init__(
-        self, track: Track, matcher: Matcher, graph_config: PoseGraphConfig, closures: LoopClosureConfig
-    ) -> None:
+    def __init__(self, track: Track, closer: LoopCloser, graph_config: PoseGraphConfig) -> None:
         self._track = track
-        self._config = closures
-        self._closer = LoopCloser(matcher, track.keys, closures)
-        self._kernel = RobustKernel(name="dcs", width=closures.kernel_width)
+        self._closer = closer
+        self._config = closer.config
         self.graph = PoseGraph(graph_config)
         self.graph.add_first_pose(np.zeros(3))
         self._poses = np.zeros((len(track.keys), 3))
         self.attempts: list[Attempt] = []
+        self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
         self._since_search = np.zeros(2)
-        self._since_closure = 0.0
+        self._drift = Drift(len(track.keys))
 
     def add(self, key: int, motion: OdometryMotion | None) -> None:
         """Add one key pose with its odometry and its match, then look for loops.
@@ -60,51 +65,102 @@ class BackEnd:
         step = between(previous.T_track_robot, current.T_track_robot)
         self._poses[key] = compose(self._poses[key - 1], step)
         self.graph.add_pose(self._poses[key])
+        known = []
         if motion is not None:
             self.graph.add_odometry(key - 1, key, motion.T_key_robot, motion.covariance)
+            known.append(motion.covariance)
         if not isinstance(current.match, NoMatch):
             self.graph.add_match(key - 1, key, current.match)
-        elif motion is None:
+            known.append(current.match.covariance)
+        if not known:
             self.graph.add_odometry(key - 1, key, step, _UNKNOWN_MOTION)
+            known.append(_UNKNOWN_MOTION)
         self._poses[key] = self.graph.update()
+        self._drift.add(key, _fused(known))
         self._since_search += (current.motion.distance, current.motion.turn)
-        self._since_closure += current.motion.distance
-        if self._config.enabled and self._is_search_due():
+        if self._is_search_due():
             self._search(key)
 
     def solution(self) -> Solution:
         """The graph as it stands."""
+        for index in self._pending:
+            self.attempts[index] = replace(
+                self.attempts[index], accepted=False, reason=f"alone and far off; {self.attempts[index].reason}"
+            )
         return Solution(graph=self.graph, poses=self.graph.all_poses(), attempts=self.attempts)
 
     def _is_search_due(self) -> bool:
-        return bool(self._since_search[0] > self._config.spacing or self._since_search[1] > self._config.spacing_angle)
+        config = self._config
+        return bool(self._since_search[0] > config.spacing or self._since_search[1] > config.spacing_angle)
 
     def _search(self, key: int) -> None:
         self._since_search[:] = 0.0
-        known = self._poses[: key + 1]
-        attempts = [
-            self._closer.match(candidate, key, known)
-            for candidate in self._closer.candidates(key, known, self._drift())
-        ]
-        self.attempts += attempts
-        accepted = [attempt for attempt in attempts if attempt.accepted and attempt.match is not None]
-        for attempt in accepted:
-            assert attempt.match is not None
-            self.graph.add_closure(attempt.key_old, key, attempt.match, self._kernel)
-        if accepted:
+        poses = self._poses[: key + 1]
+        inserted = False
+        for candidate in self._closer.candidates(key, poses, self._drift):
+            attempt = self._closer.match(candidate, poses)
+            if attempt.accepted:
+                attempt = self._judge(attempt, candidate)
+            self.attempts.append(attempt)
+            if attempt.accepted:
+                inserted |= self._insert(len(self.attempts) - 1, poses)
+        if inserted:
             self.graph.update()
             self._poses[: key + 1] = self.graph.all_poses()
-            self._since_closure = 0.0
+            self._drift.close(key)
 
-    def _drift(self) -> NDArray[np.float64]:
-        """Standard deviations of the newest pose relative to earlier passes, grown since the last closure."""
-        config = self._config
-        position = min(config.max_drift, config.drift_floor + config.drift_per_metre * self._since_closure)
-        heading = min(config.max_turn, config.turn_floor + config.turn_per_metre * self._since_closure)
-        return np.array([position, position, heading])
+    def _judge(self, attempt: Attempt, candidate: Candidate) -> Attempt:
+        """Reject a closure that the path since the last one cannot explain."""
+        assert attempt.match is not None
+        offset = between(candidate.T_old_new, attempt.match.T_ref_cur)
+        deviations = float(np.sqrt(np.sum((offset / candidate.deviations) ** 2)))
+        if deviations > self._config.max_deviations:
+            return replace(attempt, accepted=False, reason=f"{deviations:.1f} sigma off the path; {attempt.reason}")
+        return attempt
+
+    def _insert(self, index: int, poses: NDArray[np.float64]) -> bool:
+        """Insert a closure near the estimate at once; one far off waits for a second that says the same."""
+        attempt = self.attempts[index]
+        if _is_near(attempt, poses):
+            self._close(attempt)
+            return True
+        partners = [other for other in self._pending if self._say_the_same(self.attempts[other], attempt, poses)]
+        if not partners:
+            self._pending.append(index)
+            return False
+        for other in partners:
+            self._close(self.attempts[other])
+            self._pending.remove(other)
+        self._close(attempt)
+        return True
+
+    def _close(self, attempt: Attempt) -> None:
+        assert attempt.match is not None
+        self.graph.add_closure(attempt.key_old, attempt.key_new, attempt.match, None)
+
+    def _say_the_same(self, a: Attempt, b: Attempt, poses: NDArray[np.float64]) -> bool:
+        """Whether two closures agree on how the later part of the path lies to the earlier one (pairwise consistency)."""
+        if abs(a.key_new - b.key_new) > _PARTNER_KEYS or a.key_new == b.key_new or a.match is None or b.match is None:
+            return False
+        T_olds = between(poses[a.key_old], poses[b.key_old])
+        T_news = between(poses[a.key_new], poses[b.key_new])
+        left = compose(a.match.T_ref_cur, T_news)
+        right = compose(T_olds, b.match.T_ref_cur)
+        x, y, turn = between(left, right).tolist()
+        return x * x + y * y < _PARTNER_DISTANCE**2 and abs(turn) < _PARTNER_TURN
 
 
-_UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
+def _is_near(attempt: Attempt, poses: NDArray[np.float64]) -> bool:
+    assert attempt.match is not None
+    x, y, turn = between(between(poses[attempt.key_old], poses[attempt.key_new]), attempt.match.T_ref_cur).tolist()
+    return x * x + y * y < _NEAR_DISTANCE**2 and abs(turn) < _NEAR_TURN
+
+
+def _fused(covariances: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Covariance of several independent measurements of one step."""
+    if len(covariances) == 1:
+        return covariances[0]
+    return np.asarray(np.linalg.inv(sum(np.linalg.inv(covariance) for covariance in covariances)), dtype=np.float64)
 
 
 def solve_track(
@@ -114,6 +170,7 @@ def solve_track(
     matcher: Matcher,
     graph_config: PoseGraphConfig,
     closures: LoopClosureConfig,
+    progress: Callable[[int], None] | None = None,
 ) -> Solution:
     """Build and solve the graph of a whole track.
 
@@ -124,15 +181,17 @@ def solve_track(
         matcher: for loop closures.
         graph_config: how the graph is solved.
         closures: how loops are found.
+        progress: called with the number of scans whose key poses are in the graph.
 
     Returns:
         The solved graph.
     """
-    back_end = BackEnd(track, matcher, graph_config, closures)
+    back_end = BackEnd(track, LoopCloser(matcher, track, closures), graph_config)
     steps = None if odometry is None else between(odometry[:-1], odometry[1:])
     for key in range(1, len(track.keys)):
-        motion = None if steps is None else _motion(track, key, steps, noise)
-        back_end.add(key, motion)
+        back_end.add(key, None if steps is None else _motion(track, key, steps, noise))
+        if progress is not None:
+            progress(track.keys[key].index + 1)
     return back_end.solution()
 
 

@@ -50,9 +50,9 @@ class LoopClosureConfig:
 
     enabled: bool = True
     """Off leaves odometry and matches to recent key scans only."""
-    spacing: float = 0.6
+    spacing: float = 1.5
     """Look for earlier passes again after driving this far [m] …"""
-    spacing_angle: float = 1.0
+    spacing_angle: float = 2.0
     """… or turning this far [rad]."""
     min_path: float = 8.0
     """A pass counts as earlier when the path since is longer than this [m]."""
@@ -72,18 +72,23 @@ class LoopClosureConfig:
     """… of which so many must agree with it …"""
     min_view: float = 0.8
     """… and least share of the earlier pass in view that they see, instead of looking through it."""
+    revisits: bool = True
+    """With loop closing off: still match against earlier key scans while the drift is small, so that the reference
+    holds what was seen before."""
+    revisit_drift: float = 0.3
+    """Largest standard deviation of the drift taken for such a revisit [m]."""
+    drift_factor: float = 2.0
+    """The path's covariance since the last closure is trusted only after this factor on its standard deviations."""
     drift_floor: float = 0.1
-    """Standard deviation of a pose relative to an earlier pass right after a closure [m] …"""
-    drift_per_metre: float = 0.01
-    """… and its growth with the path since."""
-    max_drift: float = 3.0
-    """It is never taken larger than this [m]."""
+    """Smallest standard deviation of a search [m]."""
+    max_drift: float = 5.0
+    """Largest standard deviation of a search [m]."""
     turn_floor: float = 0.03
-    """The same for the heading [rad] …"""
-    turn_per_metre: float = 0.002
-    """… per metre of path [rad/m]."""
+    """Smallest standard deviation of a search in heading [rad]."""
     max_turn: float = 0.6
-    """… and at most [rad]."""
+    """Largest standard deviation of a search in heading [rad]."""
+    max_deviations: float = 5.0
+    """A closure farther than this from the path's estimate, in standard deviations of the search, is refused."""
     kernel_width: float = 5.0
     """Φ of dynamic covariance scaling on a closure (squared standard deviations)."""
     support_offsets: tuple[int, ...] = (-4, -2, 0, 2, 4)

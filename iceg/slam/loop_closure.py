@@ -11,7 +11,7 @@ from graph.measurement import NoMatch, RelativePose
 from graph.se2 import between, compose
 from iceg.ice.verification import Agreement
 from iceg.slam.config import LoopClosureConfig
-from iceg.slam.track import KeyScan
+from iceg.slam.track import Track
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,67 +38,147 @@ class Candidate:
     """An earlier pass that may have seen what a key scan sees."""
 
     key_old: int
+    key_new: int
     T_old_new: NDArray[np.float64]
-    covariance: NDArray[np.float64]
+    deviations: NDArray[np.float64]
+
+
+_NEAR_DEVIATIONS = np.array([0.3, 0.3, 0.1])
+"""Up to here a search trusts the estimate [m, m, rad]."""
+_EXACT_DEVIATIONS = np.array([0.03, 0.03, 0.01])
+
+
+class Drift:
+    """How uncertain the path between two key poses is, by chaining the steps since the last closure."""
+
+    def __init__(self, n_keys: int) -> None:
+        self._position = np.zeros(n_keys)
+        self._heading = np.zeros(n_keys)
+        self._last_closure = 0
+
+    def add(self, key: int, covariance: NDArray[np.float64]) -> None:
+        """Add the (3, 3) covariance of the step that leads to `key`."""
+        self._position[key] = max(covariance[0, 0], covariance[1, 1])
+        self._heading[key] = covariance[2, 2]
+
+    def close(self, key: int) -> None:
+        """A closure at `key` ends the drift of everything before it."""
+        self._last_closure = key
+
+    def between(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(2,) standard deviations of position [m] and heading [rad] of the later pose relative to the earlier."""
+        steps = slice(max(key_old, self._last_closure) + 1, key_new + 1)
+        lever2 = np.sum((poses[steps, :2] - poses[key_new, :2]) ** 2, axis=1)
+        heading = self._heading[steps]
+        return np.sqrt(np.array([np.sum(self._position[steps] + heading * lever2), np.sum(heading)]))
+
+
+def _describe(support: Agreement) -> str:
+    return f"overlap {support.overlap:.2f}, fit {support.fit:.2f}, view {support.view:.2f}"
 
 
 class LoopCloser:
     """Looks for earlier passes around a key pose and matches against their local maps."""
 
-    def __init__(self, matcher: Matcher, keys: list[KeyScan], config: LoopClosureConfig) -> None:
+    def __init__(self, matcher: Matcher, track: Track, config: LoopClosureConfig) -> None:
         self._matcher = matcher
-        self._keys = keys
-        self._config = config
-        steps = np.array([key.motion.distance for key in keys])
-        self._path = np.cumsum(steps)
+        self._keys = track.keys
+        self.config = config
+        self._path = np.cumsum([key.motion.distance for key in track.keys])
         self._references: dict[int, tuple[Any, NDArray[np.float64]]] = {}
 
-    def candidates(self, key_new: int, poses: NDArray[np.float64], drift: NDArray[np.float64]) -> list[Candidate]:
+    def candidates(self, key_new: int, poses: NDArray[np.float64], drift: "Drift") -> list[Candidate]:
         """Earlier passes whose view overlaps that of `key_new`, nearest first.
 
         Args:
             key_new: the key pose.
             poses: (n, 3) current estimate of all key poses up to it.
-            drift: (3,) standard deviations of its pose relative to the earlier passes [m, m, rad].
+            drift: how uncertain paths are.
 
         Returns:
             One candidate per pass, the key pose whose view lies nearest.
         """
-        config = self._config
+        config = self.config
+        if not (config.enabled or config.revisits):
+            return []
         views = poses[:, :2] + config.view_distance * np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
-        far = np.hypot(*(views[: key_new + 1] - views[key_new]).T)
+        far = np.hypot(*(views - views[key_new]).T)
         old = self._path[key_new] - self._path[: key_new + 1] > config.min_path
-        near = np.flatnonzero(old & (far < config.radius + 2.0 * drift[0]))
+        reach = config.radius + 2.0 * self._search_deviations(drift.between(0, key_new, poses))[0]
+        near = np.flatnonzero(old & (far < reach))
         if not len(near):
             return []
         passes = np.split(near, np.flatnonzero(np.diff(near) > config.pass_gap) + 1)
         best = sorted((float(far[p].min()), int(p[far[p].argmin()])) for p in passes)
-        covariance = np.diag(drift**2)
-        return [
-            Candidate(key_old=key, T_old_new=between(poses[key], poses[key_new]), covariance=covariance)
-            for _, key in best[: config.max_passes]
-        ]
+        found = []
+        for distance, key in best:
+            deviations = self._search_deviations(drift.between(key, key_new, poses))
+            if distance < config.radius + 2.0 * deviations[0]:
+                T_old_new = between(poses[key], poses[key_new])
+                found.append(Candidate(key_old=key, key_new=key_new, T_old_new=T_old_new, deviations=deviations))
+        return found[: config.max_passes]
 
-    def match(self, candidate: Candidate, key_new: int, poses: NDArray[np.float64]) -> Attempt:
-        """Match a key scan against the local map of a candidate's pass and verify it with its neighbours."""
-        base = candidate.key_old
-        reference = self._reference(base, poses)
-        guess = candidate.T_old_new
-        found = self._matcher.match(reference, self._keys[key_new].scan, guess, candidate.covariance)
-        record = Attempt(key_old=base, key_new=key_new, match=None, accepted=False, reason="")
+    def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
+        """Match a key scan against the local map of a candidate's pass and verify it with its neighbours.
+
+        First close to the estimate; only if nothing fits there, and the drift allows more, in the whole window, where
+        a closure must also be the only one that fits.
+        """
+        reference = self._reference(candidate.key_old, poses)
+        near = np.minimum(candidate.deviations, _NEAR_DEVIATIONS)
+        attempt = self._match_at(reference, candidate, candidate.T_old_new, near)
+        if attempt.accepted or candidate.deviations[0] <= _NEAR_DEVIATIONS[0]:
+            return attempt
+        return self._match_wide(reference, candidate) or attempt
+
+    def _match_at(
+        self,
+        reference: Any,
+        candidate: Candidate,
+        T_old_guess: NDArray[np.float64],
+        deviations: NDArray[np.float64],  # noqa: ANN401
+    ) -> Attempt:
+        attempt = Attempt(key_old=candidate.key_old, key_new=candidate.key_new, match=None, accepted=False, reason="")
+        scan = self._keys[candidate.key_new].scan
+        found = self._matcher.match(reference, scan, T_old_guess, np.diag(deviations**2))
         if isinstance(found, NoMatch):
-            return replace(record, reason=found.reason)
-        record = replace(record, match=found)
-        support = self._support(reference, key_new, found.T_ref_cur)
-        told = f"overlap {support.overlap:.2f}, fit {support.fit:.2f}, view {support.view:.2f}"
-        config = self._config
-        if support.overlap < config.min_overlap or support.fit < config.min_fit or support.view < config.min_view:
-            return replace(record, reason=told)
-        return replace(record, accepted=True, reason=told)
+            return replace(attempt, reason=found.reason)
+        support = self._support(reference, candidate.key_new, found.T_ref_cur)
+        return replace(attempt, match=found, accepted=self._is_supported(support), reason=_describe(support))
+
+    def _match_wide(self, reference: Any, candidate: Candidate) -> Attempt | None:  # noqa: ANN401
+        alternatives = getattr(self._matcher, "alternatives", None)
+        if alternatives is None:
+            return None
+        scan = self._keys[candidate.key_new].scan
+        fitting = []
+        for T_old_new in alternatives(reference, scan, candidate.T_old_new, np.diag(candidate.deviations**2)):
+            if self._is_supported(self._support(reference, candidate.key_new, T_old_new)):
+                fitting.append(T_old_new)
+        if not fitting:
+            return None
+        attempt = self._match_at(reference, candidate, fitting[0], _EXACT_DEVIATIONS)
+        if len(fitting) > 1:
+            return replace(attempt, accepted=False, reason=f"{len(fitting)} places fit; {attempt.reason}")
+        return attempt
+
+    def _search_deviations(self, drift: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Standard deviations [m, m, rad] of a search, from those of the path."""
+        config = self.config
+        most = config.max_drift if config.enabled else config.revisit_drift
+        position = min(most, config.drift_factor * float(drift[0]) + config.drift_floor)
+        heading = min(config.max_turn, config.drift_factor * float(drift[1]) + config.turn_floor)
+        return np.array([position, position, heading])
+
+    def _is_supported(self, support: Agreement) -> bool:
+        config = self.config
+        return (
+            support.overlap >= config.min_overlap and support.fit >= config.min_fit and support.view >= config.min_view
+        )
 
     def _reference(self, base: int, poses: NDArray[np.float64]) -> Any:  # noqa: ANN401
         """Local map of the key scans of one pass around `base`, in the frame of `base`."""
-        half = self._config.reference_half
+        half = self.config.reference_half
         members = np.arange(max(0, base - half), min(len(poses), base + half + 1))
         placed = between(poses[base], poses[members])
         cached = self._references.get(base)
@@ -113,7 +193,7 @@ class LoopCloser:
     def _support(self, reference: Any, key_new: int, T_ref_new: NDArray[np.float64]) -> Agreement:  # noqa: ANN401
         """How a key scan and its neighbours agree with the reference at the poses a closure implies for them."""
         total = Agreement()
-        for offset in self._config.support_offsets:
+        for offset in self.config.support_offsets:
             other = key_new + offset
             if 0 <= other < len(self._keys):
                 T_new_other = between(self._keys[key_new].T_track_robot, self._keys[other].T_track_robot)
