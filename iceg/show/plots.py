@@ -23,6 +23,7 @@ from matplotlib.patches import Ellipse, Rectangle
 from numpy.typing import ArrayLike, NDArray
 
 from frontends.scan import Scan
+from graph.se2 import transform_points
 from iceg.maps.atomic import write_atomically
 
 if TYPE_CHECKING:
@@ -209,6 +210,32 @@ def draw_scan_features(ax: Axes, scan: Scan, features: "Features", *, stroke: fl
                 label=label if real else f"{label} (weak)",
                 zorder=4,
             )
+    ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
+    ax.legend(fontsize="small", frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+
+
+def draw_alignment(
+    ax: Axes,
+    reference_points: NDArray[np.float64],
+    scan: Scan,
+    T_ref_guess: NDArray[np.float64],
+    T_ref_match: NDArray[np.float64],
+) -> None:
+    """Draw a scan on its reference, where it was expected and where it was matched.
+
+    Args:
+        ax: axes to draw on.
+        reference_points: (n, 2) points of the reference [m].
+        scan: the scan.
+        T_ref_guess: (3,) where the robot was expected.
+        T_ref_match: (3,) where the match put it.
+    """
+    ax.plot(*reference_points.T, ".", color="#999999", markersize=2.5, label="reference", zorder=1)
+    poses = ((T_ref_guess, _TIME_COLOURS[0], "scan as expected"), (T_ref_match, "#0072b2", "scan as matched"))
+    for zorder, (pose, colour, label) in enumerate(poses, start=2):
+        ax.plot(*transform_points(pose, scan.points).T, ".", color=colour, markersize=4, label=label, zorder=zorder)
+        marker = (3, 0, math.degrees(pose[2]) - 90.0)
+        ax.plot(*pose[:2], marker=marker, color=colour, markersize=10, markeredgecolor="white", zorder=4)
     ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     ax.legend(fontsize="small", frameon=False)
 
