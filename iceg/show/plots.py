@@ -234,8 +234,8 @@ def draw_alignment(
     poses = ((T_ref_guess, _TIME_COLOURS[0], "scan as expected"), (T_ref_match, "#0072b2", "scan as matched"))
     for zorder, (pose, colour, label) in enumerate(poses, start=2):
         ax.plot(*transform_points(pose, scan.points).T, ".", color=colour, markersize=4, label=label, zorder=zorder)
-        marker = (3, 0, math.degrees(pose[2]) - 90.0)
-        ax.plot(*pose[:2], marker=marker, color=colour, markersize=10, markeredgecolor="white", zorder=4)
+        nose = transform_points(pose, np.array([[0.0, 0.0], [0.5, 0.0]]))
+        ax.plot(*nose.T, "-o", color=colour, markersize=7, markevery=[0], linewidth=2, zorder=4)
     ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     ax.legend(fontsize="small", frameon=False)
 
