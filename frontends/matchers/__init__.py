@@ -63,6 +63,18 @@ def _qwsm() -> Matcher:
     return QwsmMatcher()
 
 
+def _ndt() -> Matcher:
+    from frontends.matchers.ndt import NdtMatcher
+
+    return NdtMatcher()
+
+
+def _csm() -> Matcher:
+    from frontends.matchers.csm import CsmMatcher
+
+    return CsmMatcher()
+
+
 MATCHERS: Mapping[str, Callable[[], Matcher]] = {
     "icp": _icp,
     "plicp": _plicp,
@@ -70,5 +82,7 @@ MATCHERS: Mapping[str, Callable[[], Matcher]] = {
     "mbicp": _mbicp,
     "wsm": _wsm,
     "qwsm": _qwsm,
+    "ndt": _ndt,
+    "csm": _csm,
 }
 """Makers of each matcher with its defaults, by the name used on the command line; a kernel is imported when made."""
