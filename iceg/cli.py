@@ -70,11 +70,12 @@ class Demo:
     def __call__(self) -> None:
         """Run, evaluate, say where the map is."""
         from iceg.demo import demo_log_path, demo_truth_path
+        from iceg.evaluation.judge import truth_report
         from iceg.evaluation.report import format_table
 
         _run_log(demo_log_path(), self.output, Config(), overwrite=self.overwrite, skip_bad_lines=False)
         truth = demo_truth_path()
-        print(format_table(_truth_report(self.output, truth), f"Against the truth, {truth.name}:"))
+        print(format_table(truth_report(self.output, truth), f"Against the truth, {truth.name}:"))
         print(f"The map is {(self.output / 'map.png').resolve()}")
 
 
@@ -134,25 +135,28 @@ class Eval:
         if self.log is not None and (self.relations is None or _is_csv(self.relations)):
             raise UsageError("--log is only needed with relations by stamp")
         title = f"{self.trajectory} against {given[0]}:"
-        if self.relations is not None:
-            return self._relations_report(self.relations), title
+        return self._figures(), title
+
+    def _figures(self) -> dict[str, float]:
+        from iceg.evaluation.judge import (
+            reference_report,
+            relations_by_stamp_report,
+            relations_csv_report,
+            truth_report,
+        )
+
         if self.reference is not None:
-            return _reference_report(self.trajectory, self.reference), title
-        return _truth_report(self.trajectory, given[0]), title
-
-    def _relations_report(self, path: Path) -> dict[str, float]:
-        from iceg.evaluation.relations import read_relations, read_relations_csv
-        from iceg.evaluation.report import relations_report
-        from iceg.tum import read_tum
-
-        if not _is_csv(path) and self.log is None:
-            raise UsageError(f"{path.name} names scans by their stamps: give the log they are from with --log")
-        T_map_robot = read_tum(_trajectory_file(self.trajectory)).poses
+            return reference_report(self.trajectory, self.reference)
+        if self.truth is not None:
+            return truth_report(self.trajectory, self.truth)
+        assert self.relations is not None
+        if _is_csv(self.relations):
+            return relations_csv_report(self.trajectory, self.relations)
         if self.log is None:
-            return relations_report(T_map_robot, read_relations_csv(path))
-        from frontends.logs import read_log
-
-        return relations_report(T_map_robot, read_relations(path, read_log(self.log).stamps))
+            raise UsageError(
+                f"{self.relations.name} names scans by their stamps: give the log they are from with --log"
+            )
+        return relations_by_stamp_report(self.trajectory, self.relations, self.log)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -318,43 +322,8 @@ def _what_was_kept(directory: Path, before: int | None) -> str:
     )
 
 
-def _trajectory_file(path: Path) -> Path:
-    return path / "trajectory.tum" if path.is_dir() else path
-
-
 def _is_csv(path: Path) -> bool:
     return path.suffix.lower() == ".csv"
-
-
-def _reference_report(trajectory: Path, reference: Path) -> dict[str, float]:
-    from iceg.evaluation.report import trajectory_report
-    from iceg.evaluation.trajectory import poses_of_scans, read_reference_csv, trajectory_errors
-    from iceg.tum import read_tum
-
-    scans, T_world_robot = read_reference_csv(reference)
-    T_map_robot = read_tum(_trajectory_file(trajectory)).poses
-    return trajectory_report(trajectory_errors(poses_of_scans(T_map_robot, scans, reference), T_world_robot))
-
-
-def _truth_report(trajectory: Path, truth: Path) -> dict[str, float]:
-    from iceg.evaluation.consistency import consistency, pose_nees
-    from iceg.evaluation.report import consistency_report, trajectory_report
-    from iceg.evaluation.trajectory import check_one_row_per_scan, poses_of_scans, read_truth_csv, trajectory_errors
-    from iceg.results import read_covariances
-    from iceg.tum import read_tum
-
-    T_world_robot = read_truth_csv(truth)
-    T_map_robot = read_tum(_trajectory_file(trajectory)).poses
-    check_one_row_per_scan(T_map_robot, T_world_robot, truth)
-    report = trajectory_report(trajectory_errors(T_map_robot, T_world_robot))
-    covariances_file = trajectory / "covariances.csv"
-    if not trajectory.is_dir() or not covariances_file.exists():
-        return report
-    scans, key_poses, covariances = read_covariances(covariances_file)
-    if len(scans) < 2:
-        return report
-    values = pose_nees(key_poses, poses_of_scans(T_world_robot, scans, covariances_file), covariances)
-    return report | consistency_report(consistency(values))
 
 
 def _complain(error: Exception, code: int) -> int:
