@@ -1,0 +1,65 @@
+"""The logs of the benchmark and what each is judged by."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from iceg.demo import demo_log_path, demo_truth_path
+from iceg.evaluation.judge import reference_report, relations_csv_report, truth_report
+
+Judge = Callable[[Path, Path], dict[str, float]]
+
+_PUBLIC = ("intel", "mit-csail", "aces", "mrpt-simul")
+_JUDGES: tuple[tuple[str, Judge], ...] = (
+    ("relations.csv", relations_csv_report),
+    ("truth.csv", truth_report),
+    ("reference.csv", reference_report),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BenchLog:
+    """A log with what is known about it.
+
+    Attributes:
+        name: in the tables.
+        path: the log.
+        known: the best there is: relations, else the truth, else a reference; None when there is nothing.
+    """
+
+    name: str
+    path: Path
+    known: Path | None
+
+    @property
+    def relations(self) -> Path | None:
+        """The benchmark's relations, where there are any."""
+        return self.known if self.known is not None and self.known.name.endswith("relations.csv") else None
+
+    def judge(self, folder: Path) -> dict[str, float]:
+        """Figures of a run of this log, by their published names; empty when nothing is known."""
+        if self.known is None:
+            return {}
+        judge = next(judge for ending, judge in _JUDGES if self.known.name.endswith(ending))
+        return judge(folder, self.known)
+
+
+def find_logs(data: Path | None) -> list[BenchLog]:
+    """The embedded log and those of the public ones that are at hand.
+
+    Args:
+        data: the folder of public logs, `NAME.clf.gz` with `NAME.relations.csv`, `NAME.truth.csv` or
+            `NAME.reference.csv` beside them; None for the embedded log alone.
+
+    Returns:
+        The embedded log first.
+    """
+    logs = [BenchLog(name="office (embedded)", path=demo_log_path(), known=demo_truth_path())]
+    if data is None:
+        return logs
+    for name in _PUBLIC:
+        path = data / f"{name}.clf.gz"
+        if path.exists():
+            beside = (data / f"{name}.{ending}" for ending, _ in _JUDGES)
+            logs.append(BenchLog(name=name, path=path, known=next((file for file in beside if file.exists()), None)))
+    return logs
