@@ -8,7 +8,7 @@ from graph.odometry import OdometryModel
 from iceg.ice.config import IceConfig
 from iceg.maps.config import FeatureMapConfig, GridConfig
 from iceg.settings_file import ConfigError, format_settings, parse_settings, read_settings
-from iceg.slam.config import FrontEndConfig, LoopClosureConfig
+from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 
 __all__ = ["Config", "ConfigError", "format_config", "parse_config", "read_config"]
 
@@ -45,6 +45,7 @@ class Config:
         odometry: noise of the wheels before it is calibrated.
         graph: the pose graph.
         loops: places seen again.
+        finish: the offline optimisation at the end.
         feature_map: landmarks and when they expire.
         grid: the occupancy grid.
     """
@@ -56,6 +57,7 @@ class Config:
     odometry: OdometryModel = field(default_factory=OdometryModel)
     graph: PoseGraphConfig = field(default_factory=PoseGraphConfig)
     loops: LoopClosureConfig = field(default_factory=LoopClosureConfig)
+    finish: FinishConfig = field(default_factory=FinishConfig)
     feature_map: FeatureMapConfig = field(default_factory=FeatureMapConfig)
     grid: GridConfig = field(default_factory=GridConfig)
 

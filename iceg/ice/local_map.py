@@ -6,13 +6,13 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.se2 import transform_points
 from iceg.ice import _field_kernels as field_kernels
 from iceg.ice import _hypothesis_kernels as hypothesis_kernels
 from iceg.ice.config import FeatureConfig, LocalMapConfig
 from iceg.ice.features import FeatureRows, Features
 from iceg.ice.points import ScanPoints
 
-_MARGIN = 6.0
 _FEATURE_CAPACITY = 1500
 
 
@@ -42,19 +42,20 @@ class LocalMap:
     scans that coincide are merged. `add` extends it by one more scan at little cost.
     """
 
-    def __init__(self, center: NDArray[np.float64], config: LocalMapConfig, features: FeatureConfig) -> None:
-        """Start empty around `center`, (2,) [m]; nothing farther than the configured reach (and a margin) enters."""
+    def __init__(
+        self, lower: NDArray[np.float64], upper: NDArray[np.float64], config: LocalMapConfig, features: FeatureConfig
+    ) -> None:
+        """Start empty; points outside the box from `lower` to `upper`, (2,) [m], will not enter."""
         self._config = config
         self._merge_radius = features.merge_radius
-        half = config.reach + _MARGIN
-        origin = np.asarray(center, dtype=np.float64)[:2] - half
+        origin = np.asarray(lower, dtype=np.float64)
+        size = np.asarray(upper, dtype=np.float64) - origin
         self._surfel_count = 0
-        n = ceil(2 * half / config.cell)
-        self._table = np.full((n, n, 2), -1, np.int32)
+        self._table = np.full((ceil(size[1] / config.cell), ceil(size[0] / config.cell), 2), -1, np.int32)
         self._sums = np.empty((4096, 5))
         self._surfels = np.empty((4096, 4))
-        self.fine = _empty_field(origin, config.cell, half, config.fine_radius)
-        self.coarse = _empty_field(origin, config.coarse_cell, half, config.coarse_radius)
+        self.fine = _empty_field(origin, size, config.cell, config.fine_radius)
+        self.coarse = _empty_field(origin, size, config.coarse_cell, config.coarse_radius)
         self._feature_count = 0
         self._kinds = np.empty(_FEATURE_CAPACITY, np.int8)
         self._rows = np.empty((_FEATURE_CAPACITY, 10))
@@ -117,12 +118,37 @@ class LocalMap:
             self._surfels = np.concatenate([self._surfels, np.empty_like(self._surfels)])
 
 
-def _empty_field(origin: NDArray[np.float64], cell: float, half: float, radius: float) -> NearestField:
-    n = ceil(2 * half / cell)
+def box_around(
+    points: list[NDArray[np.float64]], T_ref_scans: NDArray[np.float64], reach: float, margin: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Smallest box around the points of several scans, no farther than `reach` from the last of them.
+
+    Args:
+        points: (n_i, 2) of each scan, robot frame [m].
+        T_ref_scans: (m, 3) their poses.
+        reach: farthest point that counts [m].
+        margin: added on every side [m].
+
+    Returns:
+        Lower and upper corner, (2,) each.
+    """
+    center = np.asarray(T_ref_scans[-1, :2])
+    lower, upper = center.copy(), center.copy()
+    for p_robot, T_ref_scan in zip(points, T_ref_scans, strict=True):
+        if len(p_robot):
+            p_ref = transform_points(T_ref_scan, p_robot)
+            np.minimum(lower, p_ref.min(axis=0), out=lower)
+            np.maximum(upper, p_ref.max(axis=0), out=upper)
+    # On whole metres, so that the cells of every reference lie alike.
+    return np.floor(np.maximum(lower, center - reach) - margin), np.ceil(np.minimum(upper, center + reach) + margin)
+
+
+def _empty_field(origin: NDArray[np.float64], size: NDArray[np.float64], cell: float, radius: float) -> NearestField:
+    shape = (ceil(size[1] / cell), ceil(size[0] / cell))
     return NearestField(
         origin=origin,
         cell=cell,
         radius=radius,
-        nearest=np.full((n, n), -1, np.int32),
-        distance2=np.full((n, n), radius * radius, np.float32),
+        nearest=np.full(shape, -1, np.int32),
+        distance2=np.full(shape, radius * radius, np.float32),
     )

@@ -13,7 +13,7 @@ from iceg.ice.covariance import score_covariance
 from iceg.ice.features import FeatureRows, feature_rows
 from iceg.ice.fitness import Ranking, rank_by_features, rank_by_points
 from iceg.ice.hypotheses import SearchWindow, distinct, pair_hypotheses, search_window, widened
-from iceg.ice.local_map import LocalMap
+from iceg.ice.local_map import LocalMap, box_around
 from iceg.ice.points import ScanPoints, extract_points
 from iceg.ice.refinement import Refined, polish_on_features, refine_on_points
 from iceg.ice.segments import segment_rows, smoothed_on_segments
@@ -22,6 +22,8 @@ from iceg.ice.verification import Agreement, agreement
 _CLEAR_LEAD = 0.9
 _CLEARLY_MORE = 1.03
 _FEWEST_POINTS = 15
+_ROOM_TO_GROW = 4.0
+"""A local map can be extended by scans that reach this far beyond its first points [m]."""
 _TRACKING_PRIOR = 3.0
 """Pull of odometry on a pose between two key scans, in points."""
 
@@ -73,7 +75,9 @@ class IceMatcher:
 
     def prepare(self, scans: list[Scan], T_ref_scans: NDArray[np.float64]) -> LocalMap:
         """Build a local map from scans placed in one frame, (n, 3) poses; it reaches around the last of them."""
-        local_map = LocalMap(T_ref_scans[-1], self.config.local_map, self.config.features)
+        points = [self.observe(scan).points.points for scan in scans]
+        lower, upper = box_around(points, T_ref_scans, self.config.local_map.reach, _ROOM_TO_GROW)
+        local_map = LocalMap(lower, upper, self.config.local_map, self.config.features)
         for scan, T_ref_scan in zip(scans, T_ref_scans, strict=True):
             self.extend(local_map, scan, T_ref_scan)
         return local_map

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from frontends.matcher import Matcher
 from graph.config import PoseGraphConfig
-from graph.measurement import NoMatch
+from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose
@@ -20,7 +20,9 @@ _UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
 """Covariance of a step between key scans that neither odometry nor a match has seen."""
 _NEAR_DISTANCE, _NEAR_TURN = 0.4, 0.12
 """A closure no farther than this from the estimate [m, rad] is believed at once."""
-_PARTNER_KEYS, _PARTNER_DISTANCE, _PARTNER_TURN = 60, 0.3, 0.06
+_JUMP_DISTANCE2, _USUAL_DISTANCE2 = 25.0, 3.0
+"""Squared Mahalanobis distance from which on odometry contradicts a match, and the one it is then widened to."""
+_PARTNER_KEYS, _PARTNER_DISTANCE, _PARTNER_TURN = 60, 0.25, 0.05
 """Two closures within so many key poses confirm each other when they differ by less than this [m, rad]."""
 
 
@@ -32,11 +34,13 @@ class Solution:
         graph: every factor once, solved by iSAM2.
         poses: (k, 3) T_map_robot of the key poses.
         attempts: every loop closure that was tried.
+        odometry_jumps: steps in which the match contradicted odometry, which was then given little weight.
     """
 
     graph: PoseGraph
     poses: NDArray[np.float64]
     attempts: list[Attempt]
+    odometry_jumps: int
 
 
 class BackEnd:
@@ -50,6 +54,7 @@ class BackEnd:
         self.graph.add_first_pose(np.zeros(3))
         self._poses = np.zeros((len(track.keys), 3))
         self.attempts: list[Attempt] = []
+        self.odometry_jumps = 0
         self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
         self._since_search = np.zeros(2)
         self._drift = Drift(len(track.keys))
@@ -66,12 +71,14 @@ class BackEnd:
         self._poses[key] = compose(self._poses[key - 1], step)
         self.graph.add_pose(self._poses[key])
         known = []
+        match = None if isinstance(current.match, NoMatch) else current.match
         if motion is not None:
-            self.graph.add_odometry(key - 1, key, motion.T_key_robot, motion.covariance)
-            known.append(motion.covariance)
-        if not isinstance(current.match, NoMatch):
-            self.graph.add_match(key - 1, key, current.match)
-            known.append(current.match.covariance)
+            covariance = motion.covariance if match is None else self._believed(motion, match)
+            self.graph.add_odometry(key - 1, key, motion.T_key_robot, covariance)
+            known.append(covariance)
+        if match is not None:
+            self.graph.add_match(key - 1, key, match)
+            known.append(match.covariance)
         if not known:
             self.graph.add_odometry(key - 1, key, step, _UNKNOWN_MOTION)
             known.append(_UNKNOWN_MOTION)
@@ -81,13 +88,27 @@ class BackEnd:
         if self._is_search_due():
             self._search(key)
 
+    def _believed(self, motion: OdometryMotion, match: RelativePose) -> NDArray[np.float64]:
+        """Covariance of odometry; widened where the match contradicts it, as after a jump or a slip."""
+        offset = between(match.T_ref_cur, motion.T_key_robot)
+        distance2 = float(offset @ np.linalg.solve(match.covariance + motion.covariance, offset))
+        if distance2 <= _JUMP_DISTANCE2:
+            return motion.covariance
+        self.odometry_jumps += 1
+        return motion.covariance * (distance2 / _USUAL_DISTANCE2)
+
     def solution(self) -> Solution:
         """The graph as it stands."""
         for index in self._pending:
             self.attempts[index] = replace(
                 self.attempts[index], accepted=False, reason=f"alone and far off; {self.attempts[index].reason}"
             )
-        return Solution(graph=self.graph, poses=self.graph.all_poses(), attempts=self.attempts)
+        return Solution(
+            graph=self.graph,
+            poses=self.graph.all_poses(),
+            attempts=self.attempts,
+            odometry_jumps=self.odometry_jumps,
+        )
 
     def _is_search_due(self) -> bool:
         config = self._config
@@ -119,13 +140,13 @@ class BackEnd:
         return attempt
 
     def _insert(self, index: int, poses: NDArray[np.float64]) -> bool:
-        """Insert a closure near the estimate at once; one far off waits for a second that says the same."""
+        """Insert a closure near the estimate at once; one far off waits for others that say the same."""
         attempt = self.attempts[index]
         if _is_near(attempt, poses):
             self._close(attempt)
             return True
         partners = [other for other in self._pending if self._say_the_same(self.attempts[other], attempt, poses)]
-        if not partners:
+        if len(partners) + 1 < self._config.confirmations:
             self._pending.append(index)
             return False
         for other in partners:
@@ -139,7 +160,7 @@ class BackEnd:
         self.graph.add_closure(attempt.key_old, attempt.key_new, attempt.match, None)
 
     def _say_the_same(self, a: Attempt, b: Attempt, poses: NDArray[np.float64]) -> bool:
-        """Whether two closures agree on how the later part of the path lies to the earlier one (pairwise consistency)."""
+        """Whether two closures agree on how the later path lies to the earlier (pairwise consistency)."""
         if abs(a.key_new - b.key_new) > _PARTNER_KEYS or a.key_new == b.key_new or a.match is None or b.match is None:
             return False
         T_olds = between(poses[a.key_old], poses[b.key_old])
@@ -147,13 +168,13 @@ class BackEnd:
         left = compose(a.match.T_ref_cur, T_news)
         right = compose(T_olds, b.match.T_ref_cur)
         x, y, turn = between(left, right).tolist()
-        return x * x + y * y < _PARTNER_DISTANCE**2 and abs(turn) < _PARTNER_TURN
+        return bool(x * x + y * y < _PARTNER_DISTANCE**2 and abs(turn) < _PARTNER_TURN)
 
 
 def _is_near(attempt: Attempt, poses: NDArray[np.float64]) -> bool:
     assert attempt.match is not None
     x, y, turn = between(between(poses[attempt.key_old], poses[attempt.key_new]), attempt.match.T_ref_cur).tolist()
-    return x * x + y * y < _NEAR_DISTANCE**2 and abs(turn) < _NEAR_TURN
+    return bool(x * x + y * y < _NEAR_DISTANCE**2 and abs(turn) < _NEAR_TURN)
 
 
 def _fused(covariances: list[NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -77,7 +77,7 @@ class LoopClosureConfig:
     holds what was seen before."""
     revisit_drift: float = 0.3
     """Largest standard deviation of the drift taken for such a revisit [m]."""
-    drift_factor: float = 2.0
+    drift_factor: float = 1.5
     """The path's covariance since the last closure is trusted only after this factor on its standard deviations."""
     drift_floor: float = 0.1
     """Smallest standard deviation of a search [m]."""
@@ -87,9 +87,33 @@ class LoopClosureConfig:
     """Smallest standard deviation of a search in heading [rad]."""
     max_turn: float = 0.6
     """Largest standard deviation of a search in heading [rad]."""
+    confirmations: int = 3
+    """A closure far from the estimate waits until so many say the same."""
     max_deviations: float = 5.0
     """A closure farther than this from the path's estimate, in standard deviations of the search, is refused."""
-    kernel_width: float = 5.0
-    """Φ of dynamic covariance scaling on a closure (squared standard deviations)."""
     support_offsets: tuple[int, ...] = (-4, -2, 0, 2, 4)
     """Key scans asked to agree, relative to the one matched."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FinishConfig:
+    """The offline finish after the log has been read to its end."""
+
+    enabled: bool = True
+    """Off leaves the incremental solution."""
+    rounds: int = 1
+    """Most rounds of matching again and optimising."""
+    tolerance: float = 0.002
+    """A round that moves no key pose farther than this is the last [m]."""
+    spacing: float = 0.6
+    """Match again after this much path [m] …"""
+    spacing_angle: float = 1.0
+    """… or turning [rad]."""
+    max_passes: int = 4
+    """Most earlier passes a key scan is matched against."""
+    search_distance: float = 0.08
+    """Standard deviation of the search around the optimum [m]."""
+    search_angle: float = 0.03
+    """The same in heading [rad]."""
+    kernel_width: float = 5.0
+    """Φ of dynamic covariance scaling on closures (squared standard deviations)."""

@@ -20,54 +20,81 @@ _ODOMETRY_SPEAKS = 0.5
 """Ratio of variances (match over odometry) from which on a direction is shared with odometry."""
 
 
+_BLIND_RANGE = 0.5
+"""A scan most of whose beams end within this sees nothing: the laser is covered [m]."""
+_BLIND_SHARE = 0.8
+_LOST_AFTER = 3
+"""So many key scans in a row without a match begin a new local reference."""
+_UNKNOWN_ODOMETRY = OdometryModel(
+    along_per_metre=0.3, across_per_metre=0.3, heading_per_metre=0.3, position_floor=0.1, heading_floor=0.1
+)
+"""What a constant velocity says in a log without odometry."""
+
+
 class FrontEnd:
     """Tracks a robot scan by scan and decides which scans become key scans."""
 
-    def __init__(self, matcher: Matcher, odometry: OdometryModel, config: FrontEndConfig) -> None:
+    def __init__(self, matcher: Matcher, odometry: OdometryModel | None, config: FrontEndConfig) -> None:
+        """Start with no scan yet; `odometry` is None for a log without."""
         self._matcher = matcher
-        self._odometry = odometry
+        self._has_odometry = odometry is not None
+        self._odometry = odometry or _UNKNOWN_ODOMETRY
         self._config = config
         self._track = _tracking_of(matcher)
         self.keys: list[KeyScan] = []
         self._reference: Any = None
-        self._motion = odometry.start()
+        self._in_reference: list[int] = []
+        self._unmatched: list[int] = []
+        self._motion = self._odometry.start()
         self._T_key_robot = np.zeros(3)
         self._last_odometry: NDArray[np.float64] | None = None
+        self._last_step = np.zeros(3)
         self.failures = 0
+        self.lost: list[int] = []
 
-    def add(self, index: int, scan: Scan, T_odom_robot: NDArray[np.float64]) -> tuple[int, NDArray[np.float64]]:
+    def add(self, index: int, scan: Scan, T_odom_robot: NDArray[np.float64] | None) -> tuple[int, NDArray[np.float64]]:
         """Track one more scan.
 
         Args:
             index: which scan of the log it is.
             scan: the scan.
-            T_odom_robot: (3,) raw odometry at the scan.
+            T_odom_robot: (3,) odometry at the scan; None in a log without, where the velocity is taken as constant.
 
         Returns:
             The key scan it is tied to and its pose in that key scan's frame.
         """
-        if self._last_odometry is None:
+        if not self.keys:
             self._last_odometry = T_odom_robot
-            return self._start(index, scan)
-        step = between(self._last_odometry, T_odom_robot)
-        self._last_odometry = T_odom_robot
+            self._start(index, scan)
+            return 0, np.zeros(3)
+        step = self._step(T_odom_robot)
         self._motion = self._odometry.extend(self._motion, step)
+        T_key_before = self._T_key_robot
         self._follow(scan, compose(self._T_key_robot, step))
+        self._last_step = between(T_key_before, self._T_key_robot)
         if self._is_key():
             self._add_key(index, scan)
             return len(self.keys) - 1, np.zeros(3)
         return len(self.keys) - 1, self._T_key_robot
 
-    def _start(self, index: int, scan: Scan) -> tuple[int, NDArray[np.float64]]:
+    def _step(self, T_odom_robot: NDArray[np.float64] | None) -> NDArray[np.float64]:
+        if T_odom_robot is None or self._last_odometry is None:
+            return self._last_step
+        step = between(self._last_odometry, T_odom_robot)
+        self._last_odometry = T_odom_robot
+        return step
+
+    def _start(self, index: int, scan: Scan) -> None:
         first = NoMatch(reason="first scan")
         self.keys.append(KeyScan(index=index, scan=scan, motion=self._motion, match=first, T_track_robot=np.zeros(3)))
-        self._build_reference()
-        return 0, np.zeros(3)
+        self._build_reference([0])
 
     def _follow(self, scan: Scan, T_key_guess: NDArray[np.float64]) -> None:
         """Pose of a scan in the last key scan's frame; odometry carries it where nothing credible is found."""
         T_track_key = self.keys[-1].T_track_robot
-        found = self._track(self._reference, scan, compose(T_track_key, T_key_guess), self._motion.covariance)
+        found: NDArray[np.float64] | NoMatch = NoMatch(reason="the laser is covered")
+        if not _is_blind(scan):
+            found = self._track(self._reference, scan, compose(T_track_key, T_key_guess), self._motion.covariance)
         if isinstance(found, NoMatch):
             self.failures += 1
             self._T_key_robot = T_key_guess
@@ -76,6 +103,8 @@ class FrontEnd:
 
     def _match(self, scan: Scan) -> RelativePose | NoMatch:
         """Match with covariance from the tracked pose, expressed in the last key scan's frame."""
+        if _is_blind(scan):
+            return NoMatch(reason="the laser is covered")
         T_track_key = self.keys[-1].T_track_robot
         guess = compose(T_track_key, self._T_key_robot)
         match = self._matcher.match(self._reference, scan, guess, self._motion.covariance)
@@ -86,6 +115,8 @@ class FrontEnd:
 
         Elsewhere it would pull every match a little towards its own bias, and the local map with it.
         """
+        if not self._has_odometry:
+            return match.T_ref_cur
         odometry = self._motion.covariance
         ratios, directions = eigh(match.covariance, odometry)
         share = np.where(ratios > _ODOMETRY_SPEAKS, ratios / (1.0 + ratios), 0.0)
@@ -107,22 +138,43 @@ class FrontEnd:
         self.keys.append(KeyScan(index=index, scan=scan, motion=self._motion, match=match, T_track_robot=T_track_robot))
         self._motion = self._odometry.start()
         self._T_key_robot = np.zeros(3)
-        extend = getattr(self._matcher, "extend", None)
-        if extend is None or len(self.keys) % self._config.key_scans.rebuild == 0:
-            self._build_reference()
-        else:
-            extend(self._reference, scan, T_track_robot)
+        self._extend_reference(isinstance(match, NoMatch))
 
-    def _build_reference(self) -> None:
-        recent = self.keys[-self._config.key_scans.window :]
+    def _extend_reference(self, is_unmatched: bool) -> None:
+        """Let the newest key scan join the reference; unmatched ones only when nothing else has matched for long."""
+        newest = len(self.keys) - 1
+        if is_unmatched:
+            self._unmatched.append(newest)
+            if len(self._unmatched) >= _LOST_AFTER and not _is_blind(self.keys[-1].scan):
+                self.lost.append(self.keys[self._unmatched[0]].index)
+                self._build_reference([key for key in self._unmatched if not _is_blind(self.keys[key].scan)])
+                self._unmatched = []
+            return
+        self._unmatched = []
+        extend = getattr(self._matcher, "extend", None)
+        self._in_reference.append(newest)
+        if extend is None or newest % self._config.key_scans.rebuild == 0:
+            self._build_reference(self._in_reference)
+        else:
+            extend(self._reference, self.keys[-1].scan, self.keys[-1].T_track_robot)
+
+    def _build_reference(self, members: list[int]) -> None:
+        self._in_reference = members[-self._config.key_scans.window :]
+        recent = [self.keys[key] for key in self._in_reference]
         poses = np.array([key.T_track_robot for key in recent])
         self._reference = self._matcher.prepare([key.scan for key in recent], poses)
+
+
+def _is_blind(scan: Scan) -> bool:
+    """Whether nearly all beams end at once: something covers the laser."""
+    returns = scan.ranges[np.isfinite(scan.ranges)]
+    return bool(np.count_nonzero(returns < _BLIND_RANGE) > _BLIND_SHARE * len(returns))
 
 
 def track_log(
     log: Log,
     matcher: Matcher,
-    odometry: OdometryModel,
+    noise: OdometryModel,
     config: FrontEndConfig,
     progress: Callable[[int, int], None] | None = None,
     corrected_odometry: NDArray[np.float64] | None = None,
@@ -133,22 +185,31 @@ def track_log(
     Args:
         log: the log.
         matcher: ICE or any other.
-        odometry: noise of the wheels.
+        noise: of the odometry.
         config: key scans and local reference.
         progress: called with the number of scans done and of failures so far.
+        corrected_odometry: (n_scans, 3) to predict with; the log's own when left out.
+        n_scans: stop after so many.
 
     Returns:
         The track.
     """
-    front_end = FrontEnd(matcher, odometry, config)
-    poses = log.odometry if corrected_odometry is None else corrected_odometry
+    front_end = FrontEnd(matcher, noise if log.has_odometry else None, config)
+    odometry = log.odometry if corrected_odometry is None else corrected_odometry
     n = len(log) if n_scans is None else min(n_scans, len(log))
     key_of_scan, T_key_scan = np.empty(n, np.int64), np.empty((n, 3))
     for index in range(n):
-        key_of_scan[index], T_key_scan[index] = front_end.add(index, log.scan(index), poses[index])
+        T_odom_robot = odometry[index] if log.has_odometry else None
+        key_of_scan[index], T_key_scan[index] = front_end.add(index, log.scan(index), T_odom_robot)
         if progress is not None:
             progress(index + 1, front_end.failures)
-    return Track(keys=front_end.keys, key_of_scan=key_of_scan, T_key_scan=T_key_scan, failures=front_end.failures)
+    return Track(
+        keys=front_end.keys,
+        key_of_scan=key_of_scan,
+        T_key_scan=T_key_scan,
+        failures=front_end.failures,
+        lost=front_end.lost,
+    )
 
 
 def _tracking_of(matcher: Matcher) -> Callable[..., NDArray[np.float64] | NoMatch]:

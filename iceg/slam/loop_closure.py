@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from frontends.matcher import Matcher
 from graph.measurement import NoMatch, RelativePose
 from graph.se2 import between, compose
+from iceg.ice.local_map import LocalMap
+from iceg.ice.matcher import IceMatcher
 from iceg.ice.verification import Agreement
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.track import Track
@@ -45,6 +47,10 @@ class Candidate:
 
 _NEAR_DEVIATIONS = np.array([0.3, 0.3, 0.1])
 """Up to here a search trusts the estimate [m, m, rad]."""
+_ANCHOR_SPACING = 4
+_REFERENCES_KEPT = 6
+_STILL = 0.01
+"""A reference is built anew when its scans have moved by more than this against each other [m, rad]."""
 _EXACT_DEVIATIONS = np.array([0.03, 0.03, 0.01])
 
 
@@ -70,11 +76,26 @@ class Drift:
         steps = slice(max(key_old, self._last_closure) + 1, key_new + 1)
         lever2 = np.sum((poses[steps, :2] - poses[key_new, :2]) ** 2, axis=1)
         heading = self._heading[steps]
-        return np.sqrt(np.array([np.sum(self._position[steps] + heading * lever2), np.sum(heading)]))
+        variances = np.array([np.sum(self._position[steps] + heading * lever2), np.sum(heading)])
+        return np.asarray(np.sqrt(variances), dtype=np.float64)
+
+
+def _candidate(key_old: int, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> Candidate:
+    T_old_new = between(poses[key_old], poses[key_new])
+    return Candidate(key_old=key_old, key_new=key_new, T_old_new=T_old_new, deviations=deviations)
 
 
 def _describe(support: Agreement) -> str:
     return f"overlap {support.overlap:.2f}, fit {support.fit:.2f}, view {support.view:.2f}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Reference:
+    """An earlier pass, prepared for the matcher and for the judge of its matches."""
+
+    matched: Any
+    judged: LocalMap
+    placed: NDArray[np.float64]
 
 
 class LoopCloser:
@@ -85,7 +106,8 @@ class LoopCloser:
         self._keys = track.keys
         self.config = config
         self._path = np.cumsum([key.motion.distance for key in track.keys])
-        self._references: dict[int, tuple[Any, NDArray[np.float64]]] = {}
+        self._judge = matcher if isinstance(matcher, IceMatcher) else IceMatcher()
+        self._references: dict[int, _Reference] = {}
 
     def candidates(self, key_new: int, poses: NDArray[np.float64], drift: "Drift") -> list[Candidate]:
         """Earlier passes whose view overlaps that of `key_new`, nearest first.
@@ -101,22 +123,37 @@ class LoopCloser:
         config = self.config
         if not (config.enabled or config.revisits):
             return []
-        views = poses[:, :2] + config.view_distance * np.column_stack([np.cos(poses[:, 2]), np.sin(poses[:, 2])])
+        reach = config.radius + 2.0 * self._search_deviations(drift.between(0, key_new, poses))[0]
+        found = []
+        for distance, key in self._passes(key_new, poses, reach):
+            deviations = self._search_deviations(drift.between(key, key_new, poses))
+            if distance < config.radius + 2.0 * deviations[0]:
+                found.append(_candidate(key, key_new, poses, deviations))
+        return found[: config.max_passes]
+
+    def neighbours(self, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> list[Candidate]:
+        """The same among optimised poses, all known to within `deviations` [m, m, rad]."""
+        passes = self._passes(key_new, poses, self.config.radius)
+        return [_candidate(key, key_new, poses, deviations) for _, key in passes[: self.config.max_passes]]
+
+    def _passes(self, key_new: int, poses: NDArray[np.float64], reach: float) -> list[tuple[float, int]]:
+        """Distance of the views and key pose of each earlier pass within reach, nearest first."""
+        config = self.config
+        known = poses[: key_new + 1]
+        views = known[:, :2] + config.view_distance * np.column_stack([np.cos(known[:, 2]), np.sin(known[:, 2])])
         far = np.hypot(*(views - views[key_new]).T)
         old = self._path[key_new] - self._path[: key_new + 1] > config.min_path
-        reach = config.radius + 2.0 * self._search_deviations(drift.between(0, key_new, poses))[0]
         near = np.flatnonzero(old & (far < reach))
         if not len(near):
             return []
         passes = np.split(near, np.flatnonzero(np.diff(near) > config.pass_gap) + 1)
-        best = sorted((float(far[p].min()), int(p[far[p].argmin()])) for p in passes)
-        found = []
-        for distance, key in best:
-            deviations = self._search_deviations(drift.between(key, key_new, poses))
-            if distance < config.radius + 2.0 * deviations[0]:
-                T_old_new = between(poses[key], poses[key_new])
-                found.append(Candidate(key_old=key, key_new=key_new, T_old_new=T_old_new, deviations=deviations))
-        return found[: config.max_passes]
+        nearest = [int(p[far[p].argmin()]) for p in passes]
+        return sorted((float(far[key]), self._anchor(key, key_new)) for key in nearest)
+
+    def _anchor(self, key: int, key_new: int) -> int:
+        """The key pose whose frame a reference around `key` has: neighbours share one, so that it is built once."""
+        anchor = _ANCHOR_SPACING * round(key / _ANCHOR_SPACING)
+        return anchor if anchor < key_new else key
 
     def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
         """Match a key scan against the local map of a candidate's pass and verify it with its neighbours.
@@ -133,28 +170,26 @@ class LoopCloser:
 
     def _match_at(
         self,
-        reference: Any,
+        reference: _Reference,
         candidate: Candidate,
         T_old_guess: NDArray[np.float64],
-        deviations: NDArray[np.float64],  # noqa: ANN401
+        deviations: NDArray[np.float64],
     ) -> Attempt:
         attempt = Attempt(key_old=candidate.key_old, key_new=candidate.key_new, match=None, accepted=False, reason="")
         scan = self._keys[candidate.key_new].scan
-        found = self._matcher.match(reference, scan, T_old_guess, np.diag(deviations**2))
+        found = self._matcher.match(reference.matched, scan, T_old_guess, np.diag(deviations**2))
         if isinstance(found, NoMatch):
             return replace(attempt, reason=found.reason)
         support = self._support(reference, candidate.key_new, found.T_ref_cur)
         return replace(attempt, match=found, accepted=self._is_supported(support), reason=_describe(support))
 
-    def _match_wide(self, reference: Any, candidate: Candidate) -> Attempt | None:  # noqa: ANN401
+    def _match_wide(self, reference: _Reference, candidate: Candidate) -> Attempt | None:
         alternatives = getattr(self._matcher, "alternatives", None)
         if alternatives is None:
             return None
         scan = self._keys[candidate.key_new].scan
-        fitting = []
-        for T_old_new in alternatives(reference, scan, candidate.T_old_new, np.diag(candidate.deviations**2)):
-            if self._is_supported(self._support(reference, candidate.key_new, T_old_new)):
-                fitting.append(T_old_new)
+        found = alternatives(reference.matched, scan, candidate.T_old_new, np.diag(candidate.deviations**2))
+        fitting = [T for T in found if self._is_supported(self._support(reference, candidate.key_new, T))]
         if not fitting:
             return None
         attempt = self._match_at(reference, candidate, fitting[0], _EXACT_DEVIATIONS)
@@ -176,21 +211,24 @@ class LoopCloser:
             support.overlap >= config.min_overlap and support.fit >= config.min_fit and support.view >= config.min_view
         )
 
-    def _reference(self, base: int, poses: NDArray[np.float64]) -> Any:  # noqa: ANN401
+    def _reference(self, base: int, poses: NDArray[np.float64]) -> _Reference:
         """Local map of the key scans of one pass around `base`, in the frame of `base`."""
         half = self.config.reference_half
         members = np.arange(max(0, base - half), min(len(poses), base + half + 1))
         placed = between(poses[base], poses[members])
-        cached = self._references.get(base)
-        if cached is not None and len(cached[1]) == len(placed) and np.abs(cached[1] - placed).max() < 0.01:
-            return cached[0]
-        order = np.argsort(-np.abs(members - base), kind="stable")
-        reference = self._matcher.prepare([self._keys[members[k]].scan for k in order], placed[order])
-        self._references = {base: (reference, placed)} if len(self._references) > 8 else self._references
-        self._references[base] = (reference, placed)
-        return reference
+        kept = self._references.get(base)
+        if kept is not None and len(kept.placed) == len(placed) and np.abs(kept.placed - placed).max() < _STILL:
+            return kept
+        nearest_last = np.argsort(-np.abs(members - base), kind="stable")
+        scans, poses_ref = [self._keys[members[k]].scan for k in nearest_last], placed[nearest_last]
+        matched = self._matcher.prepare(scans, poses_ref)
+        judged = matched if self._judge is self._matcher else self._judge.prepare(scans, poses_ref)
+        if len(self._references) >= _REFERENCES_KEPT:
+            del self._references[next(iter(self._references))]
+        self._references[base] = _Reference(matched=matched, judged=judged, placed=placed)
+        return self._references[base]
 
-    def _support(self, reference: Any, key_new: int, T_ref_new: NDArray[np.float64]) -> Agreement:  # noqa: ANN401
+    def _support(self, reference: _Reference, key_new: int, T_ref_new: NDArray[np.float64]) -> Agreement:
         """How a key scan and its neighbours agree with the reference at the poses a closure implies for them."""
         total = Agreement()
         for offset in self.config.support_offsets:
@@ -198,5 +236,5 @@ class LoopCloser:
             if 0 <= other < len(self._keys):
                 T_new_other = between(self._keys[key_new].T_track_robot, self._keys[other].T_track_robot)
                 T_ref_other = compose(T_ref_new, T_new_other)
-                total += self._matcher.agreement(reference, self._keys[other].scan, T_ref_other)
+                total += self._judge.agreement(reference.judged, self._keys[other].scan, T_ref_other)
         return total

@@ -146,14 +146,14 @@ def _robust_fit(
     rows: NDArray[np.float64], values: NDArray[np.float64], prior: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], float]:
     """Iteratively reweighted least squares with Cauchy weights; returns the parameters and the robust scale."""
-    x = np.zeros(rows.shape[1])
+    x: NDArray[np.float64] = np.zeros(rows.shape[1])
     scale = 1.0
     for _ in range(_ROBUST_ROUNDS):
         residual = values - rows @ x
         scale = _robust_deviation(residual)
         weights = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2)
         information = (rows * weights[:, None]).T @ rows + np.diag((scale / prior) ** 2)
-        x = np.linalg.solve(information, (rows * weights[:, None]).T @ values)
+        x = np.asarray(np.linalg.solve(information, (rows * weights[:, None]).T @ values), dtype=np.float64)
     return x, scale
 
 

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.closure import Closure
+from iceg.slam.finish import Round, finish
 from iceg.slam.front_end import track_log
 from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.progress import Progress, ProgressCallback
@@ -85,6 +86,8 @@ def run(
     with clock.stage("graph"):
         calibration = _recalibrate(track, log, first, config)
         solution = _solve(track, log, matcher, calibration, config)
+    with clock.stage("finish"):
+        solution, rounds = _finish(solution, track, matcher, config)
     with clock.stage("covariances"):
         covariances = solution.graph.marginal_covariances()
     trajectory = track.trajectory(solution.poses)
@@ -103,7 +106,7 @@ def run(
         landmarks=landmarks,
         grid=grid,
         closures=_closures(track, solution),
-        summary=_summary(log, track, solution, calibration, clock),
+        summary=_summary(log, track, solution, calibration, rounds, clock),
     )
 
 
@@ -156,6 +159,17 @@ def _solve(track: Track, log: Log, matcher: Matcher, calibration: OdometryCalibr
     return solve_track(track, odometry, calibration.noise, matcher, config.graph, config.loops)
 
 
+def _finish(solution: Solution, track: Track, matcher: Matcher, config: Config) -> tuple[Solution, list[Round]]:
+    """The offline finish; its closures join the record, those it dropped stay in it with the reason."""
+    if not config.finish.enabled or len(track.keys) < 2:
+        return solution, []
+    factors = list(solution.graph.factors)
+    finished = finish(factors, solution.poses, track, matcher, config.loops, config.finish)
+    graph = PoseGraph.from_factors(finished.factors, finished.poses, config.graph)
+    attempts = finished.attempts or solution.attempts
+    return replace(solution, graph=graph, poses=finished.poses, attempts=attempts), finished.rounds
+
+
 def _landmarks(track: Track, key_poses: NDArray[np.float64], config: Config) -> Landmarks:
     features = (extract_features(key.scan, config.ice.features, config.ice.segments) for key in track.keys)
     feature_map = build_feature_map(key_poses, features, (key.scan for key in track.keys), config.feature_map)
@@ -179,7 +193,12 @@ def _closures(track: Track, solution: Solution) -> list[Closure]:
 
 
 def _summary(
-    log: Log, track: Track, solution: Solution, calibration: OdometryCalibration, clock: _StageClock
+    log: Log,
+    track: Track,
+    solution: Solution,
+    calibration: OdometryCalibration,
+    rounds: list[Round],
+    clock: _StageClock,
 ) -> dict[str, Any]:
     factors = solution.graph.factors
     kinds = ("prior", "odometry", "ice", "closure")
@@ -190,12 +209,15 @@ def _summary(
         "warnings": list(log.warnings),
         "key_poses": len(track.keys),
         "scans_carried_by_odometry": track.failures,
+        "lost_at_scans": track.lost,
+        "odometry_jumps": solution.odometry_jumps,
         "weak_matches": sum(1 for key in track.keys if getattr(key.match, "is_fully_observed", True) is False),
         "factors": {kind: sum(1 for factor in factors if factor.kind == kind) for kind in kinds},
         "closures": {
             "tried": len(solution.attempts),
             "accepted": sum(1 for attempt in solution.attempts if attempt.accepted),
         },
+        "finish": [asdict(done) for done in rounds],
         "odometry": {
             "translation_scale": calibration.translation_scale,
             "heading_scale": calibration.heading_scale,

@@ -2,6 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
+
+Stage = Literal["matching", "graph", "finish"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -12,11 +15,13 @@ class Progress:
         scans: scans processed so far.
         tried: matches tried so far.
         accepted: matches that found something credible.
+        stage: what is being done: "matching", "graph" or "finish".
     """
 
     scans: int
     tried: int
     accepted: int
+    stage: Stage = "matching"
 
 
 ProgressCallback = Callable[[Progress], None]

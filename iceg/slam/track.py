@@ -39,12 +39,14 @@ class Track:
         key_of_scan: (n_scans,) index into `keys` of the key scan each scan is tied to.
         T_key_scan: (n_scans, 3) pose of each scan in the frame of its key scan.
         failures: scans without a credible match, carried by odometry.
+        lost: scans from which on nothing matched what was known, so that a new local reference was begun.
     """
 
     keys: list[KeyScan]
     key_of_scan: NDArray[np.int64]
     T_key_scan: NDArray[np.float64]
     failures: int
+    lost: list[int]
 
     def trajectory(self, key_poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n_scans, 3) pose of every scan, given the (k, 3) poses of the key scans."""
