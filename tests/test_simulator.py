@@ -66,11 +66,11 @@ def test_the_office_is_long_enough_has_a_loop_and_bad_odometry() -> None:
     assert 1.0 < np.sqrt(np.mean(error**2)) < 8.0
 
 
-def test_in_the_middle_of_the_corridor_its_long_direction_leaves_no_trace() -> None:
-    scene = load_scene("corridor")
+def test_in_the_middle_of_the_long_corridor_its_long_direction_leaves_no_trace() -> None:
+    scene = load_scene("long_corridor")
     here, further = (cast(scene.world, [(x, 0.2, 0.0)], sick_lms200().bearings, 20.0) for x in (25.0, 31.0))
     np.testing.assert_allclose(here, further)
-    truth = simulated("corridor", 0).truth
+    truth = simulated("long_corridor", 0).truth
     assert np.sum((truth[:, 0] > 17) & (truth[:, 0] < 57)) > 300
 
 

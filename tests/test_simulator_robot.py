@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from frontends.simulator.robot import Driving, OdometryModel, Route, Waypoint, drive, measure_odometry
 from frontends.simulator.scene import SCENES, load_scene
-from frontends.simulator.world import SimulatorError
+from frontends.simulator.world import SimulatorError, World
 from graph import se2
 
 PERIOD = 0.2
@@ -47,16 +47,37 @@ def test_it_turns_on_the_spot_towards_what_lies_aside() -> None:
 @pytest.mark.parametrize("name", SCENES)
 def test_scenes_are_driven_within_the_limits_clear_of_walls_and_past_every_waypoint(name: str) -> None:
     scene, limits = load_scene(name), Driving()
-    for seed in range(4):
-        truth = drive(scene.route, limits, PERIOD, np.random.default_rng(seed))
+    once = replace(scene.route, laps=1, duration=None)
+    for seed in range(1 if len(scene.world.segments) > 1000 else 4):
+        truth = drive(once, limits, PERIOD, np.random.default_rng(seed))
         steps = se2.between(truth[:-1], truth[1:])
         assert np.hypot(steps[:, 0], steps[:, 1]).max() <= limits.speed * PERIOD * (1 + 1e-9)
         assert np.abs(steps[:, 2]).max() <= limits.turn_rate * PERIOD * (1 + 1e-9)
         assert np.all((truth[:, 2] > -math.pi) & (truth[:, 2] <= math.pi))
-        clearance = [scene.world.clearance(pose[:2], i * PERIOD)[0] for i, pose in enumerate(truth)]
-        assert min(clearance) >= 0.25
+        assert _least_clearance(scene.world, truth) >= 0.25
         for goal in scene.route.waypoints:
             assert np.hypot(truth[:, 0] - goal.x, truth[:, 1] - goal.y).min() < 0.2
+
+
+@pytest.mark.parametrize(("name", "scans"), [("rooms", 2126), ("corridor", 987)])
+def test_scenes_of_the_paper_have_its_number_of_scans_whatever_the_seed(name: str, scans: int) -> None:
+    route = load_scene(name).route
+    for seed in range(4):
+        assert len(drive(route, Driving(), PERIOD, np.random.default_rng(seed))) == scans
+        unhurried = drive(replace(route, duration=None), Driving(), PERIOD, np.random.default_rng(seed))
+        assert 0.95 * scans < len(unhurried) < 1.01 * scans
+
+
+def test_a_drive_goes_on_for_laps_and_ends_when_it_is_told() -> None:
+    goals = (Waypoint(x=2, y=0), Waypoint(x=0, y=0))
+    lap = drive(Route(start=(0, 0, 0), waypoints=goals), STEADY, PERIOD, np.random.default_rng(0))
+    laps = drive(Route(start=(0, 0, 0), waypoints=goals, laps=3), STEADY, PERIOD, np.random.default_rng(0))
+    assert np.sum(np.diff(np.sign(laps[:, 0] - 1)) > 0) == 3
+    short = drive(Route(start=(0, 0, 0), waypoints=goals, duration=4.0), STEADY, PERIOD, np.random.default_rng(0))
+    np.testing.assert_array_equal(short, lap[:21])
+    long = drive(Route(start=(0, 0, 0), waypoints=goals, duration=60.0), STEADY, PERIOD, np.random.default_rng(0))
+    assert len(long) == 301
+    np.testing.assert_array_equal(long[-5:], np.broadcast_to(long[-1], (5, 3)))
 
 
 def test_a_period_that_no_tick_divides_is_refused() -> None:
@@ -120,6 +141,13 @@ def test_slip_lasts_for_its_time() -> None:
 def test_a_standing_robot_reports_no_motion() -> None:
     odometry = measure_odometry(np.ones((20, 3)), OdometryModel(), PERIOD, np.random.default_rng(0))
     np.testing.assert_allclose(odometry, 0.0, atol=1e-12)
+
+
+def _least_clearance(world: World, truth: NDArray[np.float64]) -> float:
+    at_times = len(np.unique(np.concatenate([world.visible_from, world.visible_to]))) > 2
+    piece = 1 if at_times else 100
+    starts = range(0, len(truth), 2 * piece)
+    return min(float(world.clearance(truth[i : i + 2 * piece : 2, :2], i * PERIOD).min()) for i in starts)
 
 
 def _ends(truth: NDArray[np.float64], model: OdometryModel, seed: int) -> NDArray[np.float64]:

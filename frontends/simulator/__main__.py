@@ -1,4 +1,4 @@
-"""`python -m frontends.simulator SCENE -o DIR [--seed N]`: drive through a scene, write `log.clf` and `truth.csv`."""
+"""`python -m frontends.simulator SCENE -o DIR [--seed N]`: drive through a scene, write the logs and the truth."""
 
 from pathlib import Path
 from typing import Annotated
@@ -15,7 +15,7 @@ def main(
     """Drive through a scene and write the log and its truth.
 
     Args:
-        scene: office, room, corridor, vanishing_wall, or the path of a .world file.
+        scene: a name out of `SCENES`, or the path of a .world file.
         output: folder to write into.
         seed: of all that is random.
     """

@@ -7,9 +7,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from frontends.scan import ScanGeometry
-from frontends.simulator._kernels import cast_rays
+from frontends.simulator._kernels import cast_on_circles, cast_rays, cast_sweeps
+from frontends.simulator.people import LEG_RADIUS
 from frontends.simulator.world import SimulatorError, World
-from graph.se2 import compose
+from graph.se2 import between, compose, expmap, logmap
+
+_MIRRORING = math.radians(8)  # glass met more squarely than this returns the beam
+_BLOCK = 4096  # scans cast at a time
 
 
 def sick_lms200() -> ScanGeometry:
@@ -35,6 +39,8 @@ class Laser:
         beam_width: angle from side to side of one beam's spot [rad].
         edge_step: jump in range within the spot from which a beam may mix both surfaces [m].
         mixed_share: share of the beams at such an edge whose range lies somewhere between the two.
+        sweep_time: from the first beam to the last [s], while the robot moves on (an LMS200 takes 0.007); the pose of
+            a scan is that of its middle. 0 for all beams at once.
     """
 
     geometry: ScanGeometry = field(default_factory=sick_lms200)
@@ -45,18 +51,23 @@ class Laser:
     beam_width: float = math.radians(0.5)
     edge_step: float = 0.15
     mixed_share: float = 0.2
+    sweep_time: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0 <= self.mixed_share <= 1:
             raise SimulatorError(f"laser.mixed_share must lie in [0, 1], found {self.mixed_share}")
         if min(self.range_std, self.range_std_per_metre, self.quantisation) < 0:
             raise SimulatorError("laser.range_std, range_std_per_metre and quantisation must not be negative")
+        if not 0 <= self.sweep_time <= self.period:
+            raise SimulatorError(
+                f"laser.sweep_time must lie between 0 and the period of {self.period} s, found {self.sweep_time}"
+            )
 
 
 def cast(
     world: World, T_world_laser: ArrayLike, bearings: NDArray[np.float64], range_max: float, times: ArrayLike = 0.0
 ) -> NDArray[np.float64]:
-    """True ranges without noise.
+    """True ranges without noise; glass is a wall like others.
 
     Args:
         world: what the beams may hit.
@@ -70,14 +81,20 @@ def cast(
     """
     poses = np.ascontiguousarray(T_world_laser, dtype=np.float64).reshape(-1, 3)
     when = np.ascontiguousarray(np.broadcast_to(np.asarray(times, dtype=np.float64), len(poses)))
-    ranges: NDArray[np.float64] = cast_rays(
-        poses, when, bearings, world.segments, world.visible_from, world.visible_to, range_max
-    )
+    ranges: NDArray[np.float64]
+    ranges, _ = cast_rays(poses, when, bearings, world.segments, world.visible_from, world.visible_to, range_max)
     return ranges
 
 
 def sense(
-    world: World, T_world_robot: NDArray[np.float64], laser: Laser, rng: np.random.Generator, times: ArrayLike = 0.0
+    world: World,
+    T_world_robot: NDArray[np.float64],
+    laser: Laser,
+    rng: np.random.Generator,
+    times: ArrayLike = 0.0,
+    *,
+    legs: NDArray[np.float64] | None = None,
+    twists: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float32]:
     """Scans as the device reports them.
 
@@ -87,17 +104,109 @@ def sense(
         laser: the device.
         rng: its noise.
         times: (n,) when each scan is taken, or one time for all [s].
+        legs: (n, m, 2) where people's legs stand at each scan [m], NaN where nobody is; None without people.
+        twists: (n, 3) velocity of the robot at each scan, x and y [m/s] and turn [rad/s] in its own frame, for lasers
+            that take time for a sweep; None for a robot that stands while it scans.
 
     Returns:
         (n, n_beams) [m]; NaN where the beam had no usable return.
     """
-    geometry = laser.geometry
-    T_world_laser = compose(T_world_robot, geometry.T_robot_laser)
-    ranges = cast(world, T_world_laser, geometry.bearings, geometry.range_max, times)
+    when = np.ascontiguousarray(np.broadcast_to(np.asarray(times, dtype=np.float64), len(T_world_robot)))
+    ranges = np.empty((len(T_world_robot), laser.geometry.n_beams), dtype=np.float32)
+    for start in range(0, len(ranges), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        view = _View(
+            world=world,
+            laser=laser,
+            T_world_robot=T_world_robot[block],
+            times=when[block],
+            legs=None if legs is None or legs.shape[1] == 0 else np.ascontiguousarray(legs[block]),
+            twists=None if twists is None or laser.sweep_time == 0 else twists[block],
+        )
+        ranges[block] = _report(view, rng)
+    return ranges
+
+
+def twists_along(T_world_robot: NDArray[np.float64], period: float) -> NDArray[np.float64]:
+    """(n, 3) velocity at each of n ≥ 1 poses of a drive [m/s, m/s, rad/s], in the robot's own frame."""
+    steps = logmap(between(T_world_robot[:-1], T_world_robot[1:])) / period
+    after = np.concatenate([steps, np.zeros((1, 3))])
+    before = np.concatenate([np.zeros((1, 3)), steps])
+    return (after + before) / 2
+
+
+@dataclass(frozen=True, kw_only=True)
+class _View:
+    """A block of scans to be taken."""
+
+    world: World
+    laser: Laser
+    T_world_robot: NDArray[np.float64]
+    times: NDArray[np.float64]
+    legs: NDArray[np.float64] | None
+    twists: NDArray[np.float64] | None
+
+    def look(self, side: float, luck: NDArray[np.float64] | None) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        """True range of each beam turned `side`, and the segment hit; `luck` in [0, 1) passes panes of more glass."""
+        ranges, hits = self._cast(self.world, side)
+        if luck is None or self.world.glass is None:
+            return ranges, hits
+        passes = (hits >= 0) & (luck < self.world.glass[hits]) & (self._slant(hits, side) > _MIRRORING)
+        behind, hits_behind = self._cast(self.world.without_glass(), side)
+        return np.where(passes, behind, ranges), np.where(passes, hits_behind, hits)
+
+    def _cast(self, world: World, side: float) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
+        geometry = self.laser.geometry
+        bearings, reach = geometry.bearings + side, geometry.range_max
+        T_world_laser = compose(self.T_world_robot, geometry.T_robot_laser)
+        walls = (world.segments, world.visible_from, world.visible_to, reach)
+        T_world_beam = self._beams(T_world_laser, bearings) if self._needs_beams else None
+        if self.twists is None or T_world_beam is None:
+            ranges, hits = cast_rays(T_world_laser, self.times, bearings, *walls)
+        else:
+            ranges, hits = cast_sweeps(T_world_laser, T_world_beam, self.times, bearings, *walls)
+        if self.legs is not None:
+            cast_on_circles(T_world_beam, self.legs, LEG_RADIUS, reach, ranges, hits)
+        return ranges, hits
+
+    @property
+    def _needs_beams(self) -> bool:
+        return self.twists is not None or self.legs is not None
+
+    def _beams(self, T_world_laser: NDArray[np.float64], bearings: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, n_beams, 3) where each beam starts from and its direction."""
+        T_laser_beam = np.zeros((len(bearings), 3))
+        T_laser_beam[:, 2] = bearings
+        if self.twists is None:
+            return compose(T_world_laser[:, None], T_laser_beam)
+        delays = np.linspace(-0.5, 0.5, len(bearings)) * self.laser.sweep_time
+        T_robot_then = expmap(self.twists[:, None] * delays[:, None])
+        T_world_then = compose(self.T_world_robot[:, None], T_robot_then)
+        return compose(compose(T_world_then, self.laser.geometry.T_robot_laser), T_laser_beam)
+
+    def _slant(self, hits: NDArray[np.int32], side: float) -> NDArray[np.float64]:
+        """Angle between each beam and the normal of the segment it hits [rad]."""
+        x0, y0, x1, y1 = self.world.segments.T
+        walls = np.arctan2(y1 - y0, x1 - x0)[hits]
+        headings = self.T_world_robot[:, 2] + self.laser.geometry.T_robot_laser[2]
+        beams = headings[:, None] + self.laser.geometry.bearings + side
+        slant: NDArray[np.float64] = np.arccos(np.clip(np.abs(np.sin(beams - walls)), 0.0, 1.0))
+        return slant
+
+
+def _report(view: _View, rng: np.random.Generator) -> NDArray[np.float32]:
+    """What the device makes of the true ranges."""
+    world, laser, geometry = view.world, view.laser, view.laser.geometry
+    shape = (len(view.times), geometry.n_beams)
+    luck = None if world.glass is None else rng.random(shape)
+    ranges, hits = view.look(0.0, luck)
     if laser.mixed_share > 0:
-        ranges = _mix_edges(ranges, world, T_world_laser, laser, rng, times)
+        ranges = _mix_edges(ranges, view, luck, rng)
+    if world.dark is not None:
+        swallowed = (hits >= 0) & (rng.random(shape) < world.dark[hits])
+        ranges[swallowed] = np.inf
     hit = np.isfinite(ranges)
-    noise = rng.standard_normal(ranges.shape)
+    noise = rng.standard_normal(shape)
     ranges[hit] += noise[hit] * (laser.range_std + laser.range_std_per_metre * ranges[hit])
     if laser.quantisation > 0:
         ranges[hit] = np.round(ranges[hit] / laser.quantisation) * laser.quantisation
@@ -106,21 +215,16 @@ def sense(
 
 
 def _mix_edges(
-    ranges: NDArray[np.float64],
-    world: World,
-    T_world_laser: NDArray[np.float64],
-    laser: Laser,
-    rng: np.random.Generator,
-    times: ArrayLike,
+    ranges: NDArray[np.float64], view: _View, luck: NDArray[np.float64] | None, rng: np.random.Generator
 ) -> NDArray[np.float64]:
     """Some beams whose spot falls on two surfaces report a range between them.
 
     A spot on one flat wall is none of these, however slanting: there 1/r of its middle is the mean of 1/r of its sides
     (but for the cosine of half its width).
     """
+    laser = view.laser
     half = laser.beam_width / 2
-    reach = laser.geometry.range_max
-    right, left = (cast(world, T_world_laser, laser.geometry.bearings + side, reach, times) for side in (-half, half))
+    right, left = (view.look(side, luck)[0] for side in (-half, half))
     spot = np.stack([right, ranges, left])
     chosen = np.isfinite(spot).all(axis=0) & (rng.random(ranges.shape) < laser.mixed_share)
     share = rng.random(ranges.shape)[chosen]

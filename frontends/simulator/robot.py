@@ -2,6 +2,7 @@
 
 import math
 from array import array
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,14 +40,23 @@ class Route:
     Attributes:
         start: x [m], y [m], heading [rad] in the world frame.
         waypoints: at least one.
+        laps: how often they are driven to, all of them in order each time.
+        duration: of the whole drive [s]: whatever the operator does it ends then, having stood at the last waypoint
+            before if need be; None to end there.
     """
 
     start: tuple[float, float, float]
     waypoints: tuple[Waypoint, ...]
+    laps: int = 1
+    duration: float | None = None
 
     def __post_init__(self) -> None:
         if not self.waypoints:
             raise SimulatorError("a route needs at least one waypoint, found none")
+        if self.laps < 1:
+            raise SimulatorError(f"a route needs one lap or more, found {self.laps}")
+        if self.duration is not None and not 0 <= self.duration < math.inf:
+            raise SimulatorError(f"a route's duration must not be negative, found {self.duration} s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,10 +129,16 @@ def drive(route: Route, driving: Driving, period: float, rng: np.random.Generato
     if ticks < 1 or not math.isclose(ticks * _TICK, period):
         raise SimulatorError(f"the scan period must be a multiple of {_TICK} s, found {period} s")
     operator = _Operator(route.start, driving, rng)
-    for here, after in zip(route.waypoints, (*route.waypoints[1:], None), strict=True):
+    for here, after in _legs(route):
         operator.go_to(here, after)
         operator.stand(here.pause)
+        if route.duration is not None and operator.time >= route.duration:
+            break
+    if route.duration is not None:
+        operator.stand(route.duration - operator.time)
     T_world_robot = np.array(operator.trace).reshape(-1, 3)[::ticks]
+    if route.duration is not None:
+        T_world_robot = T_world_robot[: round(route.duration / period) + 1]
     T_world_robot[:, 2] = wrap_angle(T_world_robot[:, 2])
     return T_world_robot
 
@@ -158,6 +174,13 @@ def measure_odometry(
     return _chain(reported)
 
 
+def _legs(route: Route) -> Iterator[tuple[Waypoint, Waypoint | None]]:
+    """Each waypoint and the one after it, lap by lap."""
+    for lap in range(1, route.laps + 1):
+        last = None if lap == route.laps else route.waypoints[0]
+        yield from zip(route.waypoints, (*route.waypoints[1:], last), strict=True)
+
+
 def _chain(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     headings = np.concatenate([[0.0], np.cumsum(steps[:, 2])])
     c, s = np.cos(headings[:-1]), np.sin(headings[:-1])
@@ -187,6 +210,11 @@ class _Operator:
         self._driving = driving
         self._rng = rng
         self._forget = math.exp(-_TICK / driving.steering_time)
+
+    @property
+    def time(self) -> float:
+        """Since the start [s]."""
+        return (len(self.trace) // 3 - 1) * _TICK
 
     def go_to(self, goal: Waypoint, after: Waypoint | None) -> None:
         """Turn towards the goal on the spot if it lies aside, then drive there."""

@@ -1,4 +1,4 @@
-"""A scene: a world and the route through it, read from and written to the `.world` text format.
+"""A scene: a world, who walks in it and the route through it, read from and written to the `.world` text format.
 
 One statement a line, `#` starts a comment, lengths in metres, angles in degrees, times in seconds::
 
@@ -6,35 +6,85 @@ One statement a line, `#` starts a comment, lengths in metres, angles in degrees
     box   X Y WIDTH DEPTH  [turn=A]                  cupboard, crate, pillar
     table X Y WIDTH DEPTH  [turn=A] [leg=L]          four legs
     arc   X Y RADIUS       [from=A] [to=A] [pieces=N]
+    plan  FILE [metres=M] [x=X] [y=Y]                the walls of a floor plan, SVG or image, M metres a unit or pixel
+    person X0 Y0 X1 Y1 ... [speed=V]                 walks to and fro, or round where the path ends at its start
+    include FILE                                     all that stands and walks in another .world file
     start X Y HEADING                                where the robot starts, once
     goto  X Y              [pause=T]                 a waypoint
+    laps  N                                          how often the waypoints are driven to
+    lasts T                                          when the drive ends, whatever the operator does
+    laser    [range_std=S] [mixed_share=P] ...       what the laser of this scene does, by the fields of `Laser`
+    odometry [drift_std=S] [slip_std=S] ...          how wrong its wheels are, by the fields of `OdometryModel`
 
-Whatever stands can stand for a time only: `appears=T`, `vanishes=T`.
+Whatever stands can stand for a time only, `appears=T`, `vanishes=T`, and be of `glass=P`, which lets the share P of
+the slanting beams pass, or `dark=P`, which swallows the share P of the beams. People come and go, too. Files are
+looked up beside the one that names them.
 """
 
+import dataclasses
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 
 from frontends.simulator import world as shapes
 from frontends.simulator.files import write_atomically
-from frontends.simulator.robot import Route, Waypoint
+from frontends.simulator.floor_plan import read_plan
+from frontends.simulator.laser import Laser
+from frontends.simulator.people import Person
+from frontends.simulator.robot import OdometryModel, Route, Waypoint
+from frontends.simulator.statements import Statement, statements
 from frontends.simulator.world import Segments, SimulatorError, World
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """A world and the route through it."""
+    """A world and the route through it.
+
+    Attributes:
+        name: of the scene.
+        world: what stands in it.
+        route: of the robot.
+        people: who walks in it.
+        laser: of the robot.
+        odometry: how wrong the robot's wheels are.
+    """
 
     name: str
     world: World
     route: Route
+    people: tuple[Person, ...] = ()
+    laser: Laser = field(default_factory=Laser)
+    odometry: OdometryModel = field(default_factory=OdometryModel)
 
 
-SCENES = ("corridor", "office", "room", "vanishing_wall")
+SCENES = (
+    "building",
+    "corridor",
+    "endless",
+    "long_corridor",
+    "noisy",
+    "office",
+    "room",
+    "rooms",
+    "vanishing_wall",
+)
 """The scenes that come with the package."""
+
+_LASER_OPTIONS = (
+    "period",
+    "range_std",
+    "range_std_per_metre",
+    "quantisation",
+    "beam_width",
+    "edge_step",
+    "mixed_share",
+    "sweep_time",
+)
+_ODOMETRY_OPTIONS = tuple(option.name for option in dataclasses.fields(OdometryModel))
+_ANGLES = ("beam_width", "heading_drift", "drift_std")
+_FOR_EVER = {"appears": -math.inf, "vanishes": math.inf}
 
 
 def load_scene(name: str) -> Scene:
@@ -53,8 +103,7 @@ def load_scene(name: str) -> Scene:
         return read_scene(Path(name))
     if name not in SCENES:
         raise SimulatorError(f"no scene '{name}'; expected one of {', '.join(SCENES)} or the path of a .world file")
-    with resources.as_file(resources.files("frontends.simulator") / "scenes" / f"{name}.world") as path:
-        return read_scene(path)
+    return read_scene(Path(str(resources.files("frontends.simulator") / "scenes" / f"{name}.world")))
 
 
 def read_scene(path: Path) -> Scene:
@@ -70,36 +119,24 @@ def read_scene(path: Path) -> Scene:
         SimulatorError: the file is missing or a line is malformed; the message says path:line, what was found and
             what was expected.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SimulatorError(f"{path}: cannot be read as a .world text file: {error}") from error
-    return parse_scene(text, path)
+    return parse_scene(_text(path), path)
 
 
 def parse_scene(text: str, path: Path) -> Scene:
     """The scene that a `.world` text describes; `path` names it and its lines in errors."""
-    world = World.empty()
-    start: tuple[float, float, float] | None = None
-    waypoints: list[Waypoint] = []
-    for statement in _statements(text, path):
-        if statement.keyword == "start":
-            if start is not None:
-                raise statement.error("a second 'start'", "one start a file")
-            x, y, heading = statement.numbers(3, "X Y HEADING")
-            statement.options()
-            start = (x, y, math.radians(heading))
-        elif statement.keyword == "goto":
-            x, y = statement.numbers(2, "X Y")
-            waypoints.append(Waypoint(x=x, y=y, pause=statement.options(pause=0.0)["pause"]))
-        elif statement.keyword in _SHAPES:
-            segments, appears, vanishes = _SHAPES[statement.keyword](statement)
-            world = world.with_segments(segments, start=appears, end=vanishes)
-        else:
-            raise statement.error(f"'{statement.keyword}'", f"one of start, goto, {', '.join(_SHAPES)}")
-    if start is None or not waypoints:
+    draft = _Draft()
+    _draw(draft, text, path, ())
+    if draft.start is None or not draft.waypoints:
         raise SimulatorError(f"{path}: found no 'start' or no 'goto', expected a route for the robot")
-    return Scene(name=path.stem, world=world, route=Route(start=start, waypoints=tuple(waypoints)))
+    route = Route(start=draft.start, waypoints=tuple(draft.waypoints), laps=draft.laps, duration=draft.duration)
+    return Scene(
+        name=path.stem,
+        world=draft.world,
+        route=route,
+        people=tuple(draft.people),
+        laser=draft.laser,
+        odometry=draft.odometry,
+    )
 
 
 def write_scene(path: Path, scene: Scene) -> None:
@@ -107,19 +144,50 @@ def write_scene(path: Path, scene: Scene) -> None:
 
     Args:
         path: the file; replaced whole if it exists.
-        scene: what to write; reading it back gives the same segments, times and route.
+        scene: what to write; reading it back gives the same segments, times, people, settings and route. The
+            geometry of a laser other than the LMS200 is not kept.
     """
     x, y, heading = scene.route.start
     lines = [f"start {x!r} {y!r} {_exact_degrees(heading)!r}"]
     lines += [f"goto {w.x!r} {w.y!r}" + (f" pause={w.pause!r}" if w.pause else "") for w in scene.route.waypoints]
-    world = scene.world
-    rows = zip(world.segments.tolist(), world.visible_from.tolist(), world.visible_to.tolist(), strict=True)
-    for segment, appears, vanishes in rows:
-        times = ("" if appears == -math.inf else f" appears={appears!r}") + (
-            "" if vanishes == math.inf else f" vanishes={vanishes!r}"
-        )
-        lines.append("wall " + " ".join(repr(value) for value in segment) + times)
+    lines += [f"laps {scene.route.laps}"] if scene.route.laps > 1 else []
+    lines += [f"lasts {scene.route.duration!r}"] if scene.route.duration is not None else []
+    lines += _changed("laser", scene.laser, Laser(), _LASER_OPTIONS)
+    lines += _changed("odometry", scene.odometry, OdometryModel(), _ODOMETRY_OPTIONS)
+    for person in scene.people:
+        path_words = " ".join(f"{x!r} {y!r}" for x, y in person.path)
+        times = _unless(_FOR_EVER, appears=person.appears, vanishes=person.vanishes)
+        lines.append(f"person {path_words} speed={person.speed!r}{times}")
+    lines += _wall_lines(scene.world)
     write_atomically(path, ("\n".join(lines) + "\n").encode())
+
+
+def _wall_lines(world: World) -> list[str]:
+    n = len(world.segments)
+    glass, dark = ([0.0] * n if share is None else share.tolist() for share in (world.glass, world.dark))
+    columns = (world.segments.tolist(), world.visible_from.tolist(), world.visible_to.tolist(), glass, dark)
+    return [
+        "wall "
+        + " ".join(repr(value) for value in segment)
+        + _unless(_FOR_EVER | {"glass": 0.0, "dark": 0.0}, appears=start, vanishes=end, glass=passing, dark=swallowing)
+        for segment, start, end, passing, swallowing in zip(*columns, strict=True)
+    ]
+
+
+def _changed(
+    keyword: str, settings: Laser | OdometryModel, usual: Laser | OdometryModel, names: tuple[str, ...]
+) -> list[str]:
+    """The statement of the settings that are not the usual ones, none where all are."""
+    words = []
+    for name in names:
+        value = getattr(settings, name)
+        if value != getattr(usual, name):
+            words.append(f"{name}={_exact_degrees(value) if name in _ANGLES else value!r}")
+    return [" ".join([keyword, *words])] if words else []
+
+
+def _unless(usual: dict[str, float], **values: float) -> str:
+    return "".join(f" {name}={value!r}" for name, value in values.items() if value != usual[name])
 
 
 def _exact_degrees(radians: float) -> float:
@@ -131,90 +199,167 @@ def _exact_degrees(radians: float) -> float:
     return degrees
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Statement:
-    """One line, taken apart."""
+@dataclass(slots=True)
+class _Draft:
+    """What has been read of a scene so far."""
 
-    where: str
-    keyword: str
-    words: tuple[str, ...]
-    named: dict[str, str]
-
-    def error(self, found: str, expected: str) -> SimulatorError:
-        return SimulatorError(f"{self.where}: found {found}, expected {expected}")
-
-    def numbers(self, count: int | None, usage: str) -> list[float]:
-        if count is not None and len(self.words) != count:
-            raise self.error(f"{len(self.words)} numbers after '{self.keyword}'", f"{self.keyword} {usage}")
-        return [self._number(word) for word in self.words]
-
-    def options(self, **defaults: float) -> dict[str, float]:
-        unknown = next((key for key in self.named if key not in defaults), None)
-        if unknown is not None:
-            known = ", ".join(f"{key}=" for key in defaults) or "no options"
-            raise self.error(f"'{unknown}='", f"{known} after '{self.keyword}'")
-        return defaults | {key: self._number(word) for key, word in self.named.items()}
-
-    def standing(self, **defaults: float) -> dict[str, float]:
-        return self.options(appears=-math.inf, vanishes=math.inf, **defaults)
-
-    def _number(self, word: str) -> float:
-        try:
-            value = float(word)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise self.error(f"'{word}'", "a number")
-        return value
+    world: World = field(default_factory=World.empty)
+    people: list[Person] = field(default_factory=list)
+    start: tuple[float, float, float] | None = None
+    waypoints: list[Waypoint] = field(default_factory=list)
+    laps: int = 1
+    duration: float | None = None
+    laser: Laser = field(default_factory=Laser)
+    odometry: OdometryModel = field(default_factory=OdometryModel)
 
 
-def _statements(text: str, path: Path) -> Iterator[_Statement]:
-    for number, line in enumerate(text.splitlines(), start=1):
-        words = line.split("#", maxsplit=1)[0].split()
-        if not words:
-            continue
-        pairs = [word.split("=", maxsplit=1) for word in words[1:] if "=" in word]
-        yield _Statement(
-            where=f"{path}:{number}",
-            keyword=words[0],
-            words=tuple(word for word in words[1:] if "=" not in word),
-            named=dict(pairs),
-        )
+def _draw(draft: _Draft, text: str, path: Path, including: tuple[Path, ...]) -> None:
+    """Add what a text says; of a file that others include only what stands and walks."""
+    for statement in statements(text, path):
+        if statement.keyword in _SHAPES:
+            draft.world = draft.world.with_world(_standing(statement))
+        elif statement.keyword == "plan":
+            draft.world = draft.world.with_world(_plan(statement, path))
+        elif statement.keyword == "person":
+            draft.people.append(_person(statement))
+        elif statement.keyword == "include":
+            _include(draft, statement, path, including)
+        elif statement.keyword not in _ROUTE:
+            known = ", ".join([*_ROUTE, *_SHAPES, "plan", "person", "include"])
+            raise statement.error(f"'{statement.keyword}'", f"one of {known}")
+        elif not including:
+            _ROUTE[statement.keyword](draft, statement)
 
 
-_Standing = tuple[Segments, float, float]
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SimulatorError(f"{path}: cannot be read as a .world text file: {error}") from error
 
 
-def _wall(statement: _Statement) -> _Standing:
-    numbers = statement.numbers(None, "")
-    options = statement.standing(thick=0.0)
-    if len(numbers) < 4 or len(numbers) % 2:
-        raise statement.error(f"{len(numbers)} numbers after 'wall'", "X0 Y0 X1 Y1 and so on, two a point")
-    points = [(numbers[i], numbers[i + 1]) for i in range(0, len(numbers), 2)]
-    thick = options["thick"]
-    segments = shapes.thick_wall(points, thick) if thick > 0 else shapes.polyline(points)
-    return segments, options["appears"], options["vanishes"]
+def _include(draft: _Draft, statement: Statement, path: Path, including: tuple[Path, ...]) -> None:
+    statement.options()
+    other = path.parent / statement.word("FILE")
+    if other in (*including, path):
+        raise statement.error(f"'{other.name}' again", "no file that includes itself")
+    _draw(draft, _text(other), other, (*including, path))
 
 
-def _box(statement: _Statement) -> _Standing:
+def _start(draft: _Draft, statement: Statement) -> None:
+    if draft.start is not None:
+        raise statement.error("a second 'start'", "one start a file")
+    x, y, heading = statement.numbers(3, "X Y HEADING")
+    statement.options()
+    draft.start = (x, y, math.radians(heading))
+
+
+def _goto(draft: _Draft, statement: Statement) -> None:
+    x, y = statement.numbers(2, "X Y")
+    draft.waypoints.append(Waypoint(x=x, y=y, pause=statement.options(pause=0.0)["pause"]))
+
+
+def _laps(draft: _Draft, statement: Statement) -> None:
+    (laps,) = statement.numbers(1, "N")
+    statement.options()
+    if laps < 1 or laps != round(laps):
+        raise statement.error(f"'{laps:g}' laps", "a whole number, at least 1")
+    draft.laps = round(laps)
+
+
+def _lasts(draft: _Draft, statement: Statement) -> None:
+    (duration,) = statement.numbers(1, "T")
+    statement.options()
+    if duration < 0:
+        raise statement.error(f"'{duration:g}' seconds", "a time, not before the start")
+    draft.duration = duration
+
+
+def _laser(draft: _Draft, statement: Statement) -> None:
+    draft.laser = dataclasses.replace(draft.laser, **_settings(statement, draft.laser, _LASER_OPTIONS))
+
+
+def _odometry(draft: _Draft, statement: Statement) -> None:
+    draft.odometry = dataclasses.replace(draft.odometry, **_settings(statement, draft.odometry, _ODOMETRY_OPTIONS))
+
+
+def _settings(statement: Statement, now: Laser | OdometryModel, names: tuple[str, ...]) -> dict[str, float]:
+    statement.numbers(0, " ".join(f"[{name}=]" for name in names))
+    given = statement.options(**{name: float(getattr(now, name)) for name in names})
+    return {name: math.radians(given[name]) if name in _ANGLES else given[name] for name in statement.named}
+
+
+_ROUTE: dict[str, Callable[[_Draft, Statement], None]] = {
+    "start": _start,
+    "goto": _goto,
+    "laps": _laps,
+    "lasts": _lasts,
+    "laser": _laser,
+    "odometry": _odometry,
+}
+
+
+def _standing(statement: Statement) -> World:
+    """One piece of the world, with its times and what it is made of."""
+    shape, own = _SHAPES[statement.keyword]
+    options = statement.options(**_FOR_EVER, glass=0.0, dark=0.0, **own)
+    segments = shape(statement, options)
+    for share in ("glass", "dark"):
+        if not 0 <= options[share] <= 1:
+            raise statement.error(f"{share}={options[share]:g}", "a share in [0, 1]")
+    return World.empty().with_segments(
+        segments,
+        start=options["appears"],
+        end=options["vanishes"],
+        glass=options["glass"],
+        dark=options["dark"],
+    )
+
+
+def _wall(statement: Statement, options: dict[str, float]) -> Segments:
+    points, thick = statement.points(), options["thick"]
+    return shapes.thick_wall(points, thick) if thick > 0 else shapes.polyline(points)
+
+
+def _box(statement: Statement, options: dict[str, float]) -> Segments:
     x, y, width, depth = statement.numbers(4, "X Y WIDTH DEPTH")
-    o = statement.standing(turn=0.0)
-    return shapes.rectangle(x, y, width, depth, math.radians(o["turn"])), o["appears"], o["vanishes"]
+    return shapes.rectangle(x, y, width, depth, math.radians(options["turn"]))
 
 
-def _table(statement: _Statement) -> _Standing:
+def _table(statement: Statement, options: dict[str, float]) -> Segments:
     x, y, width, depth = statement.numbers(4, "X Y WIDTH DEPTH")
-    o = statement.standing(turn=0.0, leg=0.06)
-    return shapes.table(x, y, width, depth, math.radians(o["turn"]), o["leg"]), o["appears"], o["vanishes"]
+    return shapes.table(x, y, width, depth, math.radians(options["turn"]), options["leg"])
 
 
-def _arc(statement: _Statement) -> _Standing:
+def _arc(statement: Statement, options: dict[str, float]) -> Segments:
     x, y, radius = statement.numbers(3, "X Y RADIUS")
-    o = statement.standing(**{"from": 0.0, "to": 360.0, "pieces": 16.0})
-    if o["pieces"] < 1 or o["pieces"] != round(o["pieces"]):
-        raise statement.error(f"pieces={o['pieces']:g}", "a whole number of pieces, at least 1")
-    start, end = math.radians(o["from"]), math.radians(o["to"])
-    return shapes.arc(x, y, radius, start, end, round(o["pieces"])), o["appears"], o["vanishes"]
+    pieces = options["pieces"]
+    if pieces < 1 or pieces != round(pieces):
+        raise statement.error(f"pieces={pieces:g}", "a whole number of pieces, at least 1")
+    return shapes.arc(x, y, radius, math.radians(options["from"]), math.radians(options["to"]), round(pieces))
 
 
-_SHAPES: dict[str, Callable[[_Statement], _Standing]] = {"wall": _wall, "box": _box, "table": _table, "arc": _arc}
+_SHAPES: dict[str, tuple[Callable[[Statement, dict[str, float]], Segments], dict[str, float]]] = {
+    "wall": (_wall, {"thick": 0.0}),
+    "box": (_box, {"turn": 0.0}),
+    "table": (_table, {"turn": 0.0, "leg": 0.06}),
+    "arc": (_arc, {"from": 0.0, "to": 360.0, "pieces": 16.0}),
+}
+
+
+def _plan(statement: Statement, path: Path) -> World:
+    file = path.parent / statement.word("FILE")
+    options = statement.options(metres=1.0 if file.suffix.lower() == ".svg" else 0.05, x=0.0, y=0.0)
+    try:
+        segments = read_plan(file, metres=options["metres"])
+    except SimulatorError as error:
+        raise SimulatorError(f"{statement.where}: {error}") from error
+    return World.empty().with_segments(segments + (options["x"], options["y"]) * 2)
+
+
+def _person(statement: Statement) -> Person:
+    options = statement.options(speed=1.2, **_FOR_EVER)
+    try:
+        return Person(path=statement.points(), **options)
+    except SimulatorError as error:
+        raise SimulatorError(f"{statement.where}: {error}") from error

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Log, ScanGeometry
-from frontends.simulator.laser import Laser, sense
+from frontends.simulator.laser import Laser, sense, twists_along
+from frontends.simulator.people import walk
 from frontends.simulator.robot import Driving, OdometryModel, drive, measure_odometry
 from frontends.simulator.scene import Scene, load_scene
 from frontends.simulator.world import SimulatorError
@@ -65,9 +66,9 @@ def simulate(
     Args:
         scene: a scene, the name of one of the package's, or the path of a `.world` file.
         seed: of all that is random; the operator, the wheels and the laser draw from streams of their own.
-        laser: the device, an LMS200 unless given.
+        laser: the device, the scene's own unless given.
         driving: speeds and the operator's skill.
-        odometry: how wrong the wheels are.
+        odometry: how wrong the wheels are; the scene's own unless given.
 
     Returns:
         Log and truth, one row per scan, the first at the start of the route.
@@ -76,13 +77,21 @@ def simulate(
         SimulatorError: no such scene, or a route that cannot be driven.
     """
     where = load_scene(scene) if isinstance(scene, str) else scene
-    laser = laser or Laser()
+    laser = laser or where.laser
     operator_rng, wheels_rng, laser_rng = np.random.default_rng(seed).spawn(3)
     truth = drive(where.route, driving or Driving(), laser.period, operator_rng)
     stamps = np.arange(len(truth), dtype=np.float64) * laser.period
     log = Log(
-        ranges=sense(where.world, truth, laser, laser_rng, stamps),
-        odometry=measure_odometry(truth, odometry or OdometryModel(), laser.period, wheels_rng),
+        ranges=sense(
+            where.world,
+            truth,
+            laser,
+            laser_rng,
+            stamps,
+            legs=walk(where.people, truth, stamps),
+            twists=twists_along(truth, laser.period) if laser.sweep_time > 0 else None,
+        ),
+        odometry=measure_odometry(truth, odometry or where.odometry, laser.period, wheels_rng),
         stamps=stamps,
         geometry=laser.geometry,
         path=Path(f"{where.name}.clf"),
@@ -102,12 +111,12 @@ def scan_pairs(
     """Pairs of scans for Monte Carlo tests of a matcher, taken along the route of a scene.
 
     Args:
-        scene: as for `simulate`; the world as it stands at time 0.
+        scene: as for `simulate`; the world as it stands at time 0, without people.
         n: number of pairs.
         seed: of places, offsets and noise.
         max_translation: the second pose lies anywhere in a disc of this radius around the first [m].
         max_rotation: and is turned by at most this [rad].
-        laser: the device, an LMS200 unless given.
+        laser: the device, the scene's own unless given; it stands while it scans.
 
     Returns:
         The pairs; the way from one pose to the other keeps 0.3 m from every wall.
@@ -116,7 +125,7 @@ def scan_pairs(
         SimulatorError: the scene has no room for such pairs.
     """
     where = load_scene(scene) if isinstance(scene, str) else scene
-    laser = laser or Laser()
+    laser = laser or where.laser
     places_rng, reference_rng, current_rng = np.random.default_rng(seed).spawn(3)
     path = drive(where.route, Driving(), laser.period, places_rng)
     kept: list[NDArray[np.float64]] = []

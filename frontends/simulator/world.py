@@ -1,6 +1,6 @@
-"""A 2D world of wall segments, each with the time in which it stands."""
+"""A 2D world of wall segments, each with the time in which it stands and what it does to a beam."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,11 +23,15 @@ class World:
         segments: (n, 4) x0, y0, x1, y1 [m].
         visible_from: (n,) time from which a segment stands [s], -inf for ever before.
         visible_to: (n,) time at which it is taken away [s], +inf for never.
+        glass: (n,) share of the slanting beams that pass through it; None: nothing is of glass.
+        dark: (n,) share of the beams that it swallows; None: nothing is dark.
     """
 
     segments: Segments
     visible_from: NDArray[np.float64]
     visible_to: NDArray[np.float64]
+    glass: NDArray[np.float64] | None = None
+    dark: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         n = len(self.segments)
@@ -37,29 +41,56 @@ class World:
             raise SimulatorError(
                 f"{n} segments need as many times, found {self.visible_from.shape} and {self.visible_to.shape}"
             )
+        for name, share in (("glass", self.glass), ("dark", self.dark)):
+            if share is not None and (share.shape != (n,) or not ((share >= 0) & (share <= 1)).all()):
+                raise SimulatorError(f"{n} segments need as many shares of '{name}' in [0, 1], found {share}")
 
     @classmethod
     def empty(cls) -> "World":
         """A world without anything in it."""
         return cls(segments=np.zeros((0, 4)), visible_from=np.zeros(0), visible_to=np.zeros(0))
 
-    def with_segments(self, segments: Segments, *, start: float = -np.inf, end: float = np.inf) -> "World":
+    def with_segments(
+        self, segments: Segments, *, start: float = -np.inf, end: float = np.inf, glass: float = 0.0, dark: float = 0.0
+    ) -> "World":
         """This world and some more segments.
 
         Args:
             segments: (m, 4) what to add.
             start: time from which they stand [s].
             end: time at which they are taken away [s].
+            glass: share of the slanting beams that pass through them.
+            dark: share of the beams that they swallow.
 
         Returns:
             The larger world.
         """
         m = len(segments)
-        return World(
-            segments=np.concatenate([self.segments, segments]),
-            visible_from=np.concatenate([self.visible_from, np.full(m, start)]),
-            visible_to=np.concatenate([self.visible_to, np.full(m, end)]),
+        return self.with_world(
+            World(
+                segments=segments,
+                visible_from=np.full(m, start),
+                visible_to=np.full(m, end),
+                glass=np.full(m, glass) if glass else None,
+                dark=np.full(m, dark) if dark else None,
+            )
         )
+
+    def with_world(self, other: "World") -> "World":
+        """This world and all that stands in another one."""
+        return World(
+            segments=np.concatenate([self.segments, other.segments]),
+            visible_from=np.concatenate([self.visible_from, other.visible_from]),
+            visible_to=np.concatenate([self.visible_to, other.visible_to]),
+            glass=_joined(self, self.glass, other, other.glass),
+            dark=_joined(self, self.dark, other, other.dark),
+        )
+
+    def without_glass(self) -> "World":
+        """What a beam sees that passes through every pane; segments keep their places, panes never stand."""
+        if self.glass is None:
+            return self
+        return replace(self, visible_from=np.where(self.glass > 0, np.inf, self.visible_from))
 
     def at(self, time: float) -> Segments:
         """The segments that stand at `time` [s]."""
@@ -83,6 +114,16 @@ class World:
         distances = np.linalg.norm(p - (start + share[..., None] * along), axis=2)
         nearest: NDArray[np.float64] = distances.min(axis=1, initial=np.inf)
         return nearest
+
+
+def _joined(
+    world: World, share: NDArray[np.float64] | None, other: World, other_share: NDArray[np.float64] | None
+) -> NDArray[np.float64] | None:
+    if share is None and other_share is None:
+        return None
+    first = np.zeros(len(world.segments)) if share is None else share
+    second = np.zeros(len(other.segments)) if other_share is None else other_share
+    return np.concatenate([first, second])
 
 
 def polyline(points: ArrayLike) -> Segments:
