@@ -132,7 +132,8 @@ def twists_along(T_world_robot: NDArray[np.float64], period: float) -> NDArray[n
     steps = logmap(between(T_world_robot[:-1], T_world_robot[1:])) / period
     after = np.concatenate([steps, np.zeros((1, 3))])
     before = np.concatenate([np.zeros((1, 3)), steps])
-    return (after + before) / 2
+    middle: NDArray[np.float64] = (after + before) / 2
+    return middle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,18 +161,17 @@ class _View:
         bearings, reach = geometry.bearings + side, geometry.range_max
         T_world_laser = compose(self.T_world_robot, geometry.T_robot_laser)
         walls = (world.segments, world.visible_from, world.visible_to, reach)
-        T_world_beam = self._beams(T_world_laser, bearings) if self._needs_beams else None
-        if self.twists is None or T_world_beam is None:
+        if self.twists is None and self.legs is None:
+            ranges, hits = cast_rays(T_world_laser, self.times, bearings, *walls)
+            return ranges, hits
+        T_world_beam = self._beams(T_world_laser, bearings)
+        if self.twists is None:
             ranges, hits = cast_rays(T_world_laser, self.times, bearings, *walls)
         else:
             ranges, hits = cast_sweeps(T_world_laser, T_world_beam, self.times, bearings, *walls)
         if self.legs is not None:
             cast_on_circles(T_world_beam, self.legs, LEG_RADIUS, reach, ranges, hits)
         return ranges, hits
-
-    @property
-    def _needs_beams(self) -> bool:
-        return self.twists is not None or self.legs is not None
 
     def _beams(self, T_world_laser: NDArray[np.float64], bearings: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, n_beams, 3) where each beam starts from and its direction."""

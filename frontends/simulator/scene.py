@@ -27,6 +27,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from frontends.simulator import world as shapes
 from frontends.simulator.files import write_atomically
@@ -283,7 +284,7 @@ def _odometry(draft: _Draft, statement: Statement) -> None:
     draft.odometry = dataclasses.replace(draft.odometry, **_settings(statement, draft.odometry, _ODOMETRY_OPTIONS))
 
 
-def _settings(statement: Statement, now: Laser | OdometryModel, names: tuple[str, ...]) -> dict[str, float]:
+def _settings(statement: Statement, now: Laser | OdometryModel, names: tuple[str, ...]) -> dict[str, Any]:
     statement.numbers(0, " ".join(f"[{name}=]" for name in names))
     given = statement.options(**{name: float(getattr(now, name)) for name in names})
     return {name: math.radians(given[name]) if name in _ANGLES else given[name] for name in statement.named}

@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
@@ -38,7 +39,7 @@ def read_svg(path: Path) -> Segments:
         SvgError: the file is missing, no XML, or has a path or transform that breaks the format.
     """
     try:
-        root = ET.parse(path).getroot()  # noqa: S314: the plan is the user's own file
+        root = ET.parse(path).getroot()  # noqa: S314
     except (OSError, ET.ParseError) as error:
         raise SvgError(f"cannot be read as an SVG drawing: {error}") from error
     if _tag(root) != "svg":
@@ -158,7 +159,7 @@ def _bezier(points: list[complex]) -> list[complex]:
     for share in np.linspace(0.0, 1.0, _PIECES + 1)[1:].tolist():
         level = points
         while len(level) > 1:
-            level = [a + share * (b - a) for a, b in zip(level, level[1:], strict=False)]
+            level = [a + share * (b - a) for a, b in pairwise(level)]
         curve.append(level[0])
     return curve
 
