@@ -1,37 +1,58 @@
-"""All factors at once: Levenberg-Marquardt on the whole graph, from records and first guesses."""
+"""All factors at once: the most likely poses, plain or robust against false loop closures."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
+from typing import Literal
 
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.special import chdtri
 
 from graph.errors import GraphError
-from graph.factors import Factor
-from graph.gtsam_bridge import from_gtsam_values, marginal_covariances_of, to_gtsam_graph, to_gtsam_values
+from graph.factors import Factor, FactorKind
+from graph.gnc import gnc_tls
+from graph.problem import Problem
 from graph.se2 import compose, inverse
+from graph.start import GrownStart, grown_start
 
-_LINEAR_SOLVERS = ("MULTIFRONTAL_CHOLESKY", "MULTIFRONTAL_QR")
+KernelChoice = Literal["given", "none", "huber", "cauchy", "geman_mcclure", "dcs"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class BatchConfig:
-    """When to stop.
+    """How a whole graph is solved.
 
     Attributes:
-        max_iterations: at most so many steps.
+        kernel: robust kernel of the suspect factors: "given" keeps what each carries, "none" takes it away.
+        kernel_width: its width (for "dcs" Φ).
+        gnc: decide which suspect factors hold, by graduated non-convexity with truncated least squares from a robust
+            optimum (DCS, unless another kernel is chosen).
+        inlier_probability: a suspect factor holds within the χ² bound of this probability (3 degrees of freedom).
+        suspects: kinds of factors that may be false; the others are known inliers, as is one that alone ties a part of
+            the graph to the rest.
+        max_iterations: at most so many steps per stage.
         relative_tolerance: stop when |change of error| / error falls below it.
         absolute_tolerance: stop when |change of error| falls below it (error = half the sum of squared, whitened
             residuals).
     """
 
+    kernel: KernelChoice = "given"
+    kernel_width: float = 5.0
+    gnc: bool = False
+    inlier_probability: float = 0.99
+    suspects: tuple[FactorKind, ...] = ("closure",)
     max_iterations: int = 100
     relative_tolerance: float = 1e-9
     absolute_tolerance: float = 1e-9
 
     def __post_init__(self) -> None:
+        if not self.kernel_width > 0.0:
+            raise GraphError(f"kernel_width is positive, found {self.kernel_width}")
+        if not 0.0 < self.inlier_probability < 1.0:
+            raise GraphError(f"inlier_probability lies between 0 and 1, found {self.inlier_probability}")
         if self.max_iterations < 1:
             raise GraphError(f"max_iterations is at least 1, found {self.max_iterations}")
         if not (self.relative_tolerance >= 0.0 and self.absolute_tolerance >= 0.0):
@@ -40,65 +61,101 @@ class BatchConfig:
             )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stage:
+    """One stage of an optimisation: its name, its own error before and after, steps taken."""
+
+    name: str
+    error_before: float
+    error_after: float
+    iterations: int
+
+
 @dataclass(frozen=True, kw_only=True)
 class BatchResult:
     """An optimised graph.
 
     Attributes:
         poses: (n, 3) T_map_robot of the key poses.
-        error_before: half the sum of squared, whitened (and robustly weighted) residuals at the first guess.
-        error_after: the same at `poses`.
-        iterations: steps taken.
+        error_before: error of the first stage at the first guess; error = half the sum of squared, whitened (and
+            robustly weighted) residuals.
+        error_after: error of the last stage at `poses`.
+        iterations: steps taken, all stages.
+        weights: (m,) how much each factor pulled in the end, 0 to 1.
+        inliers: (m,) which factors hold: decided by the last stage with GNC, else by a weight above ½.
+        squared_norms: (m,) squared, whitened residual of each factor at `poses`, without robust weights.
+        stages: what was done.
     """
 
     poses: NDArray[np.float64]
     error_before: float
     error_after: float
     iterations: int
+    weights: NDArray[np.float64]
+    inliers: NDArray[np.bool_]
+    squared_norms: NDArray[np.float64]
+    stages: tuple[Stage, ...]
 
 
-def optimize(factors: Sequence[Factor], initial: NDArray[np.float64], config: BatchConfig | None = None) -> BatchResult:
-    """The most likely poses given all factors, by Levenberg-Marquardt.
+def optimize(
+    factors: Sequence[Factor], initial: NDArray[np.float64] | None, config: BatchConfig | None = None
+) -> BatchResult:
+    """The most likely poses given all factors.
 
     Args:
         factors: at least one prior among them.
-        initial: (n, 3) first guesses of T_map_robot.
-        config: when to stop.
+        initial: (n, 3) first guesses of T_map_robot; None chains the factors and lets closures enter in the order of
+            time (`graph.start`), which reaches the right valley from further away and costs some ten times as much.
+        config: which stages, and when to stop.
 
     Returns:
-        The optimum that the first guess leads to.
+        The optimum, and what every factor had to do with it.
 
     Raises:
-        GraphError: a factor joins a pose that is not there, a pose hangs on nothing, or no linear solver copes.
+        GraphError: a factor joins a pose that is not there, a pose hangs on nothing, or no damping helps.
     """
-    stop = config or BatchConfig()
-    check_determined(factors, len(initial))
-    graph, values = to_gtsam_graph(factors), to_gtsam_values(initial)
-    failures = []
-    for solver in _LINEAR_SOLVERS:
-        params = gtsam.LevenbergMarquardtParams()
-        params.setLinearSolverType(solver)
-        params.setMaxIterations(stop.max_iterations)
-        params.setRelativeErrorTol(stop.relative_tolerance)
-        params.setAbsoluteErrorTol(stop.absolute_tolerance)
-        try:
-            optimizer = gtsam.LevenbergMarquardtOptimizer(graph, values, params)
-            optimum = optimizer.optimize()
-        except RuntimeError as err:
-            failures.append(f"{solver}: {' '.join(str(err).split())}")
-            continue
-        return BatchResult(
-            poses=from_gtsam_values(optimum),
-            error_before=graph.error(values),
-            error_after=graph.error(optimum),
-            iterations=optimizer.iterations(),
+    settings = config or BatchConfig()
+    n_poses = len(initial) if initial is not None else _n_poses(factors)
+    check_determined(factors, n_poses)
+    problem = Problem.of(factors, n_poses)
+    suspects = _suspects(factors, problem, settings.suspects)
+    robust = _with_kernel(problem, settings, suspects)
+    stages: list[Stage] = []
+    start = chained_poses(factors, n_poses) if initial is None else np.array(initial, dtype=np.float64, order="C")
+    poses, active = start, np.ones_like(suspects)
+    if initial is None:
+        grown = _best_grown_start(robust, suspects, start)
+        poses, active = grown.poses, grown.active
+        stages.append(_stage("start", robust, start, poses, grown.iterations))
+    descent = robust.restricted_to(active).descend(
+        poses,
+        max_iterations=settings.max_iterations,
+        relative_tolerance=settings.relative_tolerance,
+        absolute_tolerance=settings.absolute_tolerance,
+    )
+    stages.append(_stage("robust" if robust.is_robust else "plain", robust, poses, descent.poses, descent.iterations))
+    poses = descent.poses
+    if not settings.gnc:
+        at = robust.evaluate(poses)
+        return _result(poses, stages, at.weights, at.weights > 0.5, at.squared)
+    plain = problem.with_kernel(None, 1.0, suspects)
+    gate = float(chdtri(3, 1.0 - settings.inlier_probability))
+    decided = gnc_tls(plain, suspects, _worth_weighing(plain, poses, suspects, gate), poses, gate)
+    stages.append(
+        Stage(
+            name="gnc",
+            error_before=decided.error_before,
+            error_after=decided.error_after,
+            iterations=decided.iterations,
         )
-    raise GraphError(f"{len(factors)} factors on {len(initial)} poses cannot be optimised; {'; '.join(failures)}")
+    )
+    at = plain.evaluate(decided.poses)
+    return _result(decided.poses, stages, np.where(decided.inliers, at.weights, 0.0), decided.inliers, at.squared)
 
 
 def graph_error(factors: Sequence[Factor], poses: NDArray[np.float64]) -> float:
     """Half the sum of squared, whitened (and robustly weighted) residuals of the factors at (n, 3) poses."""
-    return float(to_gtsam_graph(factors).error(to_gtsam_values(poses)))
+    return float(Problem.of(factors, len(poses)).evaluate(np.asarray(poses, dtype=np.float64)).losses.sum())
 
 
 def marginal_covariances(factors: Sequence[Factor], poses: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -115,10 +172,7 @@ def marginal_covariances(factors: Sequence[Factor], poses: NDArray[np.float64]) 
         GraphError: the factors do not determine every pose.
     """
     check_determined(factors, len(poses))
-    try:
-        return marginal_covariances_of(to_gtsam_graph(factors), to_gtsam_values(poses))
-    except RuntimeError as err:
-        raise GraphError(f"no covariances: {' '.join(str(err).split())}") from err
+    return Problem.of(factors, len(poses)).marginal_covariances(np.array(poses, dtype=np.float64, order="C"))
 
 
 def check_determined(factors: Sequence[Factor], n_poses: int) -> None:
@@ -175,6 +229,83 @@ def chained_poses(factors: Sequence[Factor], n_poses: int) -> NDArray[np.float64
                 cost = (abs(other - here), float(np.trace(factor.covariance)), order[id(factor)])
                 heappush(queue, (*cost, other))
     return poses
+
+
+_WORTH_WEIGHING = 100.0  # times the gate
+_WIDER = 6.0
+
+
+def _n_poses(factors: Sequence[Factor]) -> int:
+    return 1 + max((max(factor.j, -1 if factor.i is None else factor.i) for factor in factors), default=-1)
+
+
+def _with_kernel(problem: Problem, settings: BatchConfig, suspects: NDArray[np.bool_]) -> Problem:
+    if settings.kernel == "given":
+        return problem.with_kernel("dcs", settings.kernel_width, suspects) if settings.gnc else problem
+    if settings.kernel == "none":
+        return problem.with_kernel("dcs" if settings.gnc else None, settings.kernel_width, suspects)
+    return problem.with_kernel(settings.kernel, settings.kernel_width, suspects)
+
+
+def _suspects(factors: Sequence[Factor], problem: Problem, kinds: tuple[FactorKind, ...]) -> NDArray[np.bool_]:
+    """(m,) factors that may be false, but for those that alone tie a part of the graph to the rest."""
+    suspects = np.array([factor.kind in kinds for factor in factors], dtype=bool)
+    first, second = np.where(problem.i < 0, problem.n_poses, problem.i), problem.j  # the map is a node of its own
+    known = ~suspects
+    links = coo_array((np.ones(known.sum()), (first[known], second[known])), shape=(problem.n_poses + 1,) * 2)
+    n_parts, part = connected_components(links, directed=False)
+    for factor in np.flatnonzero(suspects) if n_parts > 1 else ():
+        one, other = part[first[factor]], part[second[factor]]
+        if one != other:
+            part[part == other] = one
+            suspects[factor] = False
+    return suspects
+
+
+def _best_grown_start(problem: Problem, suspects: NDArray[np.bool_], chained: NDArray[np.float64]) -> GrownStart:
+    """Grown with the kernels as they are and, if some suspects were left out then, with wider ones: the lower error."""
+    fade_at = problem.fade_at(suspects)
+    narrow = grown_start(problem, suspects, chained, fade_at)
+    if fade_at is None or (problem.evaluate(narrow.poses).weights[suspects] > 0.5).all():
+        return narrow
+    wide = grown_start(problem.with_kernel("dcs", _WIDER * fade_at, suspects), suspects, chained, fade_at)
+    return min(narrow, wide, key=lambda grown: float(problem.evaluate(grown.poses).losses.sum()))
+
+
+def _worth_weighing(
+    problem: Problem, poses: NDArray[np.float64], suspects: NDArray[np.bool_], gate: float
+) -> NDArray[np.bool_]:
+    return np.asarray(~suspects | (problem.evaluate(poses).squared < _WORTH_WEIGHING * gate))
+
+
+def _stage(
+    name: str, problem: Problem, before: NDArray[np.float64], after: NDArray[np.float64], iterations: int
+) -> Stage:
+    return Stage(
+        name=name,
+        error_before=float(problem.evaluate(before).losses.sum()),
+        error_after=float(problem.evaluate(after).losses.sum()),
+        iterations=iterations,
+    )
+
+
+def _result(
+    poses: NDArray[np.float64],
+    stages: list[Stage],
+    weights: NDArray[np.float64],
+    inliers: NDArray[np.bool_],
+    squared: NDArray[np.float64],
+) -> BatchResult:
+    return BatchResult(
+        poses=poses,
+        error_before=stages[0].error_before,
+        error_after=stages[-1].error_after,
+        iterations=sum(stage.iterations for stage in stages),
+        weights=weights,
+        inliers=inliers,
+        squared_norms=squared,
+        stages=tuple(stages),
+    )
 
 
 def _placed(factor: Factor, here: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,14 +10,13 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.batch import check_determined
+from graph.batch import check_determined, marginal_covariances
 from graph.config import Factorization, PoseGraphConfig
 from graph.errors import GraphError
 from graph.factors import Factor, RobustKernel
 from graph.gtsam_bridge import (
     from_gtsam_pose,
     from_gtsam_values,
-    marginal_covariances_of,
     new_isam,
     to_gtsam_graph,
     to_gtsam_pose,
@@ -219,7 +218,7 @@ class PoseGraph:
         self._send()
         if not self._n_poses:
             return np.zeros((0, 3, 3))
-        return marginal_covariances_of(to_gtsam_graph(self.factors), self._isam.calculateEstimate())
+        return marginal_covariances(self.factors, self.all_poses())
 
     def relative_covariance(self, i: int, j: int) -> NDArray[np.float64]:
         """(3, 3) covariance of T_i_j given everything, in the tangent space at it."""
