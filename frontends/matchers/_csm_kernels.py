@@ -10,7 +10,7 @@ FULL = 255
 """Value of the table where a reference point lies; 0 stands for `reach` away from any and farther."""
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def render_table(
     points: NDArray[np.float64], origin: NDArray[np.float64], cell: float, reach: float, table: NDArray[np.uint8]
 ) -> None:
@@ -20,10 +20,10 @@ def render_table(
     """
     rows, columns = table.shape
     taken = np.zeros((rows, columns), np.bool_)
-    radius = int(math.ceil(reach / cell))
+    radius = math.ceil(reach / cell)
     for k in range(len(points)):
         px, py = (points[k, 0] - origin[0]) / cell, (points[k, 1] - origin[1]) / cell
-        column, row = int(math.floor(px)), int(math.floor(py))
+        column, row = math.floor(px), math.floor(py)
         if row < 0 or column < 0 or row >= rows or column >= columns or taken[row, column]:
             continue
         taken[row, column] = True
@@ -35,7 +35,7 @@ def render_table(
                 table[i, j] = max(table[i, j], value)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def contours(points: NDArray[np.float64], link: float, spacing: float) -> NDArray[np.float64]:
     """The points in order, and more between neighbours nearer than `link`, `spacing` apart."""
     total = len(points)
@@ -61,7 +61,7 @@ def contours(points: NDArray[np.float64], link: float, spacing: float) -> NDArra
     return filled
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def halve(table: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Largest value of each block of 2 by 2."""
     rows, columns = (table.shape[0] + 1) // 2, (table.shape[1] + 1) // 2
@@ -72,7 +72,7 @@ def halve(table: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return half
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def cover(blocks: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Largest value of each block and its right, upper and upper right neighbour.
 
@@ -90,7 +90,7 @@ def cover(blocks: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return covered
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def turned_cells(
     points: NDArray[np.float64],
     guess: NDArray[np.float64],
@@ -105,12 +105,12 @@ def turned_cells(
         for k in range(len(points)):
             x = guess[0] + c * points[k, 0] - s * points[k, 1]
             y = guess[1] + s * points[k, 0] + c * points[k, 1]
-            cells[t, k, 0] = int(math.floor((y - origin[1]) / cell))
-            cells[t, k, 1] = int(math.floor((x - origin[0]) / cell))
+            cells[t, k, 0] = math.floor((y - origin[1]) / cell)
+            cells[t, k, 1] = math.floor((x - origin[0]) / cell)
     return cells
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _sum_at(cells: NDArray[np.int32], dr: int, dc: int, table: NDArray[np.uint8]) -> int:
     rows, columns = table.shape
     total = 0
@@ -121,7 +121,7 @@ def _sum_at(cells: NDArray[np.int32], dr: int, dc: int, table: NDArray[np.uint8]
     return total
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def exhaustive(cells: NDArray[np.int32], span: int, table: NDArray[np.uint8]) -> tuple[int, int, int, int]:
     """Best sum over all turns and offsets in cells, and where: sum, turn, row offset, column offset."""
     best, best_turn, best_dr, best_dc = -1, 0, 0, 0
@@ -134,11 +134,11 @@ def exhaustive(cells: NDArray[np.int32], span: int, table: NDArray[np.uint8]) ->
     return best, best_turn, best_dr, best_dc
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _bound_at(
     cells: NDArray[np.int32], dr: int, dc: int, pyramid: NDArray[np.uint8], layout: NDArray[np.int64], height: int
 ) -> int:
-    """Sum over a level of the pyramid: no sum of the table over the 2^height by 2^height offsets from here exceeds it."""
+    """Sum over a level: no sum of the table over the 2^height by 2^height offsets from here on exceeds it."""
     start, rows, columns = layout[height - 1]
     total = 0
     for k in range(len(cells)):
@@ -148,7 +148,7 @@ def _bound_at(
     return total
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def branch_and_bound(
     cells: NDArray[np.int32],
     span: int,
@@ -233,10 +233,10 @@ def branch_and_bound(
     return best, best_turn, best_dr, best_dc, scored
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _smooth(table: NDArray[np.uint8], x: float, y: float) -> tuple[float, float, float]:
     """Bilinear value in [0, 1] and its derivatives per cell at a place in cells, cell centres at half numbers."""
-    column, row = int(math.floor(x - 0.5)), int(math.floor(y - 0.5))
+    column, row = math.floor(x - 0.5), math.floor(y - 0.5)
     if row < 0 or column < 0 or row >= table.shape[0] - 1 or column >= table.shape[1] - 1:
         return 0.0, 0.0, 0.0
     u, v = x - 0.5 - column, y - 0.5 - row
@@ -246,7 +246,7 @@ def _smooth(table: NDArray[np.uint8], x: float, y: float) -> tuple[float, float,
     return value / FULL, ((b - a) * (1.0 - v) + (d - c) * v) / FULL, ((c - a) * (1.0 - u) + (d - b) * u) / FULL
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def mean_value(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],
@@ -266,7 +266,7 @@ def mean_value(
     return total / max(n, 1)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def count_values(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],
@@ -287,7 +287,7 @@ def count_values(
     return high, some
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def polish(
     points: NDArray[np.float64],
     start: NDArray[np.float64],
@@ -342,7 +342,7 @@ def polish(
     return pose
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def score_volume(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],

@@ -13,7 +13,7 @@ _FARTHEST = 30.0  # squared Mahalanobis distance beyond which exp(-d²/2) is as 
 _HALVINGS = 6
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def build_cells(
     points: NDArray[np.float64],
     origin: NDArray[np.float64],
@@ -71,14 +71,14 @@ def build_cells(
     return cells
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _index(x: float, y: float, grid: int, origin: NDArray[np.float64], cell: float) -> tuple[int, int]:
     column = math.floor((x - origin[0]) / cell + 0.5 * (grid % 2))
     row = math.floor((y - origin[1]) / cell + 0.5 * (grid // 2))
     return int(row), int(column)
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def score_of(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],
@@ -106,7 +106,7 @@ def score_of(
     return total
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def derivatives(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],
@@ -159,7 +159,7 @@ def derivatives(
     return total
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def _solve(hessian: NDArray[np.float64], gradient: NDArray[np.float64], reach2: float) -> NDArray[np.float64]:
     """Newton's step; λI is added until the Hessian is positive definite, the heading weighed by `reach2` [m²]."""
     lower = np.empty((3, 3))
@@ -200,7 +200,7 @@ def _solve(hessian: NDArray[np.float64], gradient: NDArray[np.float64], reach2: 
     return step
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def align(
     points: NDArray[np.float64],
     start: NDArray[np.float64],
@@ -254,7 +254,7 @@ def align(
     return pose, score, done
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def count_inliers(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],
@@ -287,7 +287,7 @@ def count_inliers(
     return inliers, met
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def clustered_spread(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],
@@ -316,7 +316,7 @@ def clustered_spread(
     return spread
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def thin_information(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],

@@ -7,7 +7,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def facing(points: NDArray[np.float64], link: float) -> tuple[NDArray[np.float64], float]:
     """How the surfaces of a scan face: mean of JJᵀ, J = (n, p×n / r), n the normal at p, r the mean distance.
 

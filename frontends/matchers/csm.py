@@ -311,4 +311,4 @@ def _moment(weights: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray
     second = np.diag([float(marginal @ offsets**2) for marginal in marginals])
     for i, j in ((0, 1), (0, 2), (1, 2)):
         second[i, j] = second[j, i] = float(offsets @ weights.sum(axis=3 - i - j) @ offsets)
-    return (second - np.outer(u, u)) * np.outer(steps, steps)
+    return np.asarray((second - np.outer(u, u)) * np.outer(steps, steps))
