@@ -31,13 +31,13 @@ def icp(
 ) -> _Result:
     """Closest points, the best `trim` of them, their rigid fit; again until nothing moves."""
     pose = start.copy()
-    moved, targets, squares, kept = _buffers(len(points))
+    moved, targets, squares, kept, indices = _buffers(len(points))
     no_links = np.zeros(len(xy), np.bool_)
     done = 0
     for _ in range(iterations):
         done += 1
         _move(points, pose, moved)
-        _associate(xy, bearings, no_links, moved, math.inf, math.pi, max_distance, targets, squares)
+        _associate(xy, bearings, no_links, moved, math.inf, math.pi, max_distance, targets, squares, indices)
         if _trim(squares, trim, kept) < 3:
             break
         fit = _rigid_fit(points, targets, kept)
@@ -63,15 +63,15 @@ def idc(
 ) -> _Result:
     """Translation from the closest points, rotation from the points at matching range, in a window that narrows."""
     pose = start.copy()
-    moved, targets, squares, kept = _buffers(len(points))
-    _, same_range, range_squares, range_kept = _buffers(len(points))
+    moved, targets, squares, kept, indices = _buffers(len(points))
+    _, same_range, range_squares, range_kept, _ = _buffers(len(points))
     ranges = np.sqrt(xy[:, 0] ** 2 + xy[:, 1] ** 2)
     done = 0
     for t in range(iterations):
         done += 1
         opening = max(window * math.exp(-decay * t), min_window)
         _move(points, pose, moved)
-        _associate(xy, bearings, linked, moved, math.inf, opening, max_distance, targets, squares)
+        _associate(xy, bearings, linked, moved, math.inf, opening, max_distance, targets, squares, indices)
         _associate_range(xy, bearings, ranges, linked, moved, opening, max_distance, same_range, range_squares)
         if _trim(squares, trim, kept) < 3:
             break
@@ -81,7 +81,7 @@ def idc(
         if _take(fit, pose, epsilon) and opening <= min_window:
             break
     _move(points, pose, moved)
-    _associate(xy, bearings, linked, moved, math.inf, min_window, max_distance, targets, squares)
+    _associate(xy, bearings, linked, moved, math.inf, min_window, max_distance, targets, squares, indices)
     _trim(squares, trim, kept)
     return _closing(points, pose, moved, targets, kept, math.inf, done)
 
@@ -102,12 +102,12 @@ def mbicp(
 ) -> _Result:
     """Closest points and least squares, both in the metric that weighs a turn by `length`."""
     pose = start.copy()
-    moved, targets, squares, kept = _buffers(len(points))
+    moved, targets, squares, kept, indices = _buffers(len(points))
     done = 0
     for _ in range(iterations):
         done += 1
         _move(points, pose, moved)
-        _associate(xy, bearings, linked, moved, length**2, window, max_distance, targets, squares)
+        _associate(xy, bearings, linked, moved, length**2, window, max_distance, targets, squares, indices)
         _drop_hidden(moved, squares)
         if _trim(squares, trim, kept) < 3:
             break
@@ -133,11 +133,16 @@ def plicp(
     iterations: int,
     epsilon: float,
 ) -> _Result:
-    """Distances to the lines through the two nearest reference points, minimised in closed form."""
+    """Distances to the lines through the two nearest reference points, minimised in closed form.
+
+    The adaptive limit joins the fixed quantile once the iterations have settled: far from the optimum it would keep
+    only what agrees by chance.
+    """
     pose = start.copy()
+    settled, coarse_epsilon = False, 100.0 * epsilon
     n = len(points)
     moved = np.empty((n, 2))
-    first, second, normals = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((n, 2))
+    first, second, normals = np.full(n, -1), np.full(n, -1), np.empty((n, 2))
     squares, kept = np.empty(n), np.zeros(n, np.bool_)
     done = 0
     for _ in range(iterations):
@@ -145,11 +150,13 @@ def plicp(
         _move(points, pose, moved)
         _associate_lines(xy, bearings, moved, max_distance, first, second, normals, squares)
         _drop_doubles(first, squares, len(xy))
-        if _trim_adaptively(squares, trim, adaptive_order, adaptive_factor, kept) < 3:
+        if _trim_adaptively(squares, trim, adaptive_order, adaptive_factor if settled else math.inf, kept) < 3:
             break
         x, y, angle = line_fit(moved, xy, first, normals, kept, damping)
-        if _take(_composed(x, y, angle, pose), pose, epsilon):
-            break
+        if _take(_composed(x, y, angle, pose), pose, epsilon if settled else coarse_epsilon):
+            if settled:
+                break
+            settled = True
     _move(points, pose, moved)
     H, M, stats = _line_closing(xy, moved, pose, first, second, normals, kept, range_sigma)
     stats[2] = done
@@ -166,39 +173,48 @@ def closest(
     length2: float,
     window: float,
     limit2: float,
+    hint: int,
 ) -> tuple[float, float, float, int]:
     """Closest point of the reference to (x, y): target x, y, squared distance and index; index -1 if there is none.
+
+    The hint is where it was last time, -1 if unknown: it bounds the search and changes nothing else.
 
     Distances are in the metric d² = |δ|² − (δ × p)²/(|p|² + `length2`), Euclidean for an infinite length. Between
     linked neighbours the whole segment counts, elsewhere the points only.
     """
     n = len(xy)
     r2 = x * x + y * y
-    r = math.sqrt(r2)
-    shrink = 1.0 if math.isinf(length2) else math.sqrt(length2 / (r2 + length2))
-    reach = r * shrink
-    bearing = bearings[0] + (math.atan2(y, x) - bearings[0]) % (2.0 * math.pi)
+    reach = math.sqrt(r2) if math.isinf(length2) else math.sqrt(r2 * length2 / (r2 + length2))
+    bearing = _unwrapped(math.atan2(y, x), bearings[0])
     start = _lower_bound(bearings, bearing)
     best2, found, fx, fy = limit2, -1, 0.0, 0.0
+    if hint >= 0 and math.pi - abs(abs(bearings[hint] - bearing) - math.pi) <= window:
+        qx, qy, d2 = _nearest_on(x, y, r2, xy, hint, linked[hint], length2)
+        if d2 < best2:
+            best2, found, fx, fy = d2, hint, qx, qy
+    limit = min(window, _farthest_turn(reach, best2))
     for k in range(n):
-        j = start + k if start + k < n else start + k - n
-        delta = bearings[j] - bearing + (0.0 if start + k < n else 2.0 * math.pi)
-        if delta > window or _least2(reach, delta) > best2:
+        j, delta = start + k, -bearing
+        if j >= n:
+            j, delta = j - n, delta + 2.0 * math.pi
+        if delta + bearings[j] > limit:
             break
         qx, qy, d2 = _nearest_on(x, y, r2, xy, j, linked[j], length2)
         if d2 < best2:
             best2, found, fx, fy = d2, j, qx, qy
+            limit = min(window, _farthest_turn(reach, best2))
     for k in range(n):
-        i = start - 1 - k
-        j = i if i >= 0 else i + n
-        delta = bearing - bearings[j] + (0.0 if i >= 0 else 2.0 * math.pi)
-        nearer = max(0.0, delta - (bearings[j + 1 if j + 1 < n else 0] - bearings[j]) % (2.0 * math.pi))
-        nearer = nearer if linked[j] else delta
-        if nearer > window or _least2(reach, nearer) > best2:
+        j, delta = start - 1 - k, bearing
+        if j < 0:
+            j, delta = j + n, delta + 2.0 * math.pi
+        # A linked piece reaches from j up to the next point, which is nearer by one beam.
+        nearest = j + 1 if linked[j] and j + 1 < n else j
+        if delta - bearings[nearest] > limit and not (linked[j] and j + 1 == n):
             break
         qx, qy, d2 = _nearest_on(x, y, r2, xy, j, linked[j], length2)
         if d2 < best2:
             best2, found, fx, fy = d2, j, qx, qy
+            limit = min(window, _farthest_turn(reach, best2))
     return fx, fy, best2, found
 
 
@@ -218,29 +234,35 @@ def matching_range(
     """
     n = len(xy)
     r = math.hypot(x, y)
-    bearing = bearings[0] + (math.atan2(y, x) - bearings[0]) % (2.0 * math.pi)
+    bearing = _unwrapped(math.atan2(y, x), bearings[0])
     start = _lower_bound(bearings, bearing)
-    best_turn, least, qx, qy, found = math.inf, math.inf, 0.0, 0.0, False
-    for direction in range(2):
+    best, crossing, least, found = window, False, math.inf, False
+    qx, qy = 0.0, 0.0
+    for side in range(2):
         for k in range(n):
-            i = start + k if direction == 0 else start - 1 - k
-            j = i % n
-            delta = bearings[j] - bearing + 2.0 * math.pi * (i // n)
-            after = j + 1 if j + 1 < n else 0
-            width = (bearings[after] - bearings[j]) % (2.0 * math.pi)
-            from_here = delta if direction == 0 else -delta - width
-            if from_here > window or from_here > best_turn:
+            j, delta = (start + k, -bearing) if side == 0 else (start - 1 - k, -bearing)
+            if j >= n:
+                j, delta = j - n, delta + 2.0 * math.pi
+            elif j < 0:
+                j, delta = j + n, delta - 2.0 * math.pi
+            delta += bearings[j]
+            after, width = j + 1, 0.0
+            if j + 1 < n:
+                width = bearings[j + 1] - bearings[j]
+            elif linked[j]:
+                after, width = 0, bearings[0] - bearings[j] + 2.0 * math.pi
+            if (delta if side == 0 else -delta - width) > best:
                 break
+            gap = abs(ranges[j] - r)
+            if not crossing and gap < least and abs(delta) <= window:
+                least, found, qx, qy = gap, True, xy[j, 0], xy[j, 1]
             if linked[j] and (ranges[j] - r) * (ranges[after] - r) <= 0.0:
                 share = 0.0 if ranges[after] == ranges[j] else (r - ranges[j]) / (ranges[after] - ranges[j])
                 turn = abs(delta + share * width)
-                if turn < best_turn and turn <= window:
-                    best_turn, found = turn, True
+                if turn <= best:
+                    best, crossing, found = turn, True, True
                     qx = xy[j, 0] + share * (xy[after, 0] - xy[j, 0])
                     qy = xy[j, 1] + share * (xy[after, 1] - xy[j, 1])
-            gap = abs(ranges[j] - r)
-            if math.isinf(best_turn) and gap < least and abs(delta) <= window:
-                least, found, qx, qy = gap, True, xy[j, 0], xy[j, 1]
     return qx, qy, found
 
 
@@ -312,7 +334,7 @@ def agreement(
     _move(points, pose, moved)
     inliers, overlapping = 0, 0
     for i in range(len(moved)):
-        _, _, d2, j = closest(moved[i, 0], moved[i, 1], xy, bearings, linked, math.inf, math.pi, known * known)
+        _, _, d2, j = closest(moved[i, 0], moved[i, 1], xy, bearings, linked, math.inf, math.pi, known * known, -1)
         if j >= 0:
             overlapping += 1
             inliers += d2 <= inlier * inlier
@@ -322,8 +344,9 @@ def agreement(
 @njit(cache=True)
 def _buffers(
     n: int,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    return np.empty((n, 2)), np.empty((n, 2)), np.empty(n), np.zeros(n, np.bool_)
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_], NDArray[np.int64]]:
+    """Moved points, their targets, squared distances, which pairs are kept, and indices of the targets."""
+    return np.empty((n, 2)), np.empty((n, 2)), np.empty(n), np.zeros(n, np.bool_), np.full(n, -1)
 
 
 @njit(cache=True)
@@ -339,10 +362,21 @@ def _lower_bound(values: NDArray[np.float64], value: float) -> int:
 
 
 @njit(cache=True)
-def _least2(reach: float, delta: float) -> float:
-    """Least squared distance to anything at least `delta` further round."""
-    least = reach * math.sin(delta) if delta < 0.5 * math.pi else reach
-    return least * least
+def _unwrapped(angle: float, base: float) -> float:
+    """The same angle in [base, base + 2π)."""
+    while angle < base:
+        angle += 2.0 * math.pi
+    while angle >= base + 2.0 * math.pi:
+        angle -= 2.0 * math.pi
+    return angle
+
+
+@njit(cache=True)
+def _farthest_turn(reach: float, best2: float) -> float:
+    """How far round something may lie and still be as near as √best2."""
+    if best2 >= reach * reach:
+        return math.pi
+    return math.asin(math.sqrt(best2) / reach)
 
 
 @njit(cache=True)
@@ -385,12 +419,15 @@ def _associate(
     max_distance: float,
     targets: NDArray[np.float64],
     squares: NDArray[np.float64],
+    indices: NDArray[np.int64],
 ) -> None:
-    """Closest point of every moved point; squared distance inf where there is none."""
+    """Closest point of every moved point; squared distance inf where there is none. Indices serve as hints."""
+    limit2 = max_distance * max_distance
     for i in range(len(moved)):
         x, y, d2, j = closest(
-            moved[i, 0], moved[i, 1], xy, bearings, linked, length2, window, max_distance * max_distance
+            moved[i, 0], moved[i, 1], xy, bearings, linked, length2, window, limit2, indices[i]
         )
+        indices[i] = j
         targets[i, 0], targets[i, 1] = x, y
         squares[i] = d2 if j >= 0 else math.inf
 
@@ -431,7 +468,9 @@ def _associate_lines(
     no_links = np.zeros(n, np.bool_)
     for i in range(len(moved)):
         x, y = moved[i]
-        _, _, _, j = closest(x, y, xy, bearings, no_links, math.inf, math.pi, max_distance * max_distance)
+        _, _, _, j = closest(
+            x, y, xy, bearings, no_links, math.inf, math.pi, max_distance * max_distance, first[i]
+        )
         squares[i] = math.inf
         first[i] = j
         if j < 0:
@@ -551,21 +590,25 @@ def _metric_normal_equations(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """H and g of the step x that minimises Σ δᵀWδ, δ = q − p − Jx, W = I − kkᵀ/(|p|² + L²), k = (p_y, −p_x)."""
     H, g = np.zeros((3, 3)), np.zeros(3)
-    J = np.zeros((2, 3))
-    J[0, 0] = J[1, 1] = 1.0
-    W = np.empty((2, 2))
-    delta = np.empty(2)
     for i in range(len(moved)):
         if not kept[i]:
             continue
         x, y = moved[i]
-        k = 1.0 / (x * x + y * y + length2)
-        J[0, 2], J[1, 2] = -y, x
-        W[0, 0], W[0, 1], W[1, 0], W[1, 1] = 1.0 - k * y * y, k * x * y, k * x * y, 1.0 - k * x * x
-        delta[0], delta[1] = targets[i, 0] - x, targets[i, 1] - y
-        JW = J.T @ W
-        H += JW @ J
-        g += JW @ delta
+        dx, dy = targets[i, 0] - x, targets[i, 1] - y
+        r2 = x * x + y * y
+        k = 1.0 / (r2 + length2)
+        turn = dx * y - dy * x
+        # The columns of J are e₁, e₂ and (−y, x); J₃ᵀk = −|p|².
+        H[0, 0] += 1.0 - k * y * y
+        H[0, 1] += k * x * y
+        H[1, 1] += 1.0 - k * x * x
+        H[0, 2] -= y - k * r2 * y
+        H[1, 2] += x - k * r2 * x
+        H[2, 2] += r2 - k * r2 * r2
+        g[0] += dx - k * turn * y
+        g[1] += dy + k * turn * x
+        g[2] += -turn + k * turn * r2
+    H[1, 0], H[2, 0], H[2, 1] = H[0, 1], H[0, 2], H[1, 2]
     return H, g
 
 

@@ -19,7 +19,7 @@ class IcpConfig:
 
     max_distance: float = 2.0
     """Farthest correspondence [m]."""
-    trim: float = 0.85
+    trim: float = 0.95
     """Share of the correspondences kept in each iteration, the nearest ones."""
     max_iterations: int = 80
     """Most iterations."""

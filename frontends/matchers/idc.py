@@ -25,7 +25,7 @@ class IdcConfig:
     """… down to this [rad]."""
     max_distance: float = 1.0
     """Farthest closest point, and largest difference of matching ranges [m]."""
-    trim: float = 0.85
+    trim: float = 0.95
     """Share of the correspondences of either rule kept in each iteration, the best ones."""
     max_iterations: int = 80
     """Most iterations."""

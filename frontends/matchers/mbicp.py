@@ -23,7 +23,7 @@ class MbicpConfig:
     """Correspondences are sought this far to either side of a point's bearing [rad]."""
     max_distance: float = 2.0
     """Farthest correspondence, in the metric [m]."""
-    trim: float = 0.85
+    trim: float = 0.9
     """Share of the correspondences kept in each iteration, the nearest ones."""
     max_iterations: int = 80
     """Most iterations."""

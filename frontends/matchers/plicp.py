@@ -17,12 +17,12 @@ from frontends.matchers.single_scan import ReferenceScan, SingleScanMatcher
 class PlicpConfig:
     """Settings of PLICP."""
 
-    max_distance: float = 2.0
+    max_distance: float = 5.0
     """Farthest nearest point [m]."""
     trim: float = 0.95
     """Quantile of the errors kept in each iteration …"""
     adaptive_order: float = 0.7
-    """… and those below `adaptive_factor` times this quantile of them."""
+    """… and, once the iterations have settled, those below `adaptive_factor` times this quantile of them."""
     adaptive_factor: float = 2.0
     """See `adaptive_order`."""
     damping: float = 1e-3
