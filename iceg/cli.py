@@ -174,6 +174,35 @@ class Plot:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Simulate:
+    """Drive a robot through a simulated scene: a log in two formats, and the truth."""
+
+    scene: Annotated[
+        tyro.conf.Positional[str],
+        tyro.conf.arg(
+            metavar="SCENE", help="A scene that comes with iceg, such as rooms, or the path of a .world file."
+        ),
+    ]
+    output: Annotated[
+        Path,
+        tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for log.clf, log.usarsim and truth.csv."),
+    ]
+    seed: Annotated[int, tyro.conf.arg(help="Of all that is random.")] = 0
+
+    def __call__(self) -> None:
+        """Simulate and write."""
+        from frontends.simulator.output import write_simulation
+        from frontends.simulator.simulation import simulate
+        from iceg.show.progress import compile_note
+
+        with compile_note():
+            simulation = simulate(self.scene, self.seed)
+            write_simulation(self.output, simulation)
+        seconds = float(simulation.log.stamps[-1])
+        print(f"{len(simulation.log)} scans in {seconds:.1f} s of '{simulation.scene.name}' are in {self.output}")
+
+
+@dataclass(frozen=True, kw_only=True)
 class PrintConfig:
     """Print all settings with their documentation, as a file for --config."""
 
@@ -187,7 +216,7 @@ class PrintConfig:
         print(format_config(self.settings), end="")
 
 
-Command = Run | Demo | Info | Eval | Plot | PrintConfig
+Command = Run | Demo | Info | Eval | Plot | Simulate | PrintConfig
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -249,6 +278,7 @@ def parse(words: Sequence[str]) -> Command:
         | Annotated[Info, tyro.conf.subcommand("info")]
         | Annotated[Eval, tyro.conf.subcommand("eval")]
         | Annotated[Plot, tyro.conf.subcommand("plot")]
+        | Annotated[Simulate, tyro.conf.subcommand("simulate")]
         | Annotated[PrintConfig, tyro.conf.subcommand("config", default=PrintConfig(settings=settings))]
     )
     parsed: Command = tyro.cli(commands, args=words, prog="iceg", description=_DESCRIPTION)
@@ -286,7 +316,7 @@ def _run_log(path: Path, directory: Path, config: Config, *, overwrite: bool, sk
             write_results(result, directory, overwrite=overwrite)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(_what_was_kept(directory, before)) from None
-    _tell_results(result, progress.latest, time.perf_counter() - started, directory)
+    _tell_results(result, progress.matching, time.perf_counter() - started, directory)
 
 
 def _tell_warnings(log: "Log") -> None:

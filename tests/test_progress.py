@@ -1,6 +1,7 @@
 """What a run says while it runs."""
 
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from numba import njit
 
 from frontends.scan import Log, ScanGeometry
 from iceg.show.progress import ProgressBar, compile_note, real_time_factor
-from iceg.slam.progress import Progress
+from iceg.slam.progress import Progress, Stage
 
 
 def make_log(n: int) -> Log:
@@ -26,11 +27,22 @@ def test_the_bar_tells_scans_speed_and_share_of_matches(capsys: pytest.CaptureFi
     with ProgressBar(make_log(4)) as bar:
         for scans in range(1, 5):
             bar(Progress(scans=scans, tried=scans, accepted=scans - 1))
-    assert bar.latest == Progress(scans=4, tried=4, accepted=3)
+    assert bar.matching == Progress(scans=4, tried=4, accepted=3)
     last = capsys.readouterr().err.split("\r")[-1]
-    assert "made-up.clf: 100%" in last
+    assert "made-up.clf, matching: 100%" in last
     assert "4/4 scans" in last
     assert "x real time, 75 % matched" in last
+
+
+def test_each_stage_has_a_bar_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    with ProgressBar(make_log(4)) as bar:
+        for stage in get_args(Stage):
+            for scans in range(1, 5):
+                bar(Progress(scans=scans, tried=scans, accepted=scans, stage=stage))
+    assert bar.matching == Progress(scans=4, tried=4, accepted=4)
+    ends = [line.split("\r")[-1] for line in capsys.readouterr().err.strip().split("\n")]
+    assert [end.split(":")[0] for end in ends] == [f"made-up.clf, {stage}" for stage in get_args(Stage)]
+    assert all(": 100%" in end for end in ends)
 
 
 def test_a_run_cut_short_leaves_the_bar_where_it_was(capsys: pytest.CaptureFixture[str]) -> None:

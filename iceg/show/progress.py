@@ -4,7 +4,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Self
+from typing import NoReturn, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,40 +18,61 @@ _INTERVAL_ON_TERMINAL_S, _INTERVAL_IN_FILE_S = 0.1, 5.0
 
 
 class ProgressBar:
-    """A bar on stderr: scans, time left, real-time factor, share of accepted matches. A context manager."""
+    """A bar on stderr for each stage: scans, time left, real-time factor, share of accepted matches. A context manager.
+
+    Attributes:
+        matching: where the matching of scans came to.
+    """
 
     def __init__(self, log: Log) -> None:
-        interval = _INTERVAL_ON_TERMINAL_S if sys.stderr.isatty() else _INTERVAL_IN_FILE_S
-        self._stamps = log.stamps
-        self.latest = Progress(scans=0, tried=0, accepted=0)
-        self._interval = interval
+        self.matching = Progress(scans=0, tried=0, accepted=0)
+        self._log = log
+        self._interval = _INTERVAL_ON_TERMINAL_S if sys.stderr.isatty() else _INTERVAL_IN_FILE_S
+        self._latest = self.matching
         self._started = self._shown = time.perf_counter()
-        self._bar = tqdm(
-            total=len(log), desc=log.path.name, unit=" scans", bar_format=_BAR, mininterval=interval, file=sys.stderr
-        )
+        self._bar = self._new_bar()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._bar.set_postfix_str(self._describe(self.latest, time.perf_counter()), refresh=False)
-        self._bar.close()
+        self._finish()
 
     def __call__(self, progress: Progress) -> None:
         """Show where the run stands; cheap when nothing is due."""
-        self.latest = progress
+        if progress.stage != self._latest.stage:
+            self._finish()
+            self._latest = progress
+            self._started = self._shown = time.perf_counter()
+            self._bar = self._new_bar()
+        self._latest = progress
+        if progress.stage == "matching":
+            self.matching = progress
         now = time.perf_counter()
         if now - self._shown >= self._interval or progress.scans == self._bar.total:
             self._shown = now
             self._bar.set_postfix_str(self._describe(progress, now), refresh=False)
         self._bar.update(progress.scans - self._bar.n)
 
+    def _new_bar(self) -> "tqdm[NoReturn]":
+        return tqdm(
+            total=len(self._log),
+            desc=f"{self._log.path.name}, {self._latest.stage}",
+            bar_format=_BAR,
+            mininterval=self._interval,
+            file=sys.stderr,
+        )
+
+    def _finish(self) -> None:
+        self._bar.set_postfix_str(self._describe(self._latest, time.perf_counter()), refresh=False)
+        self._bar.close()
+
     def _describe(self, progress: Progress, now: float) -> str:
         parts = []
-        covered = real_time_factor(self._stamps[: progress.scans], now - self._started)
+        covered = real_time_factor(self._log.stamps[: progress.scans], now - self._started)
         if covered is not None:
             parts.append(f"{covered:.0f}x real time")
-        if progress.tried:
+        if progress.tried and progress.stage == "matching":
             parts.append(f"{100 * progress.accepted / progress.tried:.0f} % matched")
         return ", ".join(parts)
 
