@@ -217,8 +217,8 @@ def _peak_memory() -> float | None:
         import resource
     except ImportError:
         return None
-    unit = 1e6 if sys.platform == "darwin" else 1e3
-    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / unit, 1)
+    unit = 1 if sys.platform == "darwin" else 1024
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6, 1)
 
 
 def _format_summary(summary: Mapping[str, Any]) -> str:
