@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Scan
-from iceg.ice import _field_kernels as kernels
+from iceg.ice import _refinement_kernels as kernels
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.refinement import FACING
@@ -36,11 +36,11 @@ def correlation_surface(
     scan_points = matcher.observe(scan).points
     n, field = len(scan_points), reference.fine
     side, step = 2 * half_cells + 1, half_width / half_cells
-    costs = np.empty((side, side, side))
+    costs = np.empty((side, side, 1))
     kernels.score_grid(
         scan_points.points,
         scan_points.normals,
-        np.arange(n),
+        n,
         reference.surfels,
         field.nearest,
         field.origin,
@@ -50,7 +50,6 @@ def correlation_surface(
         T_ref_cur,
         np.eye(3),
         np.array([step, step, 0.0]),
-        half_cells,
         costs,
     )
     return np.linspace(-half_width, half_width, side), np.exp(-costs[:, :, 0].T / n)

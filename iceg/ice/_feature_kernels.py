@@ -1,19 +1,35 @@
-"""Kernels that turn the points of a scan into segments, and segments into features."""
+"""Compiled loops that cut the points of a scan into segments, and make features of the segments."""
 
 from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+I8 = NDArray[np.int8]
+I32 = NDArray[np.int32]
+I64 = NDArray[np.int64]
+Bool = NDArray[np.bool_]
 
 # Columns of a segment: centroid x, y; unit direction in scan order; variance of the offset at the centroid;
 # variance of the angle; along-line coordinate of first and last point; first and last point index.
 CX, CY, TX, TY, V_OFFSET, V_ANGLE, FIRST, LAST, I_FIRST, I_LAST = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9
 SEGMENT_COLUMNS = 10
+# Columns of a feature: x, y, heading of the clockwise wall, of the counter-clockwise wall, var x, cov xy, var y,
+# variance of the headings, 1 if real, distance from the laser.
 FEATURE_COLUMNS = 10
+
+_CORNER, _END_OF_WALL, _INTERSECTION = 0, 1, 2
+_SPACINGS = 4.0
+_MISSING_BEAMS = 3
+_OVERLAP = 0.2
+_BEHIND = 0.3
+_FLOOR = 1e-5
 
 
 @njit(cache=True)
-def _fit_line(points, a, b, sigma, out):
+def _fit_line(points: F64, a: int, b: int, sigma: float, out: F64) -> float:
     """Total least squares through points[a..b]; return the largest distance of a point from the line."""
     n = b - a + 1
     mx, my = 0.0, 0.0
@@ -32,16 +48,16 @@ def _fit_line(points, a, b, sigma, out):
     tx, ty = cos(angle), sin(angle)
     if tx * (points[b, 0] - points[a, 0]) + ty * (points[b, 1] - points[a, 1]) < 0.0:
         tx, ty = -tx, -ty
-    worst, ss, along = 0.0, 0.0, 0.0
+    worst, squares, along = 0.0, 0.0, 0.0
     first, last = 0.0, 0.0
     for i in range(a, b + 1):
         dx, dy = points[i, 0] - mx, points[i, 1] - my
         t, d = tx * dx + ty * dy, -ty * dx + tx * dy
         worst = max(worst, abs(d))
-        ss += d * d
+        squares += d * d
         along += t * t
         first, last = min(first, t), max(last, t)
-    variance = max(sigma * sigma, ss / max(1, n - 2))
+    variance = max(sigma * sigma, squares / max(1, n - 2))
     out[CX], out[CY], out[TX], out[TY] = mx, my, tx, ty
     out[V_OFFSET] = variance / n
     out[V_ANGLE] = variance / max(along, 1e-9)
@@ -51,75 +67,127 @@ def _fit_line(points, a, b, sigma, out):
 
 
 @njit(cache=True)
-def extract_segments(points, beams, n, origin, resolution, gap, split, min_points, min_length, sigma, segments):
-    """Split-and-merge with a maximum-likelihood line fit; fill `segments` in scan order and return their count."""
-    breaks = np.empty(2 * n + 2, np.int64)
-    stack = np.empty((2 * n + 2, 2), np.int64)
-    count, start = 0, 0
-    line = np.empty(SEGMENT_COLUMNS)
-    capacity = len(segments)
-    for i in range(n):
-        end = i == n - 1
-        if not end:
-            r = min(
-                hypot(points[i, 0] - origin[0], points[i, 1] - origin[1]),
-                hypot(points[i + 1, 0] - origin[0], points[i + 1, 1] - origin[1]),
-            )
-            steps = beams[i + 1] - beams[i]
-            limit = gap + 4.0 * r * resolution
-            end = hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1]) > limit or steps > 3
-        if not end:
-            continue
-        # Split the cluster start..i where a point is farthest from the chord.
-        nb, top = 0, 0
-        stack[0, 0], stack[0, 1] = start, i
-        top = 1
-        while top > 0:
-            top -= 1
-            a, b = stack[top, 0], stack[top, 1]
-            if b - a < 2:
-                breaks[nb] = a
-                breaks[nb + 1] = b
-                nb += 2
-                continue
-            ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
-            length = hypot(ux, uy)
-            worst, where = 0.0, a
-            for k in range(a + 1, b):
-                dx, dy = points[k, 0] - points[a, 0], points[k, 1] - points[a, 1]
-                d = abs(ux * dy - uy * dx) / length if length > 1e-6 else hypot(dx, dy)
-                if d > worst:
-                    worst, where = d, k
-            if worst > split and worst > 2.5 * sigma:
-                stack[top, 0], stack[top, 1] = where, b
-                stack[top + 1, 0], stack[top + 1, 1] = a, where
-                top += 2
-            else:
-                breaks[nb] = a
-                breaks[nb + 1] = b
-                nb += 2
-        # Merge neighbours that one line explains as well.
-        k = 0
-        while k < nb:
-            a, b = breaks[k], breaks[k + 1]
-            j = k + 2
-            while j < nb and _fit_line(points, a, breaks[j + 1], sigma, line) <= split:
-                b = breaks[j + 1]
-                j += 2
-            if b - a + 1 >= min_points:
-                _fit_line(points, a, b, sigma, line)
-                if line[LAST] - line[FIRST] >= min_length and count < capacity:
-                    segments[count] = line
-                    count += 1
-            k = j
-        start = i + 1
+def _cluster_ends(points: F64, beams: I32, i: int, origin: F64, resolution: float, gap: float) -> bool:
+    """Whether a new surface starts after point i."""
+    nearer = min(
+        hypot(points[i, 0] - origin[0], points[i, 1] - origin[1]),
+        hypot(points[i + 1, 0] - origin[0], points[i + 1, 1] - origin[1]),
+    )
+    apart = hypot(points[i + 1, 0] - points[i, 0], points[i + 1, 1] - points[i, 1])
+    return apart > gap + _SPACINGS * nearer * resolution or beams[i + 1] - beams[i] > _MISSING_BEAMS
+
+
+@njit(cache=True)
+def _farthest_from_chord(points: F64, a: int, b: int) -> tuple[float, int]:
+    ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+    length = hypot(ux, uy)
+    worst, where = 0.0, a
+    for k in range(a + 1, b):
+        dx, dy = points[k, 0] - points[a, 0], points[k, 1] - points[a, 1]
+        d = abs(ux * dy - uy * dx) / length if length > 1e-6 else hypot(dx, dy)
+        if d > worst:
+            worst, where = d, k
+    return worst, where
+
+
+@njit(cache=True)
+def _split(points: F64, start: int, end: int, tolerance: float, stack: I64, pieces: I64) -> int:
+    """Split start..end where a point lies farthest from the chord; return the number of pieces, in scan order."""
+    count, top = 0, 1
+    stack[0, 0], stack[0, 1] = start, end
+    while top > 0:
+        top -= 1
+        a, b = stack[top, 0], stack[top, 1]
+        worst, where = _farthest_from_chord(points, a, b)
+        if worst > tolerance:
+            stack[top, 0], stack[top, 1] = where, b
+            stack[top + 1, 0], stack[top + 1, 1] = a, where
+            top += 2
+        else:
+            pieces[count, 0], pieces[count, 1] = a, b
+            count += 1
     return count
 
 
 @njit(cache=True)
-def _crossing(a, b, out):
-    """Where the lines of two segments meet, with the covariance of that point; return the distances along each."""
-    # normals
+def extract_segments(
+    points: F64,
+    beams: I32,
+    origin: F64,
+    resolution: float,
+    gap: float,
+    tolerance: float,
+    min_points: int,
+    min_length: float,
+    sigma: float,
+    segments: F64,
+) -> int:
+    """Split-and-merge with a maximum-likelihood line fit.
+
+    Args:
+        points: (n, 2) in beam order [m].
+        beams: (n,) index of each point's beam.
+        origin: (2,) position of the laser [m].
+        resolution: angle between two beams [rad].
+        gap: neighbouring points farther apart than this plus four beam spacings are on two surfaces [m].
+        tolerance: largest distance of a point from its line [m].
+        min_points: fewest points of a segment.
+        min_length: shortest segment [m].
+        sigma: least standard deviation of a point across its line [m].
+        segments: (capacity, SEGMENT_COLUMNS) output, in scan order.
+
+    Returns:
+        The number of segments.
+    """
+    n, capacity = len(points), len(segments)
+    stack, pieces = np.empty((n + 2, 2), np.int64), np.empty((n + 2, 2), np.int64)
+    line = np.empty(SEGMENT_COLUMNS)
+    count, start = 0, 0
+    for i in range(n):
+        if i < n - 1 and not _cluster_ends(points, beams, i, origin, resolution, gap):
+            continue
+        n_pieces = _split(points, start, i, tolerance, stack, pieces)
+        start = i + 1
+        k = 0
+        while k < n_pieces:
+            a, b = pieces[k, 0], pieces[k, 1]
+            k += 1
+            # Merge neighbours that one line explains as well.
+            while k < n_pieces and _fit_line(points, a, pieces[k, 1], sigma, line) <= tolerance:
+                b = pieces[k, 1]
+                k += 1
+            if b - a + 1 < min_points or count == capacity:
+                continue
+            _fit_line(points, a, b, sigma, line)
+            if line[LAST] - line[FIRST] >= min_length:
+                segments[count] = line
+                count += 1
+    return count
+
+
+@njit(cache=True)
+def smooth_on_segments(
+    points: F64, origin: F64, segments: F64, min_points: int, min_length: float, smoothed: F64, normals: F64
+) -> None:
+    """Put the points of long segments onto their line, and give them its normal, towards the laser."""
+    for k in range(len(segments)):
+        line = segments[k]
+        first, last = int(line[I_FIRST]), int(line[I_LAST])
+        if last - first + 1 < min_points or line[LAST] - line[FIRST] < min_length:
+            continue
+        nx, ny = -line[TY], line[TX]
+        if nx * (line[CX] - origin[0]) + ny * (line[CY] - origin[1]) > 0.0:
+            nx, ny = -nx, -ny
+        for i in range(first, last + 1):
+            off = nx * (points[i, 0] - line[CX]) + ny * (points[i, 1] - line[CY])
+            smoothed[i, 0] = points[i, 0] - off * nx
+            smoothed[i, 1] = points[i, 1] - off * ny
+            normals[i, 0], normals[i, 1] = nx, ny
+
+
+@njit(cache=True)
+def _crossing(a: F64, b: F64, out: F64) -> tuple[float, float]:
+    """Where the lines of two segments meet: out = x, y, var x, cov xy, var y; return where along each line."""
     ax, ay = -a[TY], a[TX]
     bx, by = -b[TY], b[TX]
     det = ax * by - ay * bx
@@ -140,103 +208,132 @@ def _crossing(a, b, out):
 
 
 @njit(cache=True)
-def extract_features(
-    points, beams, n, origin, resolution, segments, corner_gap, extension, min_angle, weak_sigma, kinds, rows
-):
-    """Corners, ends of walls and intersections of the segments; return their count.
-
-    rows: (capacity, 10) x, y, heading of the clockwise wall, heading of the counter-clockwise wall, var x, cov xy,
-    var y, variance of the headings, 1 if real, distance from the laser.
-    """
+def _corners_and_intersections(
+    points: F64,
+    origin: F64,
+    segments: F64,
+    corner_gap: float,
+    extension: float,
+    min_angle: float,
+    kinds: I8,
+    rows: F64,
+    in_corner: Bool,
+) -> int:
+    """Where the lines of two segments meet; mark the ends (first, last) of segments that belong to a corner."""
     count = 0
-    capacity = len(kinds)
-    n_segments = len(segments)
     cross = np.empty(5)
-    # whether the first and last end of each segment already belong to a corner
-    used = np.zeros((n_segments, 2), np.bool_)
-    for i in range(n_segments):
+    for i in range(len(segments)):
         a = segments[i]
-        for j in range(i + 1, n_segments):
+        for j in range(i + 1, len(segments)):
             b = segments[j]
-            if count >= capacity:
-                return count
-            # Turn from a to b in scan order.
-            turn = atan2(a[TX] * b[TY] - a[TY] * b[TX], a[TX] * b[TX] + a[TY] * b[TY])
-            if abs(turn) < min_angle or abs(turn) > pi - min_angle:
+            turn = abs(atan2(a[TX] * b[TY] - a[TY] * b[TX], a[TX] * b[TX] + a[TY] * b[TY]))
+            if turn < min_angle or turn > pi - min_angle:
                 continue
             ta, tb = _crossing(a, b, cross)
-            from_a = ta - a[LAST]
-            from_b = b[FIRST] - tb
+            from_a, from_b = ta - a[LAST], b[FIRST] - tb
             ea, eb = int(a[I_LAST]), int(b[I_FIRST])
             facing = hypot(points[ea, 0] - points[eb, 0], points[ea, 1] - points[eb, 1])
             corner = j == i + 1 and facing < corner_gap and abs(from_a) < corner_gap and abs(from_b) < corner_gap
-            if not corner and (from_a < -0.2 or from_b < -0.2 or from_a > extension or from_b > extension):
+            if not corner and (min(from_a, from_b) < -_OVERLAP or max(from_a, from_b) > extension):
                 continue
+            if count == len(kinds):
+                return count
             if corner:
-                used[i, 1] = True
-                used[j, 0] = True
-            kinds[count] = 0 if corner else 2
+                in_corner[i, 1] = True
+                in_corner[j, 0] = True
+            kinds[count] = _CORNER if corner else _INTERSECTION
             row = rows[count]
             row[0], row[1] = cross[0], cross[1]
-            row[2] = atan2(-a[TY], -a[TX])
-            row[3] = atan2(b[TY], b[TX])
-            row[4], row[5], row[6] = cross[2] + 1e-5, cross[3], cross[4] + 1e-5
+            row[2], row[3] = atan2(-a[TY], -a[TX]), atan2(b[TY], b[TX])
+            row[4], row[5], row[6] = cross[2] + _FLOOR, cross[3], cross[4] + _FLOOR
             row[7] = a[V_ANGLE] + b[V_ANGLE]
             row[8] = 1.0
             row[9] = hypot(cross[0] - origin[0], cross[1] - origin[1])
-            count += 1
-    for i in range(n_segments):
-        a = segments[i]
-        for end in range(2):
-            if used[i, end] or count >= capacity:
-                continue
-            e = int(a[I_LAST]) if end == 1 else int(a[I_FIRST])
-            neighbour = e + 1 if end == 1 else e - 1
-            step = 1 if end == 1 else -1
-            t = a[LAST] if end == 1 else a[FIRST]
-            x, y = a[CX] + t * a[TX], a[CY] + t * a[TY]
-            r = hypot(points[e, 0] - origin[0], points[e, 1] - origin[1])
-            real = False
-            if 0 <= neighbour < n and beams[neighbour] - beams[e] == step:
-                rn = hypot(points[neighbour, 0] - origin[0], points[neighbour, 1] - origin[1])
-                real = rn > r + 0.3
-            vx, vy = (x - origin[0]) / max(r, 1e-6), (y - origin[1]) / max(r, 1e-6)
-            incidence = max(0.05, abs(vx * a[TY] - vy * a[TX]))
-            along = r * resolution / incidence * 0.5
-            v_along = along * along + 1e-4
-            if not real:
-                v_along += weak_sigma * weak_sigma
-            v_across = a[V_OFFSET] + t * t * a[V_ANGLE] + 1e-5
-            kinds[count] = 1
-            row = rows[count]
-            row[0], row[1] = x, y
-            if end == 1:
-                row[2], row[3] = atan2(-a[TY], -a[TX]), np.nan
-            else:
-                row[2], row[3] = np.nan, atan2(a[TY], a[TX])
-            row[4] = v_along * a[TX] * a[TX] + v_across * a[TY] * a[TY]
-            row[5] = (v_along - v_across) * a[TX] * a[TY]
-            row[6] = v_along * a[TY] * a[TY] + v_across * a[TX] * a[TX]
-            row[7] = a[V_ANGLE]
-            row[8] = 1.0 if real else 0.0
-            row[9] = r
             count += 1
     return count
 
 
 @njit(cache=True)
-def smooth_on_segments(points, origin, segments, min_points, min_length, smoothed, normals):
-    """Give the points of long segments the normal of their line, and put them onto it."""
-    for k in range(len(segments)):
-        line = segments[k]
-        first, last = int(line[I_FIRST]), int(line[I_LAST])
-        if last - first + 1 < min_points or line[LAST] - line[FIRST] < min_length:
-            continue
-        nx, ny = -line[TY], line[TX]
-        if nx * (line[CX] - origin[0]) + ny * (line[CY] - origin[1]) > 0.0:
-            nx, ny = -nx, -ny
-        for i in range(first, last + 1):
-            off = nx * (points[i, 0] - line[CX]) + ny * (points[i, 1] - line[CY])
-            smoothed[i, 0] -= off * nx
-            smoothed[i, 1] -= off * ny
-            normals[i, 0], normals[i, 1] = nx, ny
+def _visibly_ends(points: F64, beams: I32, origin: F64, end: int, step: int, distance: float) -> bool:
+    """Whether the next beam passes the end of a wall and meets something behind it.
+
+    Without that beam (the edge of the field of view, no return) or with something nearer nobody knows where it ends.
+    """
+    following = end + step
+    if following < 0 or following >= len(points) or beams[following] - beams[end] != step:
+        return False
+    return hypot(points[following, 0] - origin[0], points[following, 1] - origin[1]) > distance + _BEHIND
+
+
+@njit(cache=True)
+def _end_of_wall(
+    points: F64, beams: I32, origin: F64, resolution: float, line: F64, at_last: bool, weak_sigma: float, row: F64
+) -> None:
+    """One end of a segment as a feature; along the wall it is known to half a beam's footprint if it is real."""
+    end = int(line[I_LAST]) if at_last else int(line[I_FIRST])
+    t = line[LAST] if at_last else line[FIRST]
+    tx, ty = line[TX], line[TY]
+    x, y = line[CX] + t * tx, line[CY] + t * ty
+    distance = hypot(points[end, 0] - origin[0], points[end, 1] - origin[1])
+    real = _visibly_ends(points, beams, origin, end, 1 if at_last else -1, distance)
+    incidence = max(0.05, abs((x - origin[0]) * ty - (y - origin[1]) * tx) / max(distance, 1e-6))
+    footprint = 0.5 * distance * resolution / incidence
+    v_along = footprint * footprint + 1e-4
+    if not real:
+        v_along += weak_sigma * weak_sigma
+    v_across = line[V_OFFSET] + t * t * line[V_ANGLE] + _FLOOR
+    row[0], row[1] = x, y
+    row[2] = atan2(-ty, -tx) if at_last else np.nan
+    row[3] = np.nan if at_last else atan2(ty, tx)
+    row[4] = v_along * tx * tx + v_across * ty * ty
+    row[5] = (v_along - v_across) * tx * ty
+    row[6] = v_along * ty * ty + v_across * tx * tx
+    row[7] = line[V_ANGLE]
+    row[8] = 1.0 if real else 0.0
+    row[9] = distance
+
+
+@njit(cache=True)
+def extract_features(
+    points: F64,
+    beams: I32,
+    origin: F64,
+    resolution: float,
+    segments: F64,
+    corner_gap: float,
+    extension: float,
+    min_angle: float,
+    weak_sigma: float,
+    kinds: I8,
+    rows: F64,
+) -> int:
+    """Corners, ends of walls and intersections of the segments.
+
+    Args:
+        points: (n, 2) in beam order [m].
+        beams: (n,) index of each point's beam.
+        origin: (2,) position of the laser [m].
+        resolution: angle between two beams [rad].
+        segments: (m, SEGMENT_COLUMNS) in scan order.
+        corner_gap: facing ends closer than this make a corner [m].
+        extension: farthest a wall is extended to an intersection [m].
+        min_angle: smallest angle between two walls that meet [rad].
+        weak_sigma: standard deviation along the wall of an end that is not visible [m].
+        kinds: (capacity,) output.
+        rows: (capacity, FEATURE_COLUMNS) output.
+
+    Returns:
+        The number of features; corners and intersections come first.
+    """
+    in_corner = np.zeros((len(segments), 2), np.bool_)
+    count = _corners_and_intersections(
+        points, origin, segments, corner_gap, extension, min_angle, kinds, rows, in_corner
+    )
+    for i in range(len(segments)):
+        for end in range(2):
+            if in_corner[i, end] or count == len(kinds):
+                continue
+            kinds[count] = _END_OF_WALL
+            _end_of_wall(points, beams, origin, resolution, segments[i], end == 1, weak_sigma, rows[count])
+            count += 1
+    return count

@@ -1,251 +1,391 @@
-"""Kernels that pair features and judge the relative poses these pairs imply."""
+"""Compiled loops that pair features, and judge the relative poses these pairs imply."""
 
 from math import atan, cos, exp, floor, hypot, pi, sin, sqrt
 
+import numpy as np
 from numba import njit
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I8 = NDArray[np.int8]
+I64 = NDArray[np.int64]
+
+_CORNER = 0
+_SAME_DIRECTION = 0.3
+_SAME_ANGLE = 0.35
+_POSITION_FLOOR = 4e-4
+_ANGLE_FLOOR = 1e-3
+_PROMISING = 0.15
 
 
 @njit(cache=True)
-def _wrap(angle):
+def _wrap(angle: float) -> float:
     return angle - 2.0 * pi * floor((angle + pi) / (2.0 * pi))
 
 
 @njit(cache=True)
-def merge_features(kinds, rows, n, pose, radius, map_kinds, map_rows, hits, m):
-    """Move n features by `pose` into the map frame and merge each with an equal one within `radius`; return map size."""
+def _compatible(kind: int, other: int) -> bool:
+    """The same kind, or a corner one of whose walls (or the corner itself) was hidden."""
+    return kind == other or min(kind, other) == _CORNER
+
+
+@njit(cache=True)
+def _turned_covariance(row: F64, c: float, s: float) -> tuple[float, float, float]:
+    """Covariance xx, xy, yy of a feature's position, turned."""
+    xx, xy, yy = row[4], row[5], row[6]
+    return (
+        c * c * xx - 2.0 * c * s * xy + s * s * yy,
+        c * s * (xx - yy) + (c * c - s * s) * xy,
+        s * s * xx + 2.0 * c * s * xy + c * c * yy,
+    )
+
+
+@njit(cache=True)
+def _same_directions(row: F64, turn: float, other: F64) -> bool:
+    """Whether both have the same walls, and these point the same way."""
+    for column in range(2, 4):
+        if np.isnan(row[column]) != np.isnan(other[column]):
+            return False
+        if not np.isnan(row[column]) and abs(_wrap(row[column] + turn - other[column])) > _SAME_DIRECTION:
+            return False
+    return True
+
+
+@njit(cache=True)
+def merge_features(
+    kinds: I8, rows: F64, pose: F64, radius: float, map_kinds: I8, map_rows: F64, hits: F64, m: int
+) -> int:
+    """Move features into the map frame and merge each with an equal one within a radius.
+
+    Args:
+        kinds: (n,) of the new features.
+        rows: (n, 10), see `iceg.ice.features.FeatureRows`.
+        pose: (3,) T_map_robot.
+        radius: within this two features of one kind and direction are one [m].
+        map_kinds: (capacity,) changed in place.
+        map_rows: (capacity, 10) changed in place; position and direction are running means.
+        hits: (capacity,) how often each was seen.
+        m: features of the map so far.
+
+    Returns:
+        Its new number of features.
+    """
     c, s = cos(pose[2]), sin(pose[2])
-    for i in range(n):
-        x = pose[0] + c * rows[i, 0] - s * rows[i, 1]
-        y = pose[1] + s * rows[i, 0] + c * rows[i, 1]
-        d0, d1 = rows[i, 2] + pose[2], rows[i, 3] + pose[2]
+    for i in range(len(kinds)):
+        row = rows[i]
+        x = pose[0] + c * row[0] - s * row[1]
+        y = pose[1] + s * row[0] + c * row[1]
         found = -1
         for k in range(m):
-            if map_kinds[k] != kinds[i]:
+            other = map_rows[k]
+            if map_kinds[k] != kinds[i] or abs(other[0] - x) > radius or abs(other[1] - y) > radius:
                 continue
-            if abs(map_rows[k, 0] - x) > radius or abs(map_rows[k, 1] - y) > radius:
-                continue
-            ok = True
-            for col in range(2):
-                d = d0 if col == 0 else d1
-                e = map_rows[k, 2 + col]
-                if (d == d) != (e == e) or (d == d and abs(_wrap(d - e)) > 0.3):
-                    ok = False
-            if ok:
+            if _same_directions(row, pose[2], other):
                 found = k
                 break
         if found >= 0:
+            other = map_rows[found]
             w = 1.0 / (hits[found] + 1.0)
-            map_rows[found, 0] += w * (x - map_rows[found, 0])
-            map_rows[found, 1] += w * (y - map_rows[found, 1])
-            if d0 == d0:
-                map_rows[found, 2] += w * _wrap(d0 - map_rows[found, 2])
-            if d1 == d1:
-                map_rows[found, 3] += w * _wrap(d1 - map_rows[found, 3])
+            other[0] += w * (x - other[0])
+            other[1] += w * (y - other[1])
+            for column in range(2, 4):
+                if not np.isnan(row[column]):
+                    other[column] += w * _wrap(row[column] + pose[2] - other[column])
             hits[found] += 1.0
-            map_rows[found, 8] = max(map_rows[found, 8], rows[i, 8])
-            map_rows[found, 9] = min(map_rows[found, 9], rows[i, 9])
+            other[8] = max(other[8], row[8])
+            other[9] = min(other[9], row[9])
         elif m < len(map_kinds):
             map_kinds[m] = kinds[i]
-            map_rows[m, 0], map_rows[m, 1], map_rows[m, 2], map_rows[m, 3] = x, y, d0, d1
-            cxx, cxy, cyy = rows[i, 4], rows[i, 5], rows[i, 6]
-            map_rows[m, 4] = c * c * cxx - 2.0 * c * s * cxy + s * s * cyy
-            map_rows[m, 5] = c * s * (cxx - cyy) + (c * c - s * s) * cxy
-            map_rows[m, 6] = s * s * cxx + 2.0 * c * s * cxy + c * c * cyy
-            map_rows[m, 7], map_rows[m, 8], map_rows[m, 9] = rows[i, 7], rows[i, 8], rows[i, 9]
+            map_rows[m] = row
+            map_rows[m, 0], map_rows[m, 1] = x, y
+            map_rows[m, 2], map_rows[m, 3] = row[2] + pose[2], row[3] + pose[2]
+            map_rows[m, 4], map_rows[m, 5], map_rows[m, 6] = _turned_covariance(row, c, s)
             hits[m] = 1.0
             m += 1
     return m
 
 
 @njit(cache=True)
-def pair_hypotheses(kinds, rows, n, ref_kinds, ref_rows, m, guess, window_t, window_r, opening, out):
-    """One relative pose for every pair of features that passes the hierarchy of filters; return their count."""
+def _turn_between(row: F64, ref: F64, opening: float) -> float:
+    """Turn that brings the walls of a feature onto those of another; NaN where they share none or open differently."""
+    a0, a1 = ref[2] - row[2], ref[3] - row[3]
+    if np.isnan(a0):
+        return float(a1)
+    if np.isnan(a1):
+        return float(a0)
+    difference = _wrap(a1 - a0)
+    return a0 + 0.5 * difference if abs(difference) <= opening else np.nan
+
+
+@njit(cache=True)
+def pair_hypotheses(
+    kinds: I8,
+    rows: F64,
+    ref_kinds: I8,
+    ref_rows: F64,
+    guess: F64,
+    window_m: float,
+    window_rad: float,
+    opening: float,
+    out: F64,
+) -> int:
+    """One relative pose for every pair of features that passes the hierarchy of filters.
+
+    Args:
+        kinds: (n,) of the new features.
+        rows: (n, 10).
+        ref_kinds: (m,) of the reference.
+        ref_rows: (m, 10).
+        guess: (3,) T_ref_robot at the middle of the feasible area.
+        window_m: its half-width in x and y [m].
+        window_rad: its half-width in heading [rad].
+        opening: largest difference of the opening angles of a pair [rad].
+        out: (capacity, 3) output.
+
+    Returns:
+        The number of hypotheses.
+    """
     count = 0
-    for i in range(n):
+    for i in range(len(kinds)):
         x, y = rows[i, 0], rows[i, 1]
-        for j in range(m):
-            # types: the same, or a corner one of whose walls (or the corner itself) was hidden
-            if kinds[i] != ref_kinds[j] and kinds[i] != 0 and ref_kinds[j] != 0:
+        for j in range(len(ref_kinds)):
+            if not _compatible(kinds[i], ref_kinds[j]):
                 continue
-            # feasible area around where the guess puts the feature, then direction and opening angle
-            a0, a1 = ref_rows[j, 2] - rows[i, 2], ref_rows[j, 3] - rows[i, 3]
-            if a0 == a0:
-                a0 = _wrap(a0)
-                turn = a0
-                if a1 == a1:
-                    d = _wrap(a1 - a0)
-                    if abs(d) > opening:
-                        continue
-                    turn = _wrap(a0 + 0.5 * d)
-            elif a1 == a1:
-                turn = _wrap(a1)
-            else:
-                continue
-            if abs(_wrap(turn - guess[2])) > window_r:
+            turn = _turn_between(rows[i], ref_rows[j], opening)
+            if np.isnan(turn) or abs(_wrap(turn - guess[2])) > window_rad:
                 continue
             c, s = cos(turn), sin(turn)
             tx = ref_rows[j, 0] - c * x + s * y
             ty = ref_rows[j, 1] - s * x - c * y
-            if abs(tx - guess[0]) > window_t or abs(ty - guess[1]) > window_t:
+            if abs(tx - guess[0]) > window_m or abs(ty - guess[1]) > window_m:
                 continue
-            if count >= len(out):
+            if count == len(out):
                 return count
-            out[count, 0], out[count, 1], out[count, 2] = tx, ty, turn
+            out[count, 0], out[count, 1], out[count, 2] = tx, ty, _wrap(turn)
             count += 1
     return count
 
 
 @njit(cache=True)
-def score_hypotheses(points, picks, hypotheses, count, distance2, origin, cell, sigma, scores):
-    """Mean of exp(-d²/2σ²) over the picked points, d from the coarse field."""
+def _likelihood(
+    points: F64, n_picks: int, pose: F64, distance2: F32, x0: float, y0: float, cell: float, k: float
+) -> float:
+    """Mean of exp(k·d²) over evenly picked points, d from the field."""
     ny, nx = distance2.shape
-    k = -0.5 / (sigma * sigma)
-    for h in range(count):
-        c, s = cos(hypotheses[h, 2]), sin(hypotheses[h, 2])
-        x0, y0 = (hypotheses[h, 0] - origin[0]) / cell, (hypotheses[h, 1] - origin[1]) / cell
-        total = 0.0
-        for q in range(len(picks)):
-            px, py = points[picks[q], 0] / cell, points[picks[q], 1] / cell
-            u = int(floor(x0 + c * px - s * py))
-            v = int(floor(y0 + s * px + c * py))
-            if 0 <= u < nx and 0 <= v < ny:
-                total += exp(k * distance2[v, u])
-        scores[h] = total / max(1, len(picks))
+    stride = len(points) / n_picks
+    c, s = cos(pose[2]) / cell, sin(pose[2]) / cell
+    x, y = (pose[0] - x0) / cell, (pose[1] - y0) / cell
+    total = 0.0
+    for q in range(n_picks):
+        i = int((q + 0.5) * stride)
+        u = floor(x + c * points[i, 0] - s * points[i, 1])
+        v = floor(y + s * points[i, 0] + c * points[i, 1])
+        if 0 <= u < nx and 0 <= v < ny:
+            total += exp(k * distance2[v, u])
+    return total / n_picks
 
 
 @njit(cache=True)
-def _coincidence(kinds, rows, i, x, y, turn, ref_kinds, ref_rows, m):
-    """Nearest reference feature that feature i, moved to x, y, may be; return index, squared distance, angle."""
-    gate = rows[i, 9] / 50.0 + 0.1
+def score_by_points(
+    points: F64,
+    n_first: int,
+    n_picks: int,
+    hypotheses: F64,
+    distance2: F32,
+    origin: F64,
+    cell: float,
+    sigma: float,
+    scores: F64,
+) -> None:
+    """Mean of exp(-d²/2σ²) over the points of a scan, d the distance to the nearest surfel.
+
+    Few points judge all hypotheses first; only the promising ones are judged by more. The others keep their first
+    score, but never one above the worst of the promising.
+
+    Args:
+        points: (n, 2) in the robot frame [m].
+        n_first: points of the first round.
+        n_picks: points of the second round; the first is skipped when it has as many.
+        hypotheses: (h, 3) T_ref_robot.
+        distance2: (ny, nx) of the field [m²].
+        origin: (2,) its lower left corner [m].
+        cell: width of its cells [m].
+        sigma: σ [m].
+        scores: (h,) output.
+    """
+    k = -0.5 / (sigma * sigma)
+    x0, y0 = origin[0], origin[1]
+    enough = -np.inf
+    if n_first < n_picks:
+        for h in range(len(hypotheses)):
+            scores[h] = _likelihood(points, n_first, hypotheses[h], distance2, x0, y0, cell, k)
+            enough = max(enough, scores[h] - _PROMISING)
+    lowest = np.inf
+    for h in range(len(hypotheses)):
+        if n_first >= n_picks or scores[h] >= enough:
+            # Marked by 2 so that the last loop tells them from the others.
+            scores[h] = 2.0 + _likelihood(points, n_picks, hypotheses[h], distance2, x0, y0, cell, k)
+            lowest = min(lowest, scores[h] - 2.0)
+    for h in range(len(hypotheses)):
+        scores[h] = scores[h] - 2.0 if scores[h] >= 2.0 else min(scores[h], lowest)
+
+
+@njit(cache=True)
+def _coincidence(
+    kind: int, row: F64, x: float, y: float, turn: float, ref_kinds: I8, ref_rows: F64
+) -> tuple[int, float, float]:
+    """Nearest reference feature that a feature moved to x, y may be: index or -1, squared distance, angle."""
+    gate = row[9] / 50.0 + 0.1
     best, best_d2, best_angle = -1, gate * gate, 0.0
-    for j in range(m):
+    for j in range(len(ref_kinds)):
         dx, dy = ref_rows[j, 0] - x, ref_rows[j, 1] - y
-        if abs(dx) > gate or abs(dy) > gate:
-            continue
         d2 = dx * dx + dy * dy
-        if d2 > best_d2 or (kinds[i] != ref_kinds[j] and kinds[i] != 0 and ref_kinds[j] != 0):
+        if d2 > best_d2 or not _compatible(kind, ref_kinds[j]):
             continue
-        a0 = ref_rows[j, 2] - rows[i, 2] - turn
-        a1 = ref_rows[j, 3] - rows[i, 3] - turn
-        angle, known = 0.0, False
-        if a0 == a0:
-            angle, known = abs(_wrap(a0)), True
-        if a1 == a1:
-            angle, known = max(angle, abs(_wrap(a1))), True
-        if not known or angle > 0.35:
+        angle = -1.0
+        for column in range(2, 4):
+            a = ref_rows[j, column] - row[column] - turn
+            if not np.isnan(a):
+                angle = max(angle, abs(_wrap(a)))
+        if angle < 0.0 or angle > _SAME_ANGLE:
             continue
         best, best_d2, best_angle = j, d2, angle
     return best, best_d2, best_angle
 
 
 @njit(cache=True)
-def _importance(distance):
+def _importance(distance: float) -> float:
     """Equation (3): what a feature at this distance from the laser is worth."""
-    return 0.6 - 0.4 * atan(0.2 * distance - 0.2)
+    return max(0.0, 0.6 - 0.4 * atan(0.2 * distance - 0.2))
 
 
 @njit(cache=True)
-def _mahalanobis2(rows, i, c, s, ref, dx, dy, floor_variance):
-    """Squared distance of two coinciding features under the sum of their covariances."""
-    cxx, cxy, cyy = rows[i, 4], rows[i, 5], rows[i, 6]
-    sxx = c * c * cxx - 2.0 * c * s * cxy + s * s * cyy + ref[4] + floor_variance
-    sxy = c * s * (cxx - cyy) + (c * c - s * s) * cxy + ref[5]
-    syy = s * s * cxx + 2.0 * c * s * cxy + c * c * cyy + ref[6] + floor_variance
-    det = sxx * syy - sxy * sxy
-    return (syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy) / det
+def _information(row: F64, c: float, s: float, ref: F64) -> tuple[float, float, float]:
+    """Inverse xx, xy, yy of the covariance of the difference of two features' positions."""
+    xx, xy, yy = _turned_covariance(row, c, s)
+    xx += ref[4] + _POSITION_FLOOR
+    xy += ref[5]
+    yy += ref[6] + _POSITION_FLOOR
+    det = xx * yy - xy * xy
+    return yy / det, -xy / det, xx / det
 
 
 @njit(cache=True)
-def score_by_features(kinds, rows, n, ref_kinds, ref_rows, m, hypotheses, count, paper, counts, scores):
-    """Number of coincidences of each hypothesis and its correlation (larger is better, in [0, 1]).
+def score_by_features(
+    kinds: I8, rows: F64, ref_kinds: I8, ref_rows: F64, hypotheses: F64, paper: bool, counts: I64, scores: F64
+) -> None:
+    """Number of coincidences of each hypothesis and its correlation, larger is better, in [0, 1].
 
-    paper: equations (1) and (2), as exp(-Σ(dis·P)/(count²·ΣP)) so that larger is better. Otherwise the mean over the
-    new features of exp(-½ Mahalanobis²) with the covariances of both features.
+    Args:
+        kinds: (n,) of the new features.
+        rows: (n, 10).
+        ref_kinds: (m,) of the reference.
+        ref_rows: (m, 10).
+        hypotheses: (h, 3) T_ref_robot.
+        paper: equations (1) and (2) as exp(-Σ(dis·P)/(count²·ΣP)), dis a distance plus an angle. Otherwise the mean
+            over the new features of exp(-½ Mahalanobis²) under the covariances of both features.
+        counts: (h,) output.
+        scores: (h,) output.
     """
-    for h in range(count):
+    for h in range(len(hypotheses)):
         turn = hypotheses[h, 2]
         c, s = cos(turn), sin(turn)
         hit, weighted, weights, likelihood = 0, 0.0, 0.0, 0.0
-        for i in range(n):
-            x = hypotheses[h, 0] + c * rows[i, 0] - s * rows[i, 1]
-            y = hypotheses[h, 1] + s * rows[i, 0] + c * rows[i, 1]
-            j, d2, angle = _coincidence(kinds, rows, i, x, y, turn, ref_kinds, ref_rows, m)
+        for i in range(len(kinds)):
+            row = rows[i]
+            x = hypotheses[h, 0] + c * row[0] - s * row[1]
+            y = hypotheses[h, 1] + s * row[0] + c * row[1]
+            j, d2, angle = _coincidence(kinds[i], row, x, y, turn, ref_kinds, ref_rows)
             if j < 0:
                 continue
             hit += 1
+            ref = ref_rows[j]
             if paper:
-                p = sqrt(max(0.0, _importance(rows[i, 9])) * max(0.0, _importance(ref_rows[j, 9])))
+                p = sqrt(_importance(row[9]) * _importance(ref[9]))
                 weighted += (sqrt(d2) + angle) * p
                 weights += p
             else:
-                far = _mahalanobis2(rows, i, c, s, ref_rows[j], ref_rows[j, 0] - x, ref_rows[j, 1] - y, 4e-4)
-                far += angle * angle / (rows[i, 7] + ref_rows[j, 7] + 1e-3)
+                ixx, ixy, iyy = _information(row, c, s, ref)
+                dx, dy = ref[0] - x, ref[1] - y
+                far = ixx * dx * dx + 2.0 * ixy * dx * dy + iyy * dy * dy
+                far += angle * angle / (row[7] + ref[7] + _ANGLE_FLOOR)
                 likelihood += exp(-0.5 * far)
         counts[h] = hit
         if paper:
             scores[h] = exp(-weighted / (hit * hit * weights)) if weights > 0.0 else 0.0
         else:
-            scores[h] = likelihood / max(1, n)
+            scores[h] = likelihood / max(1, len(kinds))
 
 
 @njit(cache=True)
-def polish_on_features(kinds, rows, n, ref_kinds, ref_rows, m, start, iterations, pose, hessian):
-    """Gauss-Newton on coinciding features, each weighed by its covariances; return their number."""
-    pose[0], pose[1], pose[2] = start[0], start[1], start[2]
+def polish_on_features(
+    kinds: I8, rows: F64, ref_kinds: I8, ref_rows: F64, start: F64, iterations: int, pose: F64
+) -> int:
+    """Gauss-Newton on coinciding features, each weighed by the covariances of both.
+
+    Args:
+        kinds: (n,) of the new features.
+        rows: (n, 10).
+        ref_kinds: (m,) of the reference.
+        ref_rows: (m, 10).
+        start: (3,) T_ref_robot.
+        iterations: most steps.
+        pose: (3,) output.
+
+    Returns:
+        The number of coincidences.
+    """
+    pose[:] = start
+    h, g = np.empty((3, 3)), np.empty(3)
     hit = 0
     for _ in range(iterations):
-        c, s = cos(pose[2]), sin(pose[2])
-        hessian[:] = 0.0
-        g0, g1, g2 = 0.0, 0.0, 0.0
-        hit = 0
-        for i in range(n):
-            rx, ry = c * rows[i, 0] - s * rows[i, 1], s * rows[i, 0] + c * rows[i, 1]
-            x, y = pose[0] + rx, pose[1] + ry
-            j, _d2, _angle = _coincidence(kinds, rows, i, x, y, pose[2], ref_kinds, ref_rows, m)
-            if j < 0:
-                continue
-            hit += 1
-            cxx, cxy, cyy = rows[i, 4], rows[i, 5], rows[i, 6]
-            sxx = c * c * cxx - 2.0 * c * s * cxy + s * s * cyy + ref_rows[j, 4] + 4e-4
-            sxy = c * s * (cxx - cyy) + (c * c - s * s) * cxy + ref_rows[j, 5]
-            syy = s * s * cxx + 2.0 * c * s * cxy + c * c * cyy + ref_rows[j, 6] + 4e-4
-            det = sxx * syy - sxy * sxy
-            ixx, ixy, iyy = syy / det, -sxy / det, sxx / det
-            ex, ey = x - ref_rows[j, 0], y - ref_rows[j, 1]
-            far = ixx * ex * ex + 2.0 * ixy * ex * ey + iyy * ey * ey
-            w = 1.0 / (1.0 + 0.25 * far)
-            # derivative of the position with respect to the heading
-            jx, jy = -ry, rx
-            hessian[0, 0] += w * ixx
-            hessian[0, 1] += w * ixy
-            hessian[1, 1] += w * iyy
-            hessian[0, 2] += w * (ixx * jx + ixy * jy)
-            hessian[1, 2] += w * (ixy * jx + iyy * jy)
-            hessian[2, 2] += w * (ixx * jx * jx + 2.0 * ixy * jx * jy + iyy * jy * jy)
-            g0 += w * (ixx * ex + ixy * ey)
-            g1 += w * (ixy * ex + iyy * ey)
-            g2 += w * (jx * (ixx * ex + ixy * ey) + jy * (ixy * ex + iyy * ey))
-            for col in range(2):
-                a = ref_rows[j, 2 + col] - rows[i, 2 + col] - pose[2]
-                if a == a:
-                    a = _wrap(a)
-                    i_a = w / (rows[i, 7] + ref_rows[j, 7] + 1e-3)
-                    hessian[2, 2] += i_a
-                    g2 -= i_a * a
-        hessian[1, 0], hessian[2, 0], hessian[2, 1] = hessian[0, 1], hessian[0, 2], hessian[1, 2]
-        if hit < 1:
+        hit = _accumulate_features(kinds, rows, ref_kinds, ref_rows, pose, h, g)
+        if hit == 0:
             break
-        h00, h01, h02 = hessian[0, 0] + 1e-6, hessian[0, 1], hessian[0, 2]
-        h11, h12, h22 = hessian[1, 1] + 1e-6, hessian[1, 2], hessian[2, 2] + 1e-6
-        a00, a01, a02 = h11 * h22 - h12 * h12, h02 * h12 - h01 * h22, h01 * h12 - h02 * h11
-        a11, a12, a22 = h00 * h22 - h02 * h02, h01 * h02 - h00 * h12, h00 * h11 - h01 * h01
-        det3 = h00 * a00 + h01 * a01 + h02 * a02
-        s0 = -(a00 * g0 + a01 * g1 + a02 * g2) / det3
-        s1 = -(a01 * g0 + a11 * g1 + a12 * g2) / det3
-        s2 = -(a02 * g0 + a12 * g1 + a22 * g2) / det3
-        pose[0] += s0
-        pose[1] += s1
-        pose[2] += s2
-        if hypot(s0, s1) < 1e-4 and abs(s2) < 1e-5:
+        step = np.linalg.solve(h, -g)
+        pose += step
+        if hypot(step[0], step[1]) < 1e-4 and abs(step[2]) < 1e-5:
             break
+    return hit
+
+
+@njit(cache=True)
+def _accumulate_features(kinds: I8, rows: F64, ref_kinds: I8, ref_rows: F64, pose: F64, h: F64, g: F64) -> int:
+    """Normal equations of the coinciding features, with Cauchy weights; return how many coincide."""
+    c, s = cos(pose[2]), sin(pose[2])
+    h[:] = 0.0
+    h[0, 0], h[1, 1], h[2, 2] = 1e-6, 1e-6, 1e-6
+    g[:] = 0.0
+    hit = 0
+    for i in range(len(kinds)):
+        row = rows[i]
+        rx, ry = c * row[0] - s * row[1], s * row[0] + c * row[1]
+        x, y = pose[0] + rx, pose[1] + ry
+        j, _, _ = _coincidence(kinds[i], row, x, y, pose[2], ref_kinds, ref_rows)
+        if j < 0:
+            continue
+        hit += 1
+        ref = ref_rows[j]
+        ixx, ixy, iyy = _information(row, c, s, ref)
+        ex, ey = x - ref[0], y - ref[1]
+        w = 1.0 / (1.0 + 0.25 * (ixx * ex * ex + 2.0 * ixy * ex * ey + iyy * ey * ey))
+        fx, fy = w * (ixx * ex + ixy * ey), w * (ixy * ex + iyy * ey)
+        # Derivative of the position with respect to the heading: (-ry, rx).
+        h[0, 0] += w * ixx
+        h[0, 1] += w * ixy
+        h[1, 1] += w * iyy
+        h[0, 2] += w * (ixy * rx - ixx * ry)
+        h[1, 2] += w * (iyy * rx - ixy * ry)
+        h[2, 2] += w * (ixx * ry * ry - 2.0 * ixy * rx * ry + iyy * rx * rx)
+        g[0] += fx
+        g[1] += fy
+        g[2] += rx * fy - ry * fx
+        for column in range(2, 4):
+            a = ref[column] - row[column] - pose[2]
+            if not np.isnan(a):
+                precision = w / (row[7] + ref[7] + _ANGLE_FLOOR)
+                h[2, 2] += precision
+                g[2] -= precision * _wrap(a)
+    h[1, 0], h[2, 0], h[2, 1] = h[0, 1], h[0, 2], h[1, 2]
     return hit

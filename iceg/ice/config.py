@@ -7,7 +7,7 @@ from typing import Literal
 from graph.errors import IcegError
 
 Fitness = Literal["points", "probabilistic", "paper"]
-Search = Literal["hierarchy", "evolutionary"]
+Search = Literal["hierarchy", "exhaustive", "evolutionary"]
 
 
 class IceConfigError(IcegError):
@@ -26,7 +26,9 @@ class SegmentConfig:
     gap: float = 0.3
     """Neighbouring points farther apart than this plus four beam spacings start a new cluster [m]."""
     split: float = 0.03
-    """A cluster splits where a point lies farther than this from its line [m]."""
+    """A cluster splits where a point lies farther than this from its line [m] …"""
+    split_sigmas: float = 3.5
+    """… or than this many standard deviations of the scan's own noise, if that is more."""
     min_points: int = 3
     """Fewest points of a segment."""
     min_length: float = 0.2
@@ -36,7 +38,7 @@ class SegmentConfig:
     wall_length: float = 0.6
     """… and this length [m] are walls: in the local map their points lie on the line."""
     range_noise: float = 0.01
-    """Standard deviation of one range [m]."""
+    """Least standard deviation of a point across its line [m]."""
 
     def __post_init__(self) -> None:
         _require(
@@ -69,7 +71,14 @@ class HypothesisConfig:
     """How pairs of features become relative poses and how these are ranked."""
 
     search: Search = "hierarchy"
-    """Filters from cheap to dear over all pairs, or the evolutionary search over (dx, dy, dθ)."""
+    """Filters from cheap to dear over all pairs of features, a regular grid of poses over the whole window, or the
+    paper's genetic algorithm over (dx, dy, dθ)."""
+    seed: int = 0
+    """Of the evolutionary search …"""
+    population: int = 20
+    """… its population, a third of the poses of one generation …"""
+    generations: int = 40
+    """… and its most generations."""
     fitness: Fitness = "points"
     """Ranking: dense point agreement, features weighed by their covariances, or equations (1)-(3) of the paper."""
     opening_gate: float = 20.0 * pi / 180.0
@@ -77,9 +86,13 @@ class HypothesisConfig:
     field_sigma: float = 0.2
     """Width of the likelihood field that ranks hypotheses by points [m]."""
     ranking_points: int = 90
-    """Points of the scan used to rank one hypothesis."""
-    candidates: int = 4
-    """Distinct hypotheses that are refined."""
+    """Points of the scan used to rank one hypothesis …"""
+    sifting_points: int = 30
+    """… after this many have sifted all of them."""
+    candidates: int = 8
+    """Most distinct hypotheses that are refined …"""
+    lead: float = 0.88
+    """… if their correlation is at least this share of the best."""
     alternatives: int = 10
     """Distinct hypotheses that are compared where the place may be ambiguous (loop closing after much drift)."""
     sigmas: float = 3.0
@@ -89,7 +102,7 @@ class HypothesisConfig:
     min_turn: float = 5.0 * pi / 180.0
     """Smallest half-width of the search window in heading [rad]."""
 
-    trusted_window: float = 0.5
+    trusted_window: float = 0.3
     """In a larger window a credible polished guess does not end the search: it may have slid along a corridor [m]."""
     wide_window: float = 1.0
     """Half-width of the window of a second try, when nothing in the first explains the scan [m]."""
@@ -154,8 +167,9 @@ class CovarianceConfig:
 
     min_sigma: float = 0.004
     """The residuals of a match are never taken to be smaller than this [m]."""
-    independence: float = 0.15
-    """Share of the points that count as independent; calibrated against simulated truth."""
+    independence: float = 0.36
+    """Share of the points that count as independent where neighbouring residuals are uncorrelated (correlation
+    lessens it further); calibrated against simulated truth."""
     points: int = 90
     """Points of the scan used for the scores."""
     max_step: float = 0.15

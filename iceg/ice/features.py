@@ -102,7 +102,6 @@ def feature_rows(scan: Scan, config: FeatureConfig, lines: NDArray[np.float64], 
     count = kernels.extract_features(
         scan_points.points,
         scan_points.beams,
-        len(scan_points),
         scan.geometry.origin_robot,
         scan.geometry.resolution,
         lines,

@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iceg.ice import _hypothesis_kernels as kernels
-from iceg.ice.config import Fitness
+from iceg.ice.config import Fitness, HypothesisConfig
 from iceg.ice.features import FeatureRows
 from iceg.ice.local_map import LocalMap
-from iceg.ice.points import ScanPoints, spread
+from iceg.ice.points import ScanPoints
 
 
 def importance(distance: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -40,14 +40,38 @@ class Ranking:
 
 
 def rank_by_points(
-    scan_points: ScanPoints, local_map: LocalMap, hypotheses: NDArray[np.float64], n_points: int, sigma: float
+    scan_points: ScanPoints,
+    local_map: LocalMap,
+    hypotheses: NDArray[np.float64],
+    config: HypothesisConfig,
+    *,
+    sift: bool = True,
 ) -> Ranking:
-    """Rank by dense agreement: mean of exp(-d²/2σ²) over the points, d from the wide field of the local map."""
+    """Rank by dense agreement: mean of exp(-d²/2σ²) over the points, d from the wide field of the local map.
+
+    Args:
+        scan_points: points of the new scan.
+        local_map: the reference.
+        hypotheses: (n, 3) T_ref_cur.
+        config: number of points and σ.
+        sift: judge hypotheses that a few points show to be hopeless by these only.
+
+    Returns:
+        The ranking.
+    """
     scores = np.empty(len(hypotheses))
     field = local_map.coarse
-    picks = spread(len(scan_points), n_points)
-    kernels.score_hypotheses(
-        scan_points.points, picks, hypotheses, len(hypotheses), field.distance2, field.origin, field.cell, sigma, scores
+    n_points = min(len(scan_points), config.ranking_points)
+    kernels.score_by_points(
+        scan_points.points,
+        min(n_points, config.sifting_points) if sift else n_points,
+        n_points,
+        hypotheses,
+        field.distance2,
+        field.origin,
+        field.cell,
+        config.field_sigma,
+        scores,
     )
     order = np.argsort(-scores, kind="stable")
     return Ranking(counts=np.zeros(len(hypotheses), np.int64), correlations=scores, order=order)
@@ -72,17 +96,7 @@ def rank_by_features(
     counts, scores = np.empty(len(hypotheses), np.int64), np.empty(len(hypotheses))
     paper = fitness == "paper"
     kernels.score_by_features(
-        features.kinds,
-        features.rows,
-        len(features),
-        reference.kinds,
-        reference.rows,
-        len(reference),
-        hypotheses,
-        len(hypotheses),
-        paper,
-        counts,
-        scores,
+        features.kinds, features.rows, reference.kinds, reference.rows, hypotheses, paper, counts, scores
     )
     order = np.lexsort((-scores, -counts)) if paper else np.argsort(-scores, kind="stable")
     return Ranking(counts=counts, correlations=scores, order=order.astype(np.int64))

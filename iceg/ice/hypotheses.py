@@ -1,6 +1,7 @@
 """Relative poses implied by pairs of features that pass the hierarchy of filters (paper, section III.C.2)."""
 
 from dataclasses import dataclass
+from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,12 @@ class SearchWindow:
     translation: float
     rotation: float
 
+    def contains(self, T_ref_cur: NDArray[np.float64]) -> bool:
+        """Whether a pose lies in it, a tenth of its width forgiven."""
+        dx, dy, turn = (float(value) for value in T_ref_cur - self.T_ref_guess)
+        farthest = max(abs(dx), abs(dy))
+        return farthest <= 1.1 * self.translation and abs((turn + pi) % (2 * pi) - pi) <= 1.1 * self.rotation
+
 
 def search_window(
     T_ref_guess: NDArray[np.float64], covariance: NDArray[np.float64], config: HypothesisConfig
@@ -44,7 +51,7 @@ def search_window(
     return SearchWindow(
         T_ref_guess=T_ref_guess,
         translation=max(config.min_window, config.sigmas * largest**0.5),
-        rotation=min(float(np.pi), max(config.min_turn, config.sigmas * float(covariance[2, 2]) ** 0.5)),
+        rotation=min(pi, max(config.min_turn, config.sigmas * float(covariance[2, 2]) ** 0.5)),
     )
 
 
@@ -76,10 +83,8 @@ def pair_hypotheses(
     count = kernels.pair_hypotheses(
         features.kinds,
         features.rows,
-        len(features),
         reference.kinds,
         reference.rows,
-        len(reference),
         window.T_ref_guess,
         window.translation,
         window.rotation,
@@ -102,7 +107,7 @@ def distinct(
         x, y, heading = hypotheses[index].tolist()
         for other in chosen:
             dx, dy, turn = x - hypotheses[other, 0], y - hypotheses[other, 1], heading - hypotheses[other, 2]
-            turn = abs((turn + np.pi) % (2 * np.pi) - np.pi)
+            turn = abs((turn + pi) % (2 * pi) - pi)
             if dx * dx + dy * dy < separation_m * separation_m and turn < separation_rad:
                 break
         else:

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.se2 import transform_points
-from iceg.ice import _field_kernels as field_kernels
 from iceg.ice import _hypothesis_kernels as hypothesis_kernels
+from iceg.ice import _surfel_kernels as surfel_kernels
 from iceg.ice.config import FeatureConfig, LocalMapConfig
 from iceg.ice.features import FeatureRows, Features
 from iceg.ice.points import ScanPoints
@@ -65,7 +65,7 @@ class LocalMap:
         """Add the points and features of one scan taken at `T_ref_scan`."""
         start = self._surfel_count
         self._reserve(start + len(scan_points))
-        self._surfel_count = field_kernels.add_surfels(
+        self._surfel_count = surfel_kernels.add_surfels(
             scan_points.points,
             scan_points.normals,
             T_ref_scan,
@@ -76,18 +76,17 @@ class LocalMap:
             start,
         )
         end = self._surfel_count
-        field_kernels.mean_surfels(self._sums, 0, end, self._surfels)
+        surfel_kernels.mean_surfels(self._sums, end, self._surfels)
         fine, coarse = self.fine, self.coarse
-        field_kernels.stamp_field(
+        surfel_kernels.stamp_field(
             self._surfels, start, end, fine.origin, fine.cell, fine.radius, fine.nearest, fine.distance2, False
         )
-        field_kernels.stamp_field(
+        surfel_kernels.stamp_field(
             self._surfels, start, end, coarse.origin, coarse.cell, coarse.radius, coarse.nearest, coarse.distance2, True
         )
         self._feature_count = hypothesis_kernels.merge_features(
             features.kinds,
             features.rows,
-            len(features),
             T_ref_scan,
             self._merge_radius,
             self._kinds,

@@ -1,6 +1,7 @@
 """ICE matching: features give hypotheses, the best is polished, its scores give the covariance."""
 
 from dataclasses import dataclass
+from functools import partial
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -15,12 +16,16 @@ from iceg.ice.fitness import Ranking, rank_by_features, rank_by_points
 from iceg.ice.hypotheses import SearchWindow, distinct, pair_hypotheses, search_window, widened
 from iceg.ice.local_map import LocalMap, box_around
 from iceg.ice.points import ScanPoints, extract_points
-from iceg.ice.refinement import Refined, polish_on_features, refine_on_points
+from iceg.ice.refinement import Refined, evaluate_points, polish_on_features, refine_on_points
+from iceg.ice.search import evolve_hypotheses, grid_hypotheses
 from iceg.ice.segments import segment_rows, smoothed_on_segments
-from iceg.ice.verification import Agreement, agreement
+from iceg.ice.verification import Agreement, agreement, view
 
-_CLEAR_LEAD = 0.9
 _CLEARLY_MORE = 1.03
+_COMPARABLE = 0.8
+"""Poses with at least this share of the best one's support are compared by what they contradict."""
+_EVEN_ODDS = 5.0
+"""Surfels added to those seen, so that a few contradictions among few prove nothing."""
 _FEWEST_POINTS = 15
 _ROOM_TO_GROW = 4.0
 """A local map can be extended by scans that reach this far beyond its first points [m]."""
@@ -96,14 +101,15 @@ class IceMatcher:
     ) -> NDArray[np.float64] | NoMatch:
         """As `match`, but only the pose: a tenth of the time. A weak direction is left where the guess puts it."""
         scan_points = self._points(scan)
-        if len(scan_points) < _FEWEST_POINTS:
-            return NoMatch(reason=f"only {len(scan_points)} beams returned")
-        if self.config.refinement.enabled:
+        config = self.config.refinement
+        if config.enabled and len(scan_points) >= _FEWEST_POINTS:
             refined = refine_on_points(
-                scan_points, reference, T_ref_guess, self.config.refinement, wide=False, prior_weight=_TRACKING_PRIOR
+                scan_points, reference, T_ref_guess, config, wide=False, prior_weight=_TRACKING_PRIOR
             )
-            if refined.inliers >= self.config.refinement.credible * len(scan_points):
-                return refined.T_ref_cur
+            if refined.inliers >= config.credible * len(scan_points):
+                window = search_window(T_ref_guess, covariance_guess, self.config.hypotheses)
+                if window.contains(refined.T_ref_cur):
+                    return refined.T_ref_cur
         found = self._find(reference, scan, T_ref_guess, covariance_guess)
         return found if isinstance(found, NoMatch) else found.T_ref_cur
 
@@ -143,61 +149,77 @@ class IceMatcher:
         """The best pose around the guess, or why none is credible."""
         n_points = len(self._points(scan))
         if n_points < _FEWEST_POINTS:
-            return NoMatch(reason=f"only {n_points} beams returned")
+            return NoMatch(reason=f"only {n_points} beams returned, a match needs {_FEWEST_POINTS}")
         window = search_window(T_ref_guess, covariance_guess, self.config.hypotheses)
         refined = self.align(reference, scan, window)
         share = refined.inliers / n_points
-        if self.config.refinement.enabled and share < self.config.refinement.min_inliers:
+        if share < self.config.refinement.min_inliers:
             return NoMatch(reason=f"only {share:.0%} of the beams agree with the local map")
         return refined
 
     def align(self, reference: LocalMap, scan: Scan, window: SearchWindow) -> Refined:
-        """Best pose: the polished guess where it is credible, else the best hypothesis in the window, else in a wide one."""
-        scan_points = self._points(scan)
-        config = self.config.refinement
+        """Best pose of a scan: the polished guess where it is credible, else the best hypothesis.
+
+        Args:
+            reference: the local map.
+            scan: the new scan.
+            window: the feasible area; a wider one is searched when nothing in it explains the scan.
+
+        Returns:
+            The pose, credible or not.
+        """
+        n_points = len(self._points(scan))
         best: Refined | None = None
-        if config.enabled:
-            best = refine_on_points(scan_points, reference, window.T_ref_guess, config, wide=False)
-            trusted = window.translation <= self.config.hypotheses.trusted_window
-            if trusted and best.inliers >= config.credible * len(scan_points):
+        if self.config.refinement.enabled and window.translation <= self.config.hypotheses.trusted_window:
+            best = self._polished_guess(reference, scan, window)
+            if best is not None and best.inliers >= self.config.refinement.credible * n_points:
                 return best
         best = self._best_hypothesis(reference, scan, window, best)
-        if config.enabled and best.inliers < config.doubtful * len(scan_points):
+        if best is None or best.inliers < self.config.refinement.doubtful * n_points:
             wide = widened(window, self.config.hypotheses)
             best = self._best_hypothesis(reference, scan, wide, best)
-        return best
+        return best or self._judge(reference, scan, window.T_ref_guess)
 
-    def _best_hypothesis(self, reference: LocalMap, scan: Scan, window: SearchWindow, best: Refined | None) -> Refined:
+    def _polished_guess(self, reference: LocalMap, scan: Scan, window: SearchWindow) -> Refined | None:
+        """The guess polished on points, None if that leaves the window.
+
+        Where the scan slides along a weak direction until something fits by chance, the guess holds it.
+        """
+        points, config = self._points(scan), self.config.refinement
+        refined = refine_on_points(points, reference, window.T_ref_guess, config, wide=False)
+        if not window.contains(refined.T_ref_cur):
+            refined = refine_on_points(
+                points, reference, window.T_ref_guess, config, wide=False, prior_weight=_TRACKING_PRIOR
+            )
+        return refined if window.contains(refined.T_ref_cur) else None
+
+    def _best_hypothesis(
+        self, reference: LocalMap, scan: Scan, window: SearchWindow, best: Refined | None
+    ) -> Refined | None:
         """Polish the leading hypotheses inside the window; a new one must be clearly better than `best`."""
         observation = self.observe(scan)
+        config = self.config.hypotheses
         hypotheses, ranking = self.rank(reference, observation, window)
-        lead = ranking.correlations[ranking.order[0]]
-        for rank, index in enumerate(distinct(hypotheses, ranking.order, self.config.hypotheses.candidates)):
-            if rank > 0 and ranking.correlations[index] < _CLEAR_LEAD * lead:
-                break
-            refined = self.refine(reference, observation, hypotheses[index])
-            if best is None or refined.inliers > _CLEARLY_MORE * best.inliers:
-                best = refined
-        assert best is not None
-        return best
+        least = config.lead * ranking.correlations[ranking.order[0]]
+        chosen = distinct(hypotheses, ranking.order, config.candidates)
+        polished = [self.refine(reference, scan, hypotheses[k]) for k in chosen if ranking.correlations[k] >= least]
+        inside = [refined for refined in polished if window.contains(refined.T_ref_cur)]
+        if not inside:
+            return best
+        found = self._choose(reference, scan, inside)
+        return found if best is None or found.support > _CLEARLY_MORE * best.support else best
 
-    def alternatives(
-        self,
-        reference: LocalMap,
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> list[NDArray[np.float64]]:
-        """Distinct polished poses inside the window, the best ranked first: more than one means an ambiguous place."""
-        window = search_window(T_ref_guess, covariance_guess, self.config.hypotheses)
-        observation = self.observe(scan)
-        hypotheses, ranking = self.rank(reference, observation, window)
-        leading = distinct(hypotheses, ranking.order, self.config.hypotheses.alternatives)
-        least = self.config.refinement.min_inliers * len(observation.points)
-        polished = [self.refine(reference, observation, hypotheses[index]) for index in leading]
-        credible = sorted((r for r in polished if r.inliers >= least), key=lambda r: -r.inliers)
-        poses = np.array([r.T_ref_cur for r in credible]).reshape(-1, 3)
-        return [poses[index] for index in distinct(poses, np.arange(len(poses)), len(poses))]
+    def _choose(self, reference: LocalMap, scan: Scan, polished: list[Refined]) -> Refined:
+        """The pose that explains most: points on the reference, less where the scan looks through the reference."""
+        most = max(refined.support for refined in polished)
+        leading = [refined for refined in polished if refined.support >= _COMPARABLE * most]
+        if len(leading) == 1:
+            return leading[0]
+        scores = []
+        for refined in leading:
+            seen, contradicted = view(scan, reference, refined.T_ref_cur)
+            scores.append(refined.support * (seen + _EVEN_ODDS) / (seen + contradicted + _EVEN_ODDS))
+        return leading[int(np.argmax(scores))]
 
     def rank(
         self, reference: LocalMap, observation: Observation, window: SearchWindow
@@ -206,15 +228,36 @@ class IceMatcher:
         config = self.config.hypotheses
         hypotheses = window.T_ref_guess[None, :]
         if self.config.use_features:
-            hypotheses = pair_hypotheses(observation.features, reference.feature_rows, window, config)
-        if config.fitness == "points":
-            return hypotheses, rank_by_points(
-                observation.points, reference, hypotheses, config.ranking_points, config.field_sigma
-            )
-        return hypotheses, rank_by_features(observation.features, reference.feature_rows, hypotheses, config.fitness)
+            if config.search == "exhaustive":
+                hypotheses = grid_hypotheses(window, config)
+            elif config.search == "evolutionary":
+                hypotheses = evolve_hypotheses(window, partial(self._fitness, reference, observation), config)
+            else:
+                hypotheses = pair_hypotheses(observation.features, reference.feature_rows, window, config)
+        return hypotheses, self._ranking(reference, observation, hypotheses, sift=True)
 
-    def refine(self, reference: LocalMap, observation: Observation, T_ref_start: NDArray[np.float64]) -> Refined:
+    def _ranking(
+        self, reference: LocalMap, observation: Observation, hypotheses: NDArray[np.float64], *, sift: bool
+    ) -> Ranking:
+        config = self.config.hypotheses
+        if config.fitness == "points":
+            return rank_by_points(observation.points, reference, hypotheses, config, sift=sift)
+        return rank_by_features(observation.features, reference.feature_rows, hypotheses, config.fitness)
+
+    def _fitness(
+        self, reference: LocalMap, observation: Observation, hypotheses: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """One number per hypothesis that orders them as the ranking does."""
+        ranking = self._ranking(reference, observation, hypotheses, sift=False)
+        counts = ranking.counts if self.config.hypotheses.fitness == "paper" else 0
+        return np.asarray(counts + ranking.correlations, dtype=np.float64)
+
+    def refine(self, reference: LocalMap, scan: Scan, T_ref_start: NDArray[np.float64]) -> Refined:
         """Polish one hypothesis on points, or on features when point refinement is switched off."""
         if self.config.refinement.enabled:
-            return refine_on_points(observation.points, reference, T_ref_start, self.config.refinement, wide=True)
-        return polish_on_features(observation.features, reference.feature_rows, T_ref_start)
+            return refine_on_points(self._points(scan), reference, T_ref_start, self.config.refinement, wide=True)
+        pose, _ = polish_on_features(self.observe(scan).features, reference.feature_rows, T_ref_start)
+        return self._judge(reference, scan, pose)
+
+    def _judge(self, reference: LocalMap, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Refined:
+        return evaluate_points(self._points(scan), reference, T_ref_cur, self.config.refinement)

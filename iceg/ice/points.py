@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Scan
-from iceg.ice import _field_kernels as kernels
+from iceg.ice import _point_kernels as kernels
 
 _JUMP = 0.1
+"""Neighbouring points farther apart than this plus three beam spacings lie on two surfaces [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,6 +50,6 @@ def extract_points(scan: Scan, reach: float = 0.2) -> ScanPoints:
     return ScanPoints(points=points[:count], normals=normals[:count], beams=beams[:count])
 
 
-def spread(count: int, wanted: int) -> NDArray[np.int64]:
-    """Indices of at most `wanted` of `count` items, evenly spread."""
-    return np.linspace(0, count - 1, min(count, wanted)).astype(np.int64)
+def range_noise(scan_points: ScanPoints) -> float:
+    """Standard deviation of the points across the surfaces they lie on [m], from the scan itself; 0 if unknown."""
+    return float(kernels.range_noise(scan_points.points, scan_points.beams))

@@ -5,34 +5,39 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from iceg.ice import _field_kernels as field_kernels
 from iceg.ice import _hypothesis_kernels as hypothesis_kernels
+from iceg.ice import _refinement_kernels as kernels
 from iceg.ice.config import RefinementConfig
 from iceg.ice.features import FeatureRows
-from iceg.ice.local_map import LocalMap
+from iceg.ice.local_map import LocalMap, NearestField
 from iceg.ice.points import ScanPoints
 
 FACING = 0.3
 """Least cosine between the normals of a point and of its surfel."""
 _ANY_FACING = -2.0
+_COARSE_SCALE = 0.15
 _COARSE_ITERATIONS = 10
+_COARSE_POINTS = 120
+"""The wide stage needs no more points than this."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Refined:
-    """A polished pose.
+    """A polished pose, and how the points of the scan lie on the reference there.
 
     Attributes:
         T_ref_cur: (3,) the pose.
-        inliers: points (or features) that agree.
-        used: points (or features) that found a partner.
-        residual: weighted root mean square of the point-to-line distances [m]; NaN for features.
-        hessian: (3, 3) Σ w JᵀJ in the reference frame, rotation about the robot; unit residual variance for points.
+        inliers: points that agree with the reference.
+        used: points that found a partner.
+        support: sum of the Cauchy weights of these, in points.
+        residual: weighted root mean square of the point-to-line distances [m].
+        hessian: (3, 3) Σ w JᵀJ in the reference frame, rotation about the robot; unit residual variance.
     """
 
     T_ref_cur: NDArray[np.float64]
     inliers: int
     used: int
+    support: float
     residual: float
     hessian: NDArray[np.float64]
 
@@ -62,55 +67,80 @@ def refine_on_points(
     start = T_ref_start
     if wide:
         start = _descend(
-            scan_points, local_map, start, config.coarse_scale, 0.15, _COARSE_ITERATIONS, prior_weight, coarse=True
+            scan_points,
+            local_map.coarse,
+            local_map.surfels,
+            start,
+            scales=(config.coarse_scale, _COARSE_SCALE),
+            iterations=_COARSE_ITERATIONS,
+            prior_weight=prior_weight,
+            facing=_ANY_FACING,
+            every=max(1, len(scan_points) // _COARSE_POINTS),
         ).T_ref_cur
     return _descend(
-        scan_points, local_map, start, 4 * config.scale, config.scale, config.iterations, prior_weight, coarse=False
+        scan_points,
+        local_map.fine,
+        local_map.surfels,
+        start,
+        scales=(4 * config.scale, config.scale),
+        iterations=config.iterations,
+        prior_weight=prior_weight,
+        facing=FACING,
     )
 
 
 def evaluate_points(
     scan_points: ScanPoints, local_map: LocalMap, T_ref_cur: NDArray[np.float64], config: RefinementConfig
 ) -> Refined:
-    """Inliers of a given pose, without moving it."""
-    return _descend(scan_points, local_map, T_ref_cur, config.scale, 2 * config.scale, 0, 0.0, coarse=False)
+    """How the points lie on the reference at a given pose, which is not moved."""
+    return _descend(
+        scan_points,
+        local_map.fine,
+        local_map.surfels,
+        T_ref_cur,
+        scales=(config.scale, config.scale),
+        iterations=0,
+        prior_weight=0.0,
+        facing=FACING,
+    )
 
 
 def _descend(
     scan_points: ScanPoints,
-    local_map: LocalMap,
+    field: NearestField,
+    surfels: NDArray[np.float64],
     start: NDArray[np.float64],
-    scale0: float,
-    scale: float,
+    *,
+    scales: tuple[float, float],
     iterations: int,
     prior_weight: float,
-    *,
-    coarse: bool,
+    facing: float,
+    every: int = 1,
 ) -> Refined:
-    field = local_map.coarse if coarse else local_map.fine
     pose, hessian = np.empty(3), np.empty((3, 3))
-    inliers, used, residual = field_kernels.refine(
+    inliers, used, support, residual = kernels.refine(
         scan_points.points,
         scan_points.normals,
+        every,
         start,
-        local_map.surfels,
+        surfels,
         field.nearest,
         field.origin,
         field.cell,
-        scale0,
-        scale,
+        scales[0],
+        scales[1],
         iterations,
         prior_weight,
-        _ANY_FACING if coarse else FACING,
+        facing,
         pose,
         hessian,
     )
-    return Refined(T_ref_cur=pose, inliers=inliers, used=used, residual=residual, hessian=hessian)
+    return Refined(T_ref_cur=pose, inliers=inliers, used=used, support=support, residual=residual, hessian=hessian)
 
 
 def polish_on_features(
     features: FeatureRows, reference: FeatureRows, T_ref_start: NDArray[np.float64], iterations: int = 8
-) -> Refined:
+) -> tuple[NDArray[np.float64], int]:
     """Least squares over the coinciding features, each weighed by both covariances (ICE without points).
 
     Args:
@@ -120,19 +150,10 @@ def polish_on_features(
         iterations: most Gauss-Newton steps.
 
     Returns:
-        The pose; its hessian is an information matrix.
+        (3,) the pose, and the number of coincidences there.
     """
-    pose, hessian = np.empty(3), np.empty((3, 3))
+    pose = np.empty(3)
     hit = hypothesis_kernels.polish_on_features(
-        features.kinds,
-        features.rows,
-        len(features),
-        reference.kinds,
-        reference.rows,
-        len(reference),
-        T_ref_start,
-        iterations,
-        pose,
-        hessian,
+        features.kinds, features.rows, reference.kinds, reference.rows, T_ref_start, iterations, pose
     )
-    return Refined(T_ref_cur=pose, inliers=hit, used=hit, residual=float("nan"), hessian=hessian)
+    return pose, hit

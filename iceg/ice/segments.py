@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from frontends.scan import Scan
 from iceg.ice import _feature_kernels as kernels
 from iceg.ice.config import SegmentConfig
-from iceg.ice.points import ScanPoints, extract_points
+from iceg.ice.points import ScanPoints, extract_points, range_noise
 
 _CAPACITY = 120
 
@@ -67,19 +67,22 @@ def extract_segments(
 
 
 def segment_rows(scan: Scan, config: SegmentConfig, scan_points: ScanPoints) -> NDArray[np.float64]:
-    """The segments as kernel rows, see `_feature_kernels`."""
+    """The segments as kernel rows, see `_feature_kernels`.
+
+    The tolerance of the split follows the scan's own noise: on a noisy laser a fixed one would cut walls to pieces.
+    """
+    noise = range_noise(scan_points)
     rows = np.empty((_CAPACITY, kernels.SEGMENT_COLUMNS))
     count = kernels.extract_segments(
         scan_points.points,
         scan_points.beams,
-        len(scan_points),
         scan.geometry.origin_robot,
         scan.geometry.resolution,
         config.gap,
-        config.split,
+        max(config.split, config.split_sigmas * noise),
         config.min_points,
         config.min_length,
-        config.range_noise,
+        max(config.range_noise, noise),
         rows,
     )
     return rows[:count]

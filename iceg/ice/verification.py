@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Scan
-from iceg.ice import _field_kernels as kernels
+from iceg.ice import _surfel_kernels as kernels
 from iceg.ice.config import RefinementConfig
 from iceg.ice.local_map import LocalMap
 from iceg.ice.points import ScanPoints
@@ -76,18 +76,23 @@ def agreement(
         The counts.
     """
     refined = evaluate_points(scan_points, local_map, T_ref_cur, config)
+    seen, contradicted = view(scan, local_map, T_ref_cur)
+    return Agreement(
+        points=len(scan_points), known=refined.used, inliers=refined.inliers, seen=seen, contradicted=contradicted
+    )
+
+
+def view(scan: Scan, local_map: LocalMap, T_ref_cur: NDArray[np.float64]) -> tuple[int, int]:
+    """How many surfels in view a scan taken at `T_ref_cur` sees, and how many its beams pass through."""
     geometry = scan.geometry
     seen, contradicted = kernels.visible_agreement(
         local_map.surfels,
         T_ref_cur,
-        geometry.origin_robot,
-        geometry.T_robot_laser[2],
+        geometry.T_robot_laser,
         geometry.bearings[0],
         geometry.resolution,
         scan.ranges,
         _NEAR,
         _MARGIN,
     )
-    return Agreement(
-        points=len(scan_points), known=refined.used, inliers=refined.inliers, seen=seen, contradicted=contradicted
-    )
+    return seen, contradicted

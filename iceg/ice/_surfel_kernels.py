@@ -1,0 +1,185 @@
+"""Compiled loops of a local map: its surfels, the fields of nearest surfels, and which of them a scan sees.
+
+A *surfel* is the mean of the reference points that fall into one small cell and face the same way, with their mean
+normal. A *field* stores for every cell of a regular grid which surfel is nearest, so that a correspondence costs one
+look-up.
+"""
+
+from math import atan2, cos, floor, hypot, sin
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+F32 = NDArray[np.float32]
+F64 = NDArray[np.float64]
+I32 = NDArray[np.int32]
+
+_SAME_FACING = 0.6
+_CROWDED = 0.3
+_NEAREST_JUDGED = 0.3
+_FLATTEST = 0.25
+
+
+@njit(cache=True)
+def add_surfels(
+    points: F64, normals: F64, pose: F64, origin: F64, cell: float, table: I32, sums: F64, n_surfels: int
+) -> int:
+    """Add one scan's points to the surfel sums.
+
+    Args:
+        points: (n, 2) in the robot frame [m].
+        normals: (n, 2); points without a normal are left out.
+        pose: (3,) T_ref_robot.
+        origin: (2,) lower left corner of the table [m].
+        cell: width of its cells [m].
+        table: (ny, nx, 2) surfels of each cell, one per facing, -1 where none; extended in place.
+        sums: (capacity, 5) Σx, Σy, Σnx, Σny, count; extended in place.
+        n_surfels: how many there are so far.
+
+    Returns:
+        The new number of surfels.
+    """
+    c, s = cos(pose[2]), sin(pose[2])
+    ny, nx = table.shape[0], table.shape[1]
+    for i in range(len(points)):
+        if normals[i, 0] == 0.0 and normals[i, 1] == 0.0:
+            continue
+        x = pose[0] + c * points[i, 0] - s * points[i, 1]
+        y = pose[1] + s * points[i, 0] + c * points[i, 1]
+        u, v = floor((x - origin[0]) / cell), floor((y - origin[1]) / cell)
+        if u < 0 or v < 0 or u >= nx or v >= ny:
+            continue
+        mx, my = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
+        for slot in range(2):
+            k = table[v, u, slot]
+            if k < 0:
+                k = n_surfels
+                n_surfels += 1
+                table[v, u, slot] = k
+                sums[k] = 0.0
+            elif sums[k, 2] * mx + sums[k, 3] * my <= _SAME_FACING * sums[k, 4]:
+                continue
+            sums[k, 0] += x
+            sums[k, 1] += y
+            sums[k, 2] += mx
+            sums[k, 3] += my
+            sums[k, 4] += 1.0
+            break
+    return n_surfels
+
+
+@njit(cache=True)
+def mean_surfels(sums: F64, count: int, surfels: F64) -> None:
+    """Turn sums into surfels: mean x, y and unit normal."""
+    for k in range(count):
+        n = sums[k, 4]
+        norm = hypot(sums[k, 2], sums[k, 3])
+        surfels[k, 0], surfels[k, 1] = sums[k, 0] / n, sums[k, 1] / n
+        surfels[k, 2], surfels[k, 3] = sums[k, 2] / norm, sums[k, 3] / norm
+
+
+@njit(cache=True)
+def stamp_field(
+    surfels: F64,
+    start: int,
+    end: int,
+    origin: F64,
+    cell: float,
+    radius: float,
+    nearest: I32,
+    distance2: F32,
+    thin: bool,
+) -> None:
+    """Write into every cell within a radius of surfels[start:end] the index of the nearest one.
+
+    Args:
+        surfels: (n, 4) x, y and unit normal.
+        start: first new one.
+        end: one past the last.
+        origin: (2,) lower left corner of the field [m].
+        cell: width of its cells [m].
+        radius: how far a surfel is noted [m].
+        nearest: (ny, nx) changed in place.
+        distance2: (ny, nx) squared distance from the centre of the cell [m²], changed in place.
+        thin: leave out a surfel whose own cell already holds one closer than a cell's width.
+    """
+    ny, nx = nearest.shape
+    span = int(radius / cell) + 1
+    reach2 = radius * radius
+    for k in range(start, end):
+        x = (surfels[k, 0] - origin[0]) / cell - 0.5
+        y = (surfels[k, 1] - origin[1]) / cell - 0.5
+        u, v = floor(x + 0.5), floor(y + 0.5)
+        if u < 0 or v < 0 or u >= nx or v >= ny:
+            continue
+        if thin and nearest[v, u] >= 0 and distance2[v, u] < _CROWDED * cell * cell:
+            continue
+        for b in range(max(0, v - span), min(ny, v + span + 1)):
+            dy = (b - y) * cell
+            for a in range(max(0, u - span), min(nx, u + span + 1)):
+                dx = (a - x) * cell
+                d2 = dx * dx + dy * dy
+                if d2 <= reach2 and (nearest[b, a] < 0 or d2 < distance2[b, a]):
+                    distance2[b, a] = d2
+                    nearest[b, a] = k
+
+
+@njit(cache=True)
+def visible_agreement(
+    surfels: F64,
+    pose: F64,
+    T_robot_laser: F64,
+    first_bearing: float,
+    resolution: float,
+    ranges: F32,
+    reach: float,
+    margin: float,
+) -> tuple[int, int]:
+    """Count the surfels a scan taken at a pose should see: those where a beam ends, and those it looks through.
+
+    Args:
+        surfels: (n, 4) x, y and unit normal in the reference frame.
+        pose: (3,) T_ref_robot.
+        T_robot_laser: (3,) mount of the laser.
+        first_bearing: of the first beam in the laser frame [rad].
+        resolution: angle between two beams [rad].
+        ranges: (n_beams,) [m], NaN without return.
+        reach: surfels farther than this from the laser are not judged [m].
+        margin: a beam that ends within this of a surfel sees it; when its own beam and both neighbours end farther
+            behind it, it is contradicted [m].
+
+    Returns:
+        How many are seen and how many are contradicted.
+    """
+    c, s = cos(pose[2]), sin(pose[2])
+    lx = pose[0] + c * T_robot_laser[0] - s * T_robot_laser[1]
+    ly = pose[1] + s * T_robot_laser[0] + c * T_robot_laser[1]
+    c, s = cos(pose[2] + T_robot_laser[2]), sin(pose[2] + T_robot_laser[2])
+    seen, contradicted = 0, 0
+    for k in range(len(surfels)):
+        dx, dy = surfels[k, 0] - lx, surfels[k, 1] - ly
+        if abs(dx) > reach or abs(dy) > reach:
+            continue
+        d = hypot(dx, dy)
+        # Only surfaces that face the laser, and not too flat.
+        if d < _NEAREST_JUDGED or d > reach or dx * surfels[k, 2] + dy * surfels[k, 3] > -_FLATTEST * d:
+            continue
+        bearing = atan2(-s * dx + c * dy, c * dx + s * dy)
+        b = floor((bearing - first_bearing) / resolution + 0.5)
+        if b < 1 or b >= len(ranges) - 1:
+            continue
+        behind, at = 0, 0
+        for q in range(b - 1, b + 2):
+            r = ranges[q]
+            if np.isnan(r):
+                continue
+            if abs(r - d) <= margin:
+                at += 1
+            elif r > d:
+                behind += 1
+        if at > 0:
+            seen += 1
+        elif behind == 3:
+            contradicted += 1
+    return seen, contradicted
