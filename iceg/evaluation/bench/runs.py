@@ -15,7 +15,13 @@ from iceg.evaluation.bench.tables import Row
 from iceg.evaluation.errors import EvaluationError
 from iceg.results import read_summary
 
-MODES: dict[str, tuple[str, ...]] = {"default": (), "no loops": ("--loops.no-enabled",)}
+MODES: dict[str, tuple[str, ...]] = {
+    "default": (),
+    "no loops": ("--loops.no-enabled",),
+    "recent scans": ("--loops.no-enabled", "--loops.no-revisits", "--finish.no-enabled"),
+}
+"""Flags of each mode: as it comes; the local reference may still hold what was seen before while the drift is small;
+recent key scans only."""
 _ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 
 
