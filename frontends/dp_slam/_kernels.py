@@ -1,0 +1,649 @@
+"""DP-SLAM, compiled: beams through shared maps, the ancestry tree, culling and resampling.
+
+Maps. All particles share one grid. A cell holds a list of observations, at most one per node of the ancestry tree; a
+particle's view of a cell is the observation of its nearest ancestor (itself included) that has one there.
+
+Layouts, all indices int32, −1 for none:
+    heads     (cells,)        first observation of each cell
+    owners    (capacity,)     node that made an observation
+    places    (capacity,)     its cell
+    in_cell   (capacity,)     next observation of the same cell, or next free one
+    of_node   (capacity,)     next observation of the same node
+    evidence  (capacity, 2)   float32: stops, and path through the cell [cells]
+    pool      (2,)            first free observation, number of free ones
+    parents, children, firsts (nodes,)   parent, number of children and first observation of each node;
+                              children −1 marks a node that is not in use
+
+Caches of one generation, valid as long as the tree does not change:
+    row_of    (cells,)        row of `rows` that holds each particle's observation of a cell
+    view_of   (cells,)        what all particles see: `_UNSEEN`, `_EMPTY`, `_UNKNOWN` or a row of `densities`
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+_UNSEEN, _EMPTY, _UNKNOWN = -1, -2, -3
+_FAR = 40.0  # squared error over twice the variance from which on a stop cannot have caused the reading
+
+
+@njit(cache=True)
+def tree_order(parents: NDArray[np.int32], children: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Nodes in use, parents before children."""
+    depth = np.zeros(len(parents), np.int32)
+    used = 0
+    for node in range(len(parents)):
+        if children[node] < 0:
+            continue
+        used += 1
+        above = parents[node]
+        while above >= 0:
+            depth[node] += 1
+            above = parents[above]
+    order = np.empty(used, np.int32)
+    n = 0
+    level = 0
+    while n < used:
+        for node in range(len(parents)):
+            if children[node] >= 0 and depth[node] == level:
+                order[n] = node
+                n += 1
+        level += 1
+    return order
+
+
+@njit(cache=True)
+def _gather(
+    cell: int,
+    heads: NDArray[np.int32],
+    owners: NDArray[np.int32],
+    in_cell: NDArray[np.int32],
+    parents: NDArray[np.int32],
+    order: NDArray[np.int32],
+    leaves: NDArray[np.int32],
+    scratch: NDArray[np.int32],
+    row: NDArray[np.int32],
+) -> None:
+    """Each particle's observation of a cell, down the tree: one's own, or else the parent's."""
+    for node in order:
+        scratch[node] = -1
+    observation = heads[cell]
+    while observation >= 0:
+        scratch[owners[observation]] = observation
+        observation = in_cell[observation]
+    for node in order:
+        if scratch[node] < 0 and parents[node] >= 0:
+            scratch[node] = scratch[parents[node]]
+    for particle in range(len(leaves)):
+        row[particle] = scratch[leaves[particle]]
+
+
+@njit(cache=True)
+def _look(
+    cell: int,
+    heads: NDArray[np.int32],
+    owners: NDArray[np.int32],
+    in_cell: NDArray[np.int32],
+    evidence: NDArray[np.float32],
+    parents: NDArray[np.int32],
+    order: NDArray[np.int32],
+    leaves: NDArray[np.int32],
+    scratch: NDArray[np.int32],
+    row_of: NDArray[np.int32],
+    rows: NDArray[np.int32],
+    view_of: NDArray[np.int32],
+    viewed: NDArray[np.int32],
+    densities: NDArray[np.float32],
+    counts: NDArray[np.int64],
+) -> None:
+    """Fill in what all particles see of a cell."""
+    viewed[counts[1]] = cell
+    counts[1] += 1
+    if heads[cell] < 0:
+        view_of[cell] = _UNKNOWN
+        return
+    n = len(leaves)
+    known, stops = 0, False
+    slot = counts[2]
+    if row_of[cell] >= 0:
+        row = rows[row_of[cell]]
+    else:
+        row = scratch[len(scratch) - n :]
+        _gather(cell, heads, owners, in_cell, parents, order, leaves, scratch, row)
+    for particle in range(n):
+        observation = row[particle]
+        if observation < 0:
+            densities[slot, particle] = -1.0
+        else:
+            known += 1
+            density = evidence[observation, 0] / evidence[observation, 1]
+            densities[slot, particle] = density
+            stops = stops or density > 0.0
+    if known == n and not stops:
+        view = _EMPTY
+    elif known == 0:
+        view = _UNKNOWN
+    else:
+        view = slot
+        counts[2] += 1
+    view_of[cell] = view
+
+
+@njit(cache=True)
+def _see(
+    x: float,
+    y: float,
+    ux: float,
+    uy: float,
+    begin: float,
+    end: float,
+    shape: tuple[int, int],
+    heads: NDArray[np.int32],
+    owners: NDArray[np.int32],
+    in_cell: NDArray[np.int32],
+    evidence: NDArray[np.float32],
+    parents: NDArray[np.int32],
+    order: NDArray[np.int32],
+    leaves: NDArray[np.int32],
+    scratch: NDArray[np.int32],
+    row_of: NDArray[np.int32],
+    rows: NDArray[np.int32],
+    view_of: NDArray[np.int32],
+    viewed: NDArray[np.int32],
+    densities: NDArray[np.float32],
+    counts: NDArray[np.int64],
+) -> bool:
+    """Fill in what all particles see along a beam; False when the caches are full."""
+    column, row, next_x, next_y, per_x, per_y = _enter(x, y, ux, uy, begin)
+    step_x, step_y = (1 if ux > 0.0 else -1), (1 if uy > 0.0 else -1)
+    t = begin
+    while t < end:
+        if 0 <= row < shape[0] and 0 <= column < shape[1]:
+            cell = row * shape[1] + column
+            if view_of[cell] == _UNSEEN:
+                if counts[1] >= len(viewed) or counts[2] >= len(densities):
+                    return False
+                _look(
+                    cell,
+                    heads,
+                    owners,
+                    in_cell,
+                    evidence,
+                    parents,
+                    order,
+                    leaves,
+                    scratch,
+                    row_of,
+                    rows,
+                    view_of,
+                    viewed,
+                    densities,
+                    counts,
+                )
+        t = min(next_x, next_y)
+        if next_x < next_y:
+            column += step_x
+            next_x += per_x
+        else:
+            row += step_y
+            next_y += per_y
+    return True
+
+
+@njit(cache=True)
+def _enter(x: float, y: float, ux: float, uy: float, begin: float) -> tuple[int, int, float, float, float, float]:
+    """Column and row where a beam begins, where it crosses the next column and row, and how far apart crossings are."""
+    sx, sy = x + ux * begin, y + uy * begin
+    column, row = math.floor(sx), math.floor(sy)
+    per_x = 1.0 / abs(ux) if ux != 0.0 else math.inf
+    per_y = 1.0 / abs(uy) if uy != 0.0 else math.inf
+    next_x, next_y = math.inf, math.inf
+    if ux != 0.0:
+        next_x = begin + ((column + 1 - sx) if ux > 0.0 else (sx - column)) * per_x
+    if uy != 0.0:
+        next_y = begin + ((row + 1 - sy) if uy > 0.0 else (sy - row)) * per_y
+    return column, row, next_x, next_y, per_x, per_y
+
+
+@njit(cache=True)
+def _beam(
+    x: float,
+    y: float,
+    ux: float,
+    uy: float,
+    begin: float,
+    end: float,
+    reading: float,
+    passes_through: bool,
+    particle: int,
+    shape: tuple[int, int],
+    prior: float,
+    variance: float,
+    view_of: NDArray[np.int32],
+    densities: NDArray[np.float32],
+) -> float:
+    """Likelihood of a reading, Σ P(reach)·P(stop)·exp(−err²/2σ²) along the beam; −1 where a cell is not filled in.
+
+    A reading of an obstacle is normalised by the probability that the beam stops at all on the stretch; one that passed
+    through gets what is left of it at the end. Lengths in cells.
+    """
+    column, row, next_x, next_y, per_x, per_y = _enter(x, y, ux, uy, begin)
+    step_x, step_y = (1 if ux > 0.0 else -1), (1 if uy > 0.0 else -1)
+    t = begin
+    reach, likelihood = 1.0, 0.0
+    while t < end:
+        leave = min(next_x, next_y, end)
+        density = prior
+        if 0 <= row < shape[0] and 0 <= column < shape[1]:
+            view = view_of[row * shape[1] + column]
+            if view == _UNSEEN:
+                return -1.0
+            if view == _EMPTY:
+                density = 0.0
+            elif view >= 0:
+                density = densities[view, particle]
+                if density < 0.0:
+                    density = prior
+        if density > 0.0 and leave > t:
+            depth = density * (leave - t)
+            stop = reach * (depth * (1.0 - 0.5 * depth) if depth < 1e-3 else 1.0 - math.exp(-depth))
+            error = 0.5 * (t + leave) - reading
+            exponent = error * error / (2.0 * variance)
+            if exponent < _FAR:
+                likelihood += stop * math.exp(-exponent)
+            reach -= stop
+        t = leave
+        if next_x < next_y:
+            column += step_x
+            next_x += per_x
+        else:
+            row += step_y
+            next_y += per_y
+    if passes_through:
+        return likelihood + reach
+    return likelihood / (1.0 - reach) if reach < 1.0 else 0.0
+
+
+@njit(cache=True)
+def localise(
+    lasers: NDArray[np.float64],
+    particle_of: NDArray[np.int32],
+    directions: NDArray[np.float64],
+    readings: NDArray[np.float64],
+    returned: NDArray[np.bool_],
+    passes: int,
+    cull: float,
+    floor: float,
+    before: float,
+    beyond: float,
+    margin: float,
+    max_range: float,
+    shape: tuple[int, int],
+    prior: float,
+    variance: float,
+    heads: NDArray[np.int32],
+    owners: NDArray[np.int32],
+    in_cell: NDArray[np.int32],
+    evidence: NDArray[np.float32],
+    parents: NDArray[np.int32],
+    order: NDArray[np.int32],
+    leaves: NDArray[np.int32],
+    scratch: NDArray[np.int32],
+    row_of: NDArray[np.int32],
+    rows: NDArray[np.int32],
+    view_of: NDArray[np.int32],
+    viewed: NDArray[np.int32],
+    densities: NDArray[np.float32],
+    counts: NDArray[np.int64],
+    log_likelihoods: NDArray[np.float64],
+) -> int:
+    """Log-likelihood of the scan for each sample, −inf for those culled on the way.
+
+    First over a short stretch around each reading, to cull; then those left over the whole beams, culled further.
+
+    Args:
+        lasers: (n, 3) pose of the laser of each sample: x, y [cells], heading [rad].
+        particle_of: (n,) whose map a sample is judged by.
+        directions: (n_beams, 2) unit vectors of the beams at the laser.
+        readings: (n_beams,) [cells], at most `max_range`.
+        returned: (n_beams,) False where the beam passed through.
+        log_likelihoods: (n,) filled.
+
+    Returns:
+        How many samples survived the first evaluation, or −1 when the caches are full.
+    """
+    n, n_beams = len(lasers), len(readings)
+    smallest = math.log(floor)
+    alive = np.ones(n, np.bool_)
+    survivors = 0
+    for evaluation in range(2):
+        log_likelihoods[:] = 0.0
+        for first in range(passes):
+            best = -math.inf
+            for sample in range(n):
+                if not alive[sample]:
+                    continue
+                c, s = math.cos(lasers[sample, 2]), math.sin(lasers[sample, 2])
+                total = log_likelihoods[sample]
+                for beam in range(first, n_beams, passes):
+                    if evaluation == 0 and not returned[beam]:
+                        continue
+                    reading = readings[beam]
+                    if evaluation == 0:
+                        begin, end = max(0.0, reading - before), reading + beyond
+                    else:
+                        begin, end = 0.0, min(reading + margin, max_range)
+                    ux = c * directions[beam, 0] - s * directions[beam, 1]
+                    uy = s * directions[beam, 0] + c * directions[beam, 1]
+                    x, y = lasers[sample, 0], lasers[sample, 1]
+                    through = not returned[beam]
+                    particle = particle_of[sample]
+                    likelihood = _beam(
+                        x, y, ux, uy, begin, end, reading, through, particle, shape, prior, variance, view_of, densities
+                    )
+                    if likelihood < 0.0:
+                        filled = _see(
+                            x,
+                            y,
+                            ux,
+                            uy,
+                            begin,
+                            end,
+                            shape,
+                            heads,
+                            owners,
+                            in_cell,
+                            evidence,
+                            parents,
+                            order,
+                            leaves,
+                            scratch,
+                            row_of,
+                            rows,
+                            view_of,
+                            viewed,
+                            densities,
+                            counts,
+                        )
+                        if not filled:
+                            return -1
+                        likelihood = _beam(
+                            x,
+                            y,
+                            ux,
+                            uy,
+                            begin,
+                            end,
+                            reading,
+                            through,
+                            particle,
+                            shape,
+                            prior,
+                            variance,
+                            view_of,
+                            densities,
+                        )
+                    total += math.log(likelihood) if likelihood > floor else smallest
+                log_likelihoods[sample] = total
+                best = max(best, total)
+            for sample in range(n):
+                if alive[sample] and log_likelihoods[sample] < best - cull:
+                    alive[sample] = False
+        if evaluation == 0:
+            survivors = int(alive.sum())
+    for sample in range(n):
+        if not alive[sample]:
+            log_likelihoods[sample] = -math.inf
+    return survivors
+
+
+@njit(cache=True)
+def resample(
+    weights: NDArray[np.float64], uniforms: NDArray[np.float64], n_particles: int, times: NDArray[np.int64]
+) -> None:
+    """How often each sample is drawn; once `n_particles` different ones are, further draws are among these.
+
+    Args:
+        weights: (n,) not negative.
+        uniforms: (draws,) in [0, 1).
+        n_particles: most different samples.
+        times: (n,) filled.
+    """
+    times[:] = 0
+    kept = weights.copy()
+    total = kept.sum()
+    distinct = 0
+    for draw in range(len(uniforms)):
+        left = uniforms[draw] * total
+        chosen = -1
+        for sample in range(len(kept)):
+            if kept[sample] > 0.0:
+                chosen = sample
+                left -= kept[sample]
+                if left < 0.0:
+                    break
+        distinct += times[chosen] == 0
+        times[chosen] += 1
+        if distinct == n_particles:
+            for sample in range(len(kept)):
+                if times[sample] == 0:
+                    kept[sample] = 0.0
+            total = kept.sum()
+            distinct += 1
+
+
+@njit(cache=True)
+def _unlink(
+    observation: int,
+    heads: NDArray[np.int32],
+    places: NDArray[np.int32],
+    in_cell: NDArray[np.int32],
+    pool: NDArray[np.int32],
+) -> None:
+    """Take an observation out of its cell and back to the free ones."""
+    cell = places[observation]
+    at = heads[cell]
+    if at == observation:
+        heads[cell] = in_cell[observation]
+    else:
+        while in_cell[at] != observation:
+            at = in_cell[at]
+        in_cell[at] = in_cell[observation]
+    in_cell[observation] = pool[0]
+    pool[0] = observation
+    pool[1] += 1
+
+
+@njit(cache=True)
+def prune(
+    leaves: NDArray[np.int32],
+    kept: NDArray[np.int64],
+    heads: NDArray[np.int32],
+    owners: NDArray[np.int32],
+    places: NDArray[np.int32],
+    in_cell: NDArray[np.int32],
+    of_node: NDArray[np.int32],
+    evidence: NDArray[np.float32],
+    pool: NDArray[np.int32],
+    parents: NDArray[np.int32],
+    children: NDArray[np.int32],
+    firsts: NDArray[np.int32],
+) -> tuple[int, int]:
+    """Nodes without descendants die with their observations; a node with one child takes it in.
+
+    Args:
+        leaves: (n,) nodes of the particles; changed where a leaf was merged into its parent.
+        kept: (n,) how many particles of the next generation descend from each.
+
+    Returns:
+        How many nodes died, and how many were merged.
+    """
+    died, merged = 0, 0
+    for particle in range(len(leaves)):
+        if kept[particle] > 0:
+            continue
+        node = leaves[particle]
+        while node >= 0 and children[node] == 0:
+            observation = firsts[node]
+            while observation >= 0:
+                following = of_node[observation]
+                _unlink(observation, heads, places, in_cell, pool)
+                observation = following
+            above = parents[node]
+            children[node], parents[node], firsts[node] = -1, -1, -1
+            died += 1
+            if above >= 0:
+                children[above] -= 1
+            node = above
+    for child in range(len(parents)):
+        if children[child] < 0:
+            continue
+        if parents[child] >= 0 and children[parents[child]] == 1:
+            above = parents[child]
+            observation = firsts[child]
+            while observation >= 0:
+                following = of_node[observation]
+                older = heads[places[observation]]
+                while older >= 0 and owners[older] != above:
+                    older = in_cell[older]
+                if older >= 0:
+                    evidence[older, 0], evidence[older, 1] = evidence[observation, 0], evidence[observation, 1]
+                    _unlink(observation, heads, places, in_cell, pool)
+                else:
+                    owners[observation] = above
+                    of_node[observation] = firsts[above]
+                    firsts[above] = observation
+                observation = following
+            children[above] = children[child]
+            for node in range(len(parents)):
+                if parents[node] == child:
+                    parents[node] = above
+            for particle in range(len(leaves)):
+                if leaves[particle] == child:
+                    leaves[particle] = above
+            children[child], parents[child], firsts[child] = -1, -1, -1
+            merged += 1
+    return died, merged
+
+
+@njit(cache=True)
+def add_scan(
+    laser: NDArray[np.float64],
+    particle: int,
+    directions: NDArray[np.float64],
+    readings: NDArray[np.float64],
+    returned: NDArray[np.bool_],
+    shape: tuple[int, int],
+    prior_length: float,
+    heads: NDArray[np.int32],
+    owners: NDArray[np.int32],
+    places: NDArray[np.int32],
+    in_cell: NDArray[np.int32],
+    of_node: NDArray[np.int32],
+    evidence: NDArray[np.float32],
+    pool: NDArray[np.int32],
+    parents: NDArray[np.int32],
+    firsts: NDArray[np.int32],
+    order: NDArray[np.int32],
+    leaves: NDArray[np.int32],
+    scratch: NDArray[np.int32],
+    row_of: NDArray[np.int32],
+    rowed: NDArray[np.int32],
+    rows: NDArray[np.int32],
+    counts: NDArray[np.int64],
+) -> None:
+    """Add a scan to one particle's map: path through every cell up to the reading, and a stop in the last one.
+
+    A cell that the particle's own node has not observed yet gets an observation that continues its ancestor's.
+    """
+    node = leaves[particle]
+    c, s = math.cos(laser[2]), math.sin(laser[2])
+    for beam in range(len(readings)):
+        ux = c * directions[beam, 0] - s * directions[beam, 1]
+        uy = s * directions[beam, 0] + c * directions[beam, 1]
+        end = readings[beam]
+        column, row, next_x, next_y, per_x, per_y = _enter(laser[0], laser[1], ux, uy, 0.0)
+        step_x, step_y = (1 if ux > 0.0 else -1), (1 if uy > 0.0 else -1)
+        t = 0.0
+        while t < end:
+            leave = min(next_x, next_y, end)
+            if 0 <= row < shape[0] and 0 <= column < shape[1]:
+                cell = row * shape[1] + column
+                slot = row_of[cell]
+                if slot < 0:
+                    slot = counts[0]
+                    counts[0] += 1
+                    row_of[cell] = slot
+                    rowed[slot] = cell
+                    _gather(cell, heads, owners, in_cell, parents, order, leaves, scratch, rows[slot])
+                observation = rows[slot, particle]
+                if observation < 0 or owners[observation] != node:
+                    fresh = pool[0]
+                    pool[0] = in_cell[fresh]
+                    pool[1] -= 1
+                    if observation >= 0:
+                        evidence[fresh, 0], evidence[fresh, 1] = evidence[observation, 0], evidence[observation, 1]
+                    else:
+                        evidence[fresh, 0], evidence[fresh, 1] = 0.0, prior_length
+                    owners[fresh], places[fresh] = node, cell
+                    in_cell[fresh], of_node[fresh] = heads[cell], firsts[node]
+                    heads[cell], firsts[node] = fresh, fresh
+                    rows[slot, particle] = fresh
+                    observation = fresh
+                evidence[observation, 1] += leave - t
+                if leave >= end and returned[beam]:
+                    evidence[observation, 0] += 1.0
+            t = leave
+            if next_x < next_y:
+                column += step_x
+                next_x += per_x
+            else:
+                row += step_y
+                next_y += per_y
+
+
+@njit(cache=True)
+def forget(
+    counts: NDArray[np.int64],
+    row_of: NDArray[np.int32],
+    rowed: NDArray[np.int32],
+    view_of: NDArray[np.int32],
+    viewed: NDArray[np.int32],
+) -> None:
+    """Empty the caches of a generation."""
+    for k in range(counts[0]):
+        row_of[rowed[k]] = -1
+    for k in range(counts[1]):
+        view_of[viewed[k]] = _UNSEEN
+    counts[:] = 0
+
+
+@njit(cache=True)
+def densities_of(
+    leaf: int,
+    heads: NDArray[np.int32],
+    owners: NDArray[np.int32],
+    in_cell: NDArray[np.int32],
+    evidence: NDArray[np.float32],
+    parents: NDArray[np.int32],
+    densities: NDArray[np.float32],
+) -> None:
+    """Stops per cell length of one particle's map, NaN where it is unknown."""
+    height = np.full(len(parents), -1, np.int32)
+    node, level = leaf, 0
+    while node >= 0:
+        height[node] = level
+        level += 1
+        node = parents[node]
+    for cell in range(len(heads)):
+        densities[cell] = math.nan
+        nearest = level
+        observation = heads[cell]
+        while observation >= 0:
+            above = height[owners[observation]]
+            if 0 <= above < nearest:
+                nearest = above
+                densities[cell] = evidence[observation, 0] / evidence[observation, 1]
+            observation = in_cell[observation]
