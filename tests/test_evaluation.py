@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from frontends.scan import Scan
 from graph.se2 import between, compose
 from iceg.evaluation.consistency import chi_square_quantiles, consistency, nees, pose_nees
 from iceg.evaluation.errors import EvaluationError
@@ -19,7 +20,9 @@ from iceg.evaluation.relations import (
     read_relations_csv,
     relation_errors,
 )
+from iceg.evaluation.surface import correlation_surface
 from iceg.evaluation.trajectory import align, poses_of_scans, read_reference_csv, read_truth_csv, trajectory_errors
+from iceg.ice.matcher import IceMatcher
 from iceg.tables import TableError
 
 Array = NDArray[np.float64]
@@ -300,3 +303,18 @@ def test_between_is_the_relation_form(data_dir: Path) -> None:
     )
     assert relation_errors(poses, known).translation.max() == 0
     assert len(errors.translation) == len(relations) == 2237
+
+
+def test_a_correlation_surface_peaks_at_the_match_and_knows_the_corridor() -> None:
+    beams = np.radians(np.arange(-90, 91))
+    with np.errstate(divide="ignore"):
+        scan = Scan.from_ranges(1.0 / np.abs(np.sin(beams)), field_of_view=np.pi, range_max=15.0)
+    matcher = IceMatcher()
+    corridor = matcher.prepare([scan], np.zeros((1, 3)))
+    shifts, scores = correlation_surface(matcher, corridor, scan, np.zeros(3), half_width=0.1, half_cells=10)
+    assert shifts[10] == pytest.approx(0.0)
+    assert scores.shape == (21, 21)
+    assert np.abs(shifts[scores.max(axis=1).argmax()]) <= 0.01
+    across, along = scores[:, 10], scores[10]
+    assert across[0] < 0.5 * across[10]
+    assert along[0] > 0.9 * along[10]

@@ -20,6 +20,7 @@ from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
 from iceg.show import plots
 from iceg.show.plots import (
+    draw_alignment,
     draw_correlation_surface,
     draw_covariance_ellipse,
     draw_error_over_time,
@@ -174,6 +175,24 @@ def test_a_correlation_surface_with_its_covariance(ax: Axes) -> None:
     draw_correlation_surface(ax, xs, ys, scores, best=(0.0, 0.0, 0.1), covariance=np.diag([0.01, 0.0025, 1.0]))
     assert ax.images[0].get_extent() == pytest.approx((-0.31, 0.31, -0.21, 0.21))
     assert len(ax.patches) == 1
+
+
+def test_a_scan_on_its_reference_where_it_was_expected_and_matched(ax: Axes) -> None:
+    scan = Scan.from_ranges(np.full(5, 2.0), field_of_view=math.pi)
+    draw_alignment(ax, np.zeros((3, 2)), scan, np.array([1.0, 0.0, math.pi / 2]), np.zeros(3))
+    reference, expected, nose, matched, _ = (np.asarray(line.get_xydata()) for line in ax.lines)
+    assert len(reference) == 3
+    np.testing.assert_allclose(expected[0], [3.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(nose[:, 1], [0.0, 0.5], atol=1e-6)
+    np.testing.assert_allclose(matched[0], [0.0, -2.0], atol=1e-6)
+
+
+@pytest.mark.parametrize(("sheet", "beside"), [(12.0, True), (4.6, False), (1.5, False)])
+def test_the_legend_goes_below_the_scale_bar_where_it_would_overlap_it(sheet: float, beside: bool) -> None:
+    handles = 2 * plots._legend_handles(True, True, None, np.zeros((12, 2), np.int64), 3)
+    columns, lines = plots._legend_layout(handles, sheet, 1.3, "")
+    assert (lines == 0) == beside
+    assert columns * max(lines, 1) >= len(handles)
 
 
 def test_errors_beside_what_was_claimed(ax: Axes) -> None:
