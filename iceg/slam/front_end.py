@@ -1,5 +1,6 @@
 """The front end: every scan matched against the local reference of recent key scans."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -13,6 +14,7 @@ from frontends.scan import Log, Scan
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose
+from iceg.ice.verification import Agreement
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.track import KeyScan, Track
 
@@ -23,6 +25,12 @@ _ODOMETRY_SPEAKS = 0.5
 _BLIND_RANGE = 0.5
 """A scan most of whose beams end within this sees nothing: the laser is covered [m]."""
 _BLIND_SHARE = 0.8
+_FEWEST_RETURNS = 0.1
+"""A scan with a smaller share of returns sees nothing either."""
+_JUMP_DISTANCE, _JUMP_TURN, _JUMP_SIGMAS = 0.3, 0.26, 4.0
+"""A match farther from odometry than this [m, rad] and than so many standard deviations is a jump …"""
+_JUMP_FIT, _JUMP_VIEW = 0.75, 0.75
+"""… and needs this share of beams on the reference, and of the reference in view seen."""
 _LOST_AFTER = 3
 """So many key scans in a row without a match begin a new local reference."""
 _UNKNOWN_ODOMETRY = OdometryModel(
@@ -92,14 +100,30 @@ class FrontEnd:
     def _follow(self, scan: Scan, T_key_guess: NDArray[np.float64]) -> None:
         """Pose of a scan in the last key scan's frame; odometry carries it where nothing credible is found."""
         T_track_key = self.keys[-1].T_track_robot
+        guess = compose(T_track_key, T_key_guess)
         found: NDArray[np.float64] | NoMatch = NoMatch(reason="the laser is covered")
         if not _is_blind(scan):
-            found = self._track(self._reference, scan, compose(T_track_key, T_key_guess), self._motion.covariance)
+            found = self._track(self._reference, scan, guess, self._motion.covariance)
+        if not isinstance(found, NoMatch) and not self._is_plausible(scan, guess, found):
+            found = NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
         if isinstance(found, NoMatch):
             self.failures += 1
             self._T_key_robot = T_key_guess
         else:
             self._T_key_robot = between(T_track_key, found)
+
+    def _is_plausible(self, scan: Scan, guess: NDArray[np.float64], found: NDArray[np.float64]) -> bool:
+        """A pose far from the guess (odometry jumped, or the robot was carried) must explain all that is seen."""
+        x, y, turn = between(guess, found).tolist()
+        sigma_x, sigma_y, sigma_turn = np.sqrt(np.diag(self._motion.covariance)).tolist()
+        is_near = math.hypot(x, y) < max(_JUMP_DISTANCE, _JUMP_SIGMAS * max(sigma_x, sigma_y))
+        if is_near and abs(turn) < max(_JUMP_TURN, _JUMP_SIGMAS * sigma_turn):
+            return True
+        agreement = getattr(self._matcher, "agreement", None)
+        if agreement is None:
+            return True
+        support: Agreement = agreement(self._reference, scan, found)
+        return support.fit >= _JUMP_FIT and support.view >= _JUMP_VIEW
 
     def _match(self, scan: Scan) -> RelativePose | NoMatch:
         """Match with covariance from the tracked pose, expressed in the last key scan's frame."""
@@ -166,8 +190,10 @@ class FrontEnd:
 
 
 def _is_blind(scan: Scan) -> bool:
-    """Whether nearly all beams end at once: something covers the laser."""
+    """Whether nearly all beams end at once, or none returns: something covers the laser."""
     returns = scan.ranges[np.isfinite(scan.ranges)]
+    if len(returns) < _FEWEST_RETURNS * len(scan.ranges):
+        return True
     return bool(np.count_nonzero(returns < _BLIND_RANGE) > _BLIND_SHARE * len(returns))
 
 
