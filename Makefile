@@ -10,6 +10,7 @@ ARGS ?=
 
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export MPLBACKEND ?= Agg
+export ICEG_DATA ?= $(abspath ../shared/data)
 
 .PHONY: help demo bench test lint types imports pytest pytest-bounds pytest-python format clean
 .DEFAULT_GOAL := help

@@ -13,6 +13,7 @@ import tyro
 from graph.errors import IcegError
 from iceg.evaluation.bench.logs import BenchLog, find_logs
 from iceg.evaluation.bench.tables import Row, format_markdown, write_csv
+from iceg.evaluation.errors import EvaluationError
 
 Part = Literal["runs", "recall", "consistency", "ablation"]
 _SEEDS = range(5)
@@ -32,16 +33,22 @@ class Bench:
 
     def __call__(self) -> None:
         """Make the tables one after the other; each is printed and kept as soon as it is complete."""
-        data = self.data or (Path(os.environ["ICEG_DATA"]) if "ICEG_DATA" in os.environ else None)
-        logs = find_logs(data)
-        if data is None:
-            print("No folder of public logs (--data, or ICEG_DATA): the embedded log only.")
+        logs = find_logs(self._folder_of_logs())
         self.output.mkdir(parents=True, exist_ok=True)
         for part in self.parts:
             for name, rows in _PARTS[part](logs, self.output):
                 if rows:
                     print(f"\n{name.replace('-', ' ').capitalize()}\n{format_markdown(rows)}", flush=True)
                     write_csv(rows, self.output / f"{name}.csv")
+
+    def _folder_of_logs(self) -> Path | None:
+        named = self.data or (Path(os.environ["ICEG_DATA"]) if os.environ.get("ICEG_DATA") else None)
+        if self.data is not None and not self.data.is_dir():
+            raise EvaluationError(f"{self.data}: is no folder, expected one with public logs")
+        if named is None or not named.is_dir():
+            print("No folder of public logs (--data, or ICEG_DATA): the embedded log only.")
+            return None
+        return named
 
 
 def _runs(logs: list[BenchLog], output: Path) -> Iterator[tuple[str, list[Row]]]:
