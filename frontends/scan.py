@@ -128,6 +128,8 @@ class Log:
         warnings: what the reader noticed, in sentences for a person.
         skipped_lines: malformed lines passed over on request.
         message_counts: how many messages of each kind the file holds, used or not.
+        truth: (n_scans, 3) true pose of the robot at each scan, in a frame of its own, where the log holds it (a
+            simulator's does); None elsewhere.
     """
 
     ranges: NDArray[np.float32]
@@ -139,6 +141,7 @@ class Log:
     warnings: tuple[str, ...] = ()
     skipped_lines: int = 0
     message_counts: Mapping[str, int] = field(default_factory=dict)
+    truth: NDArray[np.float64] | None = None
 
     def __len__(self) -> int:
         """Number of scans."""

@@ -1,15 +1,13 @@
 """Writing a log as CARMEN's laser messages, which every tool of the field reads."""
 
-import gzip
-import io
-import os
-import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from frontends.logs.beams import Setup, find_beams
 from frontends.logs.errors import LogError
+from frontends.logs.text_output import write_text_log
 from frontends.scan import Log, ScanGeometry
 from graph.se2 import compose
 
@@ -17,6 +15,7 @@ NO_RETURN = 81.83
 """What is written where a beam had no return [m]: a SICK LMS's own mark, beyond what any tool takes for a wall."""
 
 _HEADER = "# CARMEN log\n"
+_BLOCK = 1024  # scans
 
 
 def write_carmen(path: Path | str, log: Log, *, range_decimals: int = 3) -> None:
@@ -36,28 +35,20 @@ def write_carmen(path: Path | str, log: Log, *, range_decimals: int = 3) -> None
     path = Path(path)
     if not np.allclose(np.diff(log.geometry.bearings, 2), 0.0, atol=1e-9):
         raise LogError(f"{path}: found unevenly spread beams, expected the same step between all of them")
-    text = _text(log, range_decimals).encode("ascii")
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(_compressed(text) if path.suffix == ".gz" else text)
-            Path(temporary).chmod(0o644)
-            Path(temporary).replace(path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise LogError(f"{path}: cannot be written ({error.strerror or error})") from error
+    write_text_log(path, _text(log, range_decimals))
 
 
-def _text(log: Log, range_decimals: int) -> str:
-    ranges = np.where(np.isfinite(log.ranges), log.ranges, NO_RETURN)
-    T_odom_laser = compose(log.odometry, log.geometry.T_robot_laser)
-    stamps = np.column_stack([log.stamps, log.stamps - log.stamps[:1]])
+def _text(log: Log, range_decimals: int) -> Iterator[str]:
+    """The lines, a block of scans at a time."""
     line = _line_format(log.geometry, range_decimals)
-    rows = np.column_stack([ranges, T_odom_laser, log.odometry, stamps])
-    return _HEADER + "".join(line % tuple(row) for row in rows.tolist())
+    yield _HEADER
+    for start in range(0, len(log), _BLOCK):
+        block = slice(start, start + _BLOCK)
+        ranges = np.where(np.isfinite(log.ranges[block]), log.ranges[block], NO_RETURN)
+        T_odom_laser = compose(log.odometry[block], log.geometry.T_robot_laser)
+        stamps = np.column_stack([log.stamps[block], log.stamps[block] - log.stamps[:1]])
+        rows = np.column_stack([ranges, T_odom_laser, log.odometry[block], stamps])
+        yield "".join(line % tuple(row) for row in rows.tolist())
 
 
 def _line_format(geometry: ScanGeometry, range_decimals: int) -> str:
@@ -83,11 +74,3 @@ def _line_format(geometry: ScanGeometry, range_decimals: int) -> str:
             *stamps,
         ]
     return " ".join(words) + "\n"
-
-
-def _compressed(text: bytes) -> bytes:
-    """Gzip without name and time of day: the same log gives the same bytes."""
-    buffer = io.BytesIO()
-    with gzip.GzipFile(filename="", mode="wb", fileobj=buffer, mtime=0) as file:
-        file.write(text)
-    return buffer.getvalue()

@@ -9,6 +9,7 @@ from frontends.logs.carmen import is_carmen, read_carmen
 from frontends.logs.dpslam import is_dpslam, read_dpslam
 from frontends.logs.errors import LogError
 from frontends.logs.text import TextLog
+from frontends.logs.usarsim import is_usarsim, read_usarsim
 from frontends.scan import Log
 
 
@@ -28,6 +29,7 @@ class Reader:
 READERS: dict[str, Reader] = {
     "carmen": Reader(read=read_carmen, recognises=is_carmen),
     "dpslam": Reader(read=read_dpslam, recognises=is_dpslam),
+    "usarsim": Reader(read=read_usarsim, recognises=is_usarsim),
 }
 """Every format that can be read, by the name that chooses it."""
 

@@ -1,19 +1,32 @@
-"""What a simulation leaves behind: the log in CARMEN's format and the truth."""
+"""What a simulation leaves behind: the log in the formats of CARMEN and USARSim, and the truth."""
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from frontends.logs.carmen import write_carmen
+from frontends.logs.usarsim import write_usarsim
 from frontends.simulator.files import write_atomically
 from frontends.simulator.simulation import Simulation
+from frontends.simulator.world import SimulatorError
 
 
 def write_simulation(directory: Path, simulation: Simulation) -> None:
-    """Write `log.clf` and `truth.csv` into a folder, made if it is not there."""
-    directory.mkdir(parents=True, exist_ok=True)
+    """Write `log.clf`, `log.usarsim` and `truth.csv` into a folder, made if it is not there.
+
+    The USARSim log holds the truth as well, as that simulator's logs do.
+
+    Raises:
+        SimulatorError: the folder cannot be made.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise SimulatorError(f"{directory}: the folder cannot be made ({error.strerror or error})") from error
     write_carmen(directory / "log.clf", simulation.log)
+    write_usarsim(directory / "log.usarsim", replace(simulation.log, truth=simulation.truth))
     write_truth(directory / "truth.csv", simulation)
 
 

@@ -1,0 +1,37 @@
+"""Text logs written piece by piece, compressed when the name says so, and whole or not at all."""
+
+import gzip
+import os
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+
+from frontends.logs.errors import LogError
+
+
+def write_text_log(path: Path, pieces: Iterable[str]) -> None:
+    """Write ASCII text, gzip when `path` ends with .gz; the same text gives the same bytes.
+
+    Args:
+        path: replaced as a whole when all is written.
+        pieces: of the text, in order.
+
+    Raises:
+        LogError: the file cannot be written.
+    """
+    try:
+        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                if path.suffix == ".gz":
+                    with gzip.GzipFile(filename="", mode="wb", fileobj=file, mtime=0) as packed:
+                        packed.writelines(piece.encode("ascii") for piece in pieces)
+                else:
+                    file.writelines(piece.encode("ascii") for piece in pieces)
+            Path(temporary).chmod(0o644)
+            Path(temporary).replace(path)
+        except BaseException:
+            Path(temporary).unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        raise LogError(f"{path}: cannot be written ({error.strerror or error})") from error

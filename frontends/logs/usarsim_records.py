@@ -1,0 +1,130 @@
+"""One pass through a USARSim log: scans, poses, and what it says about its lasers."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.logs.errors import MalformedLineError
+from frontends.logs.sensor_poses import SensorPoses
+from frontends.logs.text import Line, TextLog
+from frontends.logs.usarsim_messages import Message, parse_message, parse_sensors
+
+LASER = "rangescanner"
+POSES = {"odometry": "Odometry", "ins": "INS", "groundtruth": "GroundTruth"}
+"""The types of messages that hold a pose, as they are looked up and as they are called."""
+
+
+@dataclass(slots=True, kw_only=True)
+class Sweeps:
+    """The scans of one range scanner, row by row as they stand in the file."""
+
+    ranges: list[NDArray[np.float32]] = field(default_factory=list)
+    setups: list[tuple[int, float, float]] = field(default_factory=list)  # beams, FOV and resolution [rad]
+    stamps: list[float] = field(default_factory=list)
+    places: list[int] = field(default_factory=list)
+
+
+@dataclass(slots=True, kw_only=True)
+class Records:
+    """What the lines of a log held. Places count all messages from the beginning of the file.
+
+    Attributes:
+        sweeps: by name of the range scanner.
+        poses: by type of message.
+        limits: MinRange, MaxRange and Fov that CONF says, by name of the range scanner.
+        mounts: x, y, roll and yaw that GEO says, likewise.
+        counts: messages by kind.
+        skipped: malformed lines passed over.
+        first_skipped: what was wrong with the first of them, and where.
+        warnings: what a person should know.
+    """
+
+    sweeps: dict[str, Sweeps] = field(default_factory=dict)
+    poses: dict[str, SensorPoses] = field(default_factory=lambda: {name: SensorPoses() for name in POSES})
+    limits: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    mounts: dict[str, tuple[float, float, float, float]] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
+    skipped: int = 0
+    first_skipped: str = ""
+    warnings: list[str] = field(default_factory=list)
+
+
+def collect(path: Path, *, skip_bad_lines: bool) -> Records:
+    """Go through the log once."""
+    records = Records()
+    source = TextLog(path)
+    now = 0.0
+    for line in source.lines():
+        try:
+            message = parse_message(line)
+            if message is None:
+                continue
+            now = message.number("time", now)
+            _record(records, message, line, now)
+        except MalformedLineError as error:
+            if not line.terminated:
+                records.warnings.append(f"the last line is cut off and left out (line {line.number}: {error})")
+            elif skip_bad_lines:
+                records.skipped += 1
+                records.first_skipped = records.first_skipped or str(error.at(path, line.number))
+            else:
+                raise error.at(path, line.number) from None
+    if source.cut_off:
+        records.warnings.append("the compressed file is cut off; all that could be unpacked is used")
+    return records
+
+
+def _record(records: Records, message: Message, line: Line, now: float) -> None:
+    place = records.counts.total()
+    kind, of_type = message.kind, message.type
+    if kind == "SEN" and not of_type:
+        raise MalformedLineError("a SEN message without {Type}", "the type of its sensor")
+    if kind == "SEN" and of_type == LASER:
+        for sensor in parse_sensors(line) if line.text.lower().count(b"range") > 2 else [message]:
+            _record_sweep(records, sensor, now, place)
+    elif kind == "SEN" and of_type in POSES:
+        records.poses[of_type].add(_pose(message), message.number("time"), place)
+    elif kind in {"CONF", "GEO"} and of_type == LASER:
+        for sensor in parse_sensors(line):
+            if kind == "CONF":
+                limits = [sensor.number(key) for key in ("minrange", "maxrange", "fov")]
+                records.limits[sensor.text("name")] = (limits[0], limits[1], limits[2])
+            else:
+                records.mounts[sensor.text("name")] = _mount(records, sensor)
+    records.counts[f"{kind} {message.text('type')}".strip()] += 1
+
+
+def _record_sweep(records: Records, sensor: Message, now: float, place: int) -> None:
+    ranges = sensor.numbers("range")
+    setup = (len(ranges), sensor.number("fov"), sensor.number("resolution"))
+    sweeps = records.sweeps.setdefault(sensor.text("name"), Sweeps())
+    sweeps.ranges.append(ranges.astype(np.float32))
+    sweeps.setups.append(setup)
+    sweeps.stamps.append(now)
+    sweeps.places.append(place)
+
+
+def _pose(message: Message) -> tuple[float, float, float]:
+    """x, y [m] and heading [rad] as recorded."""
+    if "pose" in message.fields:
+        x, y, heading = message.numbers("pose", 3).tolist()
+    else:
+        (x, y, _), (_, _, heading) = (message.numbers(key, 3).tolist() for key in ("location", "orientation"))
+    if not np.isfinite((x, y, heading)).all():
+        raise MalformedLineError(f"{x} {y} {heading}", "a finite pose")
+    return x, y, heading
+
+
+def _mount(records: Records, sensor: Message) -> tuple[float, float, float, float]:
+    (x, y, _), (roll, _, yaw) = (sensor.numbers(key, 3).tolist() for key in ("location", "orientation"))
+    if not np.isfinite((x, y, roll, yaw)).all():
+        raise MalformedLineError(f"{x} {y} {roll} {yaw}", "a finite mounting")
+    base = sensor.text("mount")
+    if base.lower() not in {"", "hard", "platform", "robot"}:
+        records.warnings.append(
+            f"the laser {sensor.text('name')} is mounted on '{base}', whose own place on the robot is left out"
+        )
+    return x, y, roll, yaw
