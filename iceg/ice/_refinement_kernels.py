@@ -345,7 +345,7 @@ def moments(costs: F64, best: float, per_cost: float, steps: F64, second: F64, e
     for a in range(3):
         for b in range(3):
             second[a, b] = second[a, b] / total - mean[a] * mean[b] / (total * total)
-        second[a, a] += (0.1 * steps[a]) ** 2
+        second[a, a] += steps[a] ** 2 / 12.0
         edges[a] /= total
     costs /= total
 
@@ -365,6 +365,7 @@ def score_covariance(
     hessian: F64,
     sigma: float,
     share: float,
+    temperature: float,
     spacing: float,
     min_step: float,
     max_step: float,
@@ -392,7 +393,8 @@ def score_covariance(
         hessian: (3, 3) in the reference frame, unit residual variance.
         sigma: standard deviation of a residual [m].
         share: of the points that count as independent.
-        spacing: of the grid, in standard deviations of the Hessian's Gaussian.
+        temperature: the scores are flattened by it, their second moment is divided by it.
+        spacing: of the grid, in standard deviations of the flattened Hessian's Gaussian.
         min_step: least spacing [m or rad] …
         max_step: … and largest.
         edge_mass: with more weight than this on the edge of the largest grid a direction is unobservable.
@@ -406,7 +408,7 @@ def score_covariance(
     c, s = cos(pose[2]), sin(pose[2])
     turn = np.zeros((3, 3))
     turn[0, 0], turn[0, 1], turn[1, 0], turn[1, 1], turn[2, 2] = c, -s, s, c, 1.0
-    precision = share / (sigma * sigma)
+    precision = share / (temperature * sigma * sigma)
     information = np.zeros((3, 3))
     for a in range(3):
         for b in range(3):
@@ -422,8 +424,9 @@ def score_covariance(
     best = score_grid(
         points, normals, n_picks, surfels, nearest, origin, cell, scale, facing, pose, axes, steps, weights
     )
-    per_cost = 0.5 * (scale / sigma) ** 2 * share * len(points) / n_picks
+    per_cost = 0.5 * (scale / sigma) ** 2 * share / temperature * len(points) / n_picks
     moments(weights, best, per_cost, steps, second, edges)
+    second /= temperature
     for a in range(3):
         weak[a] = edges[a] > edge_mass and steps[a] >= 0.999 * max_step
         if weak[a]:

@@ -14,9 +14,13 @@ from iceg.ice.refinement import FACING, Refined
 _SIDE = 5
 """Poses of the grid along each axis."""
 _SPACING = 1.25
-"""Grid spacing in standard deviations of the Hessian's Gaussian."""
+"""Grid spacing in standard deviations of the flattened Hessian's Gaussian."""
 _MIN_STEP = 5e-4
-_EDGE_MASS = 0.2
+_TEMPERATURE = 6.0
+"""The scores are taken this much flatter and their second moment is divided by it: the costs are rough on the scale
+of the peak itself (correspondences change), and a single low one must not pass for certainty."""
+_EDGE_MASS = 0.25
+"""Share of the weight on the edge of the widest grid from which on a direction counts as unobservable."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,9 +47,10 @@ def score_covariance(
 ) -> ScoreCovariance:
     """Weigh a grid of poses around the optimum by its scores; Σ = K/s − uuᵀ/s².
 
-    The grid lies along the principal directions of the Hessian, two and a half standard deviations to each side, so
-    that it resolves the peak whatever its shape. Where the weights do not vanish at the edge of the largest window
-    the direction is unobservable: it is reported and given a variance that leaves it to odometry.
+    The grid lies along the principal directions of the Hessian, two and a half standard deviations of the flattened
+    scores to each side, so that it resolves the peak whatever its shape. Where the weights do not vanish at the edge
+    of the largest window the direction is unobservable: it is reported and given a variance that leaves it to
+    odometry.
 
     A score counts as much as the residuals deserve: their size, and how far neighbouring points agree in them. White
     residuals are noise, and many points average it away; correlated ones tell of a reference that is not quite right,
@@ -82,6 +87,7 @@ def score_covariance(
         refined.hessian,
         max(config.min_sigma, refined.residual),
         config.independence / shared,
+        _TEMPERATURE,
         _SPACING,
         _MIN_STEP,
         config.max_step,
