@@ -1,7 +1,8 @@
 """Sparse Cholesky factors of symmetric matrices of 3×3 blocks, compiled: structure, numbers, solution, inverse.
 
 L is stored by columns: column j holds its diagonal block apart (`diagonal[j]`, lower triangular) and the blocks
-below it in `values[starts[j]:starts[j + 1]]`, their rows increasing. Davis, Direct Methods for Sparse Linear Systems (2006).
+below it in `values[starts[j]:starts[j + 1]]`, their rows increasing. Davis, Direct Methods for
+Sparse Linear Systems (2006).
 """
 
 import numpy as np

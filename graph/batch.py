@@ -84,6 +84,7 @@ class BatchResult:
         weights: (m,) how much each factor pulled in the end, 0 to 1.
         inliers: (m,) which factors hold: decided by the last stage with GNC, else by a weight above ½.
         squared_norms: (m,) squared, whitened residual of each factor at `poses`, without robust weights.
+        gate: largest squared norm of a suspect factor that holds.
         stages: what was done.
     """
 
@@ -94,6 +95,7 @@ class BatchResult:
     weights: NDArray[np.float64]
     inliers: NDArray[np.bool_]
     squared_norms: NDArray[np.float64]
+    gate: float
     stages: tuple[Stage, ...]
 
 
@@ -135,11 +137,11 @@ def optimize(
     )
     stages.append(_stage("robust" if robust.is_robust else "plain", robust, poses, descent.poses, descent.iterations))
     poses = descent.poses
+    gate = float(chdtri(3, 1.0 - settings.inlier_probability))
     if not settings.gnc:
         at = robust.evaluate(poses)
-        return _result(poses, stages, at.weights, at.weights > 0.5, at.squared)
+        return _result(poses, stages, at.weights, at.weights > 0.5, at.squared, gate)
     plain = problem.with_kernel(None, 1.0, suspects)
-    gate = float(chdtri(3, 1.0 - settings.inlier_probability))
     decided = gnc_tls(plain, suspects, _worth_weighing(plain, poses, suspects, gate), poses, gate)
     stages.append(
         Stage(
@@ -150,7 +152,7 @@ def optimize(
         )
     )
     at = plain.evaluate(decided.poses)
-    return _result(decided.poses, stages, np.where(decided.inliers, at.weights, 0.0), decided.inliers, at.squared)
+    return _result(decided.poses, stages, np.where(decided.inliers, at.weights, 0.0), decided.inliers, at.squared, gate)
 
 
 def graph_error(factors: Sequence[Factor], poses: NDArray[np.float64]) -> float:
@@ -295,6 +297,7 @@ def _result(
     weights: NDArray[np.float64],
     inliers: NDArray[np.bool_],
     squared: NDArray[np.float64],
+    gate: float,
 ) -> BatchResult:
     return BatchResult(
         poses=poses,
@@ -304,6 +307,7 @@ def _result(
         weights=weights,
         inliers=inliers,
         squared_norms=squared,
+        gate=gate,
         stages=tuple(stages),
     )
 

@@ -48,19 +48,27 @@ class G2oGraph:
     factors: tuple[Factor, ...]
 
 
-def write_g2o(path: Path | str, poses: NDArray[np.float64], factors: Iterable[Factor]) -> None:
+def write_g2o(
+    path: Path | str,
+    poses: NDArray[np.float64],
+    factors: Iterable[Factor],
+    ids: NDArray[np.int64] | None = None,
+) -> None:
     """Write key poses and every factor with its full information matrix, atomically.
 
     Args:
         path: the file.
-        poses: (n, 3) T_map_robot; vertex ids are 0 … n−1.
+        poses: (n, 3) T_map_robot.
         factors: the records, in order.
+        ids: (n,) vertex ids; 0 … n−1 when left out.
     """
-    lines = [f"VERTEX_SE2 {key} {_numbers(pose)}" for key, pose in enumerate(poses)]
+    names = list(range(len(poses))) if ids is None else ids.tolist()
+    lines = [f"VERTEX_SE2 {name} {_numbers(pose)}" for name, pose in zip(names, poses, strict=True)]
     kept = list(factors)
     informations = information_of(np.array([factor.covariance for factor in kept]).reshape(-1, 3, 3))
     for factor, information in zip(kept, informations, strict=True):
-        head = f"EDGE_PRIOR_SE2 {factor.j}" if factor.i is None else f"EDGE_SE2 {factor.i} {factor.j}"
+        seen = names[factor.j]
+        head = f"EDGE_PRIOR_SE2 {seen}" if factor.i is None else f"EDGE_SE2 {names[factor.i]} {seen}"
         lines.append(f"{head} {_numbers(factor.T_i_j)} {_numbers(information[_UPPER])} # {_remark(factor)}")
     _write_atomically(Path(path), "\n".join(lines) + "\n")
 

@@ -92,6 +92,6 @@ def _first_mu(squared: NDArray[np.float64], gate: float) -> float:
 
 
 def _weights(squared: NDArray[np.float64], gate: float, mu: float) -> NDArray[np.float64]:
-    between = np.sqrt(gate * mu * (mu + 1.0) / np.maximum(squared, 1e-300)) - mu
+    between = np.sqrt(gate * mu * (mu + 1.0) / np.maximum(squared, 1e-9)) - mu
     weights = np.where(squared >= (mu + 1.0) / mu * gate, 0.0, np.clip(between, 0.0, 1.0))
     return np.where(squared <= mu / (mu + 1.0) * gate, 1.0, weights)

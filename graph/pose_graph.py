@@ -91,6 +91,11 @@ class PoseGraph:
         """How iSAM2 solves at present: as configured, or QR after CHOLESKY failed."""
         return self._factorization
 
+    @property
+    def has_loose_poses(self) -> bool:
+        """Whether a waiting pose hangs on nothing yet, so that an update would be refused."""
+        return bool(self._loose_poses(self._factors[len(self._slots) :]))
+
     def factor(self, index: int) -> Factor:
         """The factor that `add_…` gave this index, in force or removed."""
         return self._factors[index]
@@ -346,6 +351,11 @@ class PoseGraph:
 
     def _check_new_poses_tied(self, new_factors: list[Factor]) -> None:
         """Every waiting pose must be reached from the poses that iSAM2 knows, or hold a prior."""
+        loose = self._loose_poses(new_factors)
+        if loose:
+            raise GraphError(f"pose {min(loose)} hangs on no factor; add one before the next update")
+
+    def _loose_poses(self, new_factors: list[Factor]) -> set[int]:
         loose = set(range(self._n_poses, len(self)))
         changed = True
         while loose and changed:
@@ -355,8 +365,7 @@ class PoseGraph:
                 if loose & ends and (factor.i is None or not ends <= loose):
                     loose -= ends
                     changed = True
-        if loose:
-            raise GraphError(f"pose {min(loose)} hangs on no factor; add one before the next update")
+        return loose
 
     def _describe(self, error: RuntimeError) -> str:
         found = _FAILING_VARIABLE.search(str(error))

@@ -107,7 +107,7 @@ class Problem:
         )
 
     def restricted_to(self, kept: NDArray[np.bool_]) -> "Problem":
-        """The problem of the marked factors alone: what the others would fill the Cholesky factor with costs nothing."""
+        """The problem of the marked factors alone; the others no longer fill the Cholesky factor."""
         if kept.all():
             return self
         return Problem(
