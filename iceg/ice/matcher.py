@@ -29,6 +29,8 @@ _EVEN_ODDS = 5.0
 _FEWEST_POINTS = 15
 _ROOM_TO_GROW = 4.0
 """A local map can be extended by scans that reach this far beyond its first points [m]."""
+_HYPOTHESIS_PRIOR = 1.0
+"""Pull of the features that made a hypothesis, in points: along a corridor nothing else holds it."""
 _TRACKING_PRIOR = 3.0
 """Pull of odometry on a pose between two key scans, in points."""
 
@@ -255,7 +257,14 @@ class IceMatcher:
     def refine(self, reference: LocalMap, scan: Scan, T_ref_start: NDArray[np.float64]) -> Refined:
         """Polish one hypothesis on points, or on features when point refinement is switched off."""
         if self.config.refinement.enabled:
-            return refine_on_points(self._points(scan), reference, T_ref_start, self.config.refinement, wide=True)
+            return refine_on_points(
+                self._points(scan),
+                reference,
+                T_ref_start,
+                self.config.refinement,
+                wide=True,
+                prior_weight=_HYPOTHESIS_PRIOR,
+            )
         pose, _ = polish_on_features(self.observe(scan).features, reference.feature_rows, T_ref_start)
         return self._judge(reference, scan, pose)
 
