@@ -1,5 +1,6 @@
 """Any planar pose graph made right: which of its edges are closures, which of them hold, the most likely poses."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Literal, cast
 
@@ -14,6 +15,8 @@ from graph.pose_graph import PoseGraph
 from graph.se2 import compose
 
 Reason = Literal["pcm", "gnc", "kernel"]
+
+_REJECTED_SHOWN = 20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,6 +116,22 @@ def optimize_g2o(graph: G2oGraph, options: OptimizeOptions | None = None) -> Opt
         final_error=graph_error(plain, result.poses),
         iterations=result.iterations,
     )
+
+
+def format_report(solved: OptimizedGraph) -> str:
+    """What a person wants to know: sizes, errors, and each closure that does not hold."""
+    lines = [
+        f"{len(solved.ids)} vertices, {solved.n_odometry} edges along the way, {solved.n_closures} closures",
+        f"error {solved.initial_error:.6g} -> {solved.final_error:.6g}"
+        f" (half the sum of squares of the edges that hold), {solved.iterations} iterations",
+        f"{len(solved.rejected)} closures do not hold" + (":" if solved.rejected else ""),
+    ]
+    lines += [
+        f"  {edge.id_i} -> {edge.id_j}: {math.sqrt(edge.squared_norm):.1f} standard deviations off ({edge.reason})"
+        for edge in solved.rejected[:_REJECTED_SHOWN]
+    ]
+    more = len(solved.rejected) - _REJECTED_SHOWN
+    return "\n".join([*lines, f"  and {more} more"] if more > 0 else lines)
 
 
 def _solved(factors: list[Factor], graph: G2oGraph, config: BatchConfig) -> BatchResult:

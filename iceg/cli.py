@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import zip_longest
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -203,6 +203,47 @@ class Simulate:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Optimize:
+    """Solve any planar pose graph (g2o), robustly against false closures."""
+
+    graph: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="GRAPH", help="The pose graph, a g2o file.")]
+    output: Annotated[
+        Path, tyro.conf.arg(aliases=["-o"], metavar="FILE", help="The solved graph, with the edges that hold.")
+    ]
+    kernel: Annotated[
+        Literal["given", "none", "huber", "cauchy", "geman_mcclure", "dcs"],
+        tyro.conf.arg(help="Robust kernel of the closures; given: what the file says."),
+    ] = "given"
+    kernel_width: Annotated[float, tyro.conf.arg(help="Where it begins to fade.")] = 5.0
+    gnc: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Decide by graduated non-convexity which closures hold.")
+    ] = False
+    pcm: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Drop closures that disagree with most others first.")
+    ] = False
+    incremental: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Grow the graph pose by pose before solving it at once.")
+    ] = False
+
+    def __call__(self) -> None:
+        """Read, solve, write, tell."""
+        from graph.g2o import read_g2o, write_g2o
+        from graph.optimize_g2o import OptimizeOptions, format_report, optimize_g2o
+
+        options = OptimizeOptions(
+            kernel=self.kernel,
+            kernel_width=self.kernel_width,
+            gnc=self.gnc,
+            pcm=self.pcm,
+            incremental=self.incremental,
+        )
+        solved = optimize_g2o(read_g2o(self.graph), options)
+        write_g2o(self.output, solved.poses, solved.factors, solved.ids)
+        print(format_report(solved))
+        print(f"The solved graph is {self.output}")
+
+
+@dataclass(frozen=True, kw_only=True)
 class PrintConfig:
     """Print all settings with their documentation, as a file for --config."""
 
@@ -216,7 +257,7 @@ class PrintConfig:
         print(format_config(self.settings), end="")
 
 
-Command = Run | Demo | Info | Eval | Plot | Simulate | PrintConfig
+Command = Run | Demo | Info | Eval | Plot | Simulate | Optimize | PrintConfig
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -279,6 +320,7 @@ def parse(words: Sequence[str]) -> Command:
         | Annotated[Eval, tyro.conf.subcommand("eval")]
         | Annotated[Plot, tyro.conf.subcommand("plot")]
         | Annotated[Simulate, tyro.conf.subcommand("simulate")]
+        | Annotated[Optimize, tyro.conf.subcommand("optimize")]
         | Annotated[PrintConfig, tyro.conf.subcommand("config", default=PrintConfig(settings=settings))]
     )
     parsed: Command = tyro.cli(commands, args=words, prog="iceg", description=_DESCRIPTION)
