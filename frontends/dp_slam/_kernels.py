@@ -301,18 +301,12 @@ def localise(
 ) -> int:
     """Log-likelihood of the scan for each sample, −inf for those culled on the way.
 
-    First over a short stretch around each reading, to cull; then those left over the whole beams, culled further.
-
-    Args:
-        lasers: (n, 3) pose of the laser of each sample: x, y [cells], heading [rad].
-        particle_of: (n,) whose map a sample is judged by.
-        directions: (n_beams, 2) unit vectors of the beams at the laser.
-        readings: (n_beams,) [cells], at most `max_range`.
-        returned: (n_beams,) False where the beam passed through.
-        log_likelihoods: (n,) filled.
+    First over a short stretch around each reading, to cull; then those left over the whole beams, culled further. The
+    samples are (n, 3) poses of the laser, x, y [cells] and heading [rad], judged by the map of `particle_of`; the beams
+    are unit vectors at the laser with their readings [cells], at most `max_range`, and whether they `returned`.
 
     Returns:
-        How many samples survived the first evaluation, or −1 when the caches are full.
+        How many samples survived the first evaluation, or −1 when the caches are full; `log_likelihoods` is filled.
     """
     n, n_beams = len(lasers), len(readings)
     smallest = math.log(floor)
@@ -473,9 +467,8 @@ def prune(
 ) -> tuple[int, int]:
     """Nodes without descendants die with their observations; a node with one child takes it in.
 
-    Args:
-        leaves: (n,) nodes of the particles; changed where a leaf was merged into its parent.
-        kept: (n,) how many particles of the next generation descend from each.
+    `kept` says how many particles of the next generation descend from each leaf; a leaf that was merged into its parent
+    is replaced in `leaves`.
 
     Returns:
         How many nodes died, and how many were merged.

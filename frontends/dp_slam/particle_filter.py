@@ -111,7 +111,7 @@ class _Filter:
         bearings = geometry.bearings[self._beams]
         self._directions = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
         self._steps = between(log.odometry[:-1], log.odometry[1:])
-        self._maps = ParticleMaps(_half_extent(log, config), len(bearings), config)
+        self._maps = ParticleMaps(half_extent(log, config), len(bearings), config)
         self._poses = np.zeros((1, 3))
         self._samples_of = np.array([config.samples], dtype=np.int64)
         self._weights = np.ones(1)
@@ -178,7 +178,7 @@ class _Filter:
         return self._maps.in_cells(compose(poses, self._log.geometry.T_robot_laser))
 
 
-def _half_extent(log: Log, config: DpSlamConfig) -> float:
+def half_extent(log: Log, config: DpSlamConfig) -> float:
     """Half the side of a square around the first pose that holds all that may be seen [m]."""
     away = np.hypot(*(log.odometry[:, :2] - log.odometry[0, :2]).T).max()
     mount = math.hypot(*log.geometry.T_robot_laser[:2].tolist())
