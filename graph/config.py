@@ -10,7 +10,7 @@ Factorization = Literal["CHOLESKY", "QR"]
 
 @dataclass(frozen=True, kw_only=True)
 class PoseGraphConfig:
-    """How the graph is solved while it grows.
+    """How the graph is solved while it grows; quick rather than exact, since `graph.batch` makes the end result exact.
 
     Attributes:
         relinearize_threshold: a pose that moved by more than this since it was last linearised [m, rad] is linearised
@@ -25,10 +25,10 @@ class PoseGraphConfig:
         prior_sigma: standard deviation of the first pose [m, rad]; small, because it defines the map frame.
     """
 
-    relinearize_threshold: float = 0.05
-    relinearize_skip: int = 10
-    settle_iterations: int = 1
-    snapshot_before_closure: bool = True
+    relinearize_threshold: float = 0.1
+    relinearize_skip: int = 20
+    settle_iterations: int = 0
+    snapshot_before_closure: bool = False
     factorization: Factorization = "CHOLESKY"
     prior_sigma: float = 1e-3
 

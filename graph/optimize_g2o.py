@@ -122,8 +122,7 @@ def format_report(solved: OptimizedGraph) -> str:
     """What a person wants to know: sizes, errors, and each closure that does not hold."""
     lines = [
         f"{len(solved.ids)} vertices, {solved.n_odometry} edges along the way, {solved.n_closures} closures",
-        f"error {solved.initial_error:.6g} -> {solved.final_error:.6g}"
-        f" (half the sum of squares of the edges that hold), {solved.iterations} iterations",
+        f"error {solved.initial_error:.6g} -> {solved.final_error:.6g} (edges that hold), {solved.iterations} steps",
         f"{len(solved.rejected)} closures do not hold" + (":" if solved.rejected else ""),
     ]
     lines += [
