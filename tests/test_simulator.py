@@ -15,11 +15,12 @@ from frontends.scan import ScanGeometry
 from frontends.simulator import world as shapes
 from frontends.simulator.laser import Laser, cast, sick_lms200
 from frontends.simulator.output import write_simulation
-from frontends.simulator.robot import Route, Waypoint
+from frontends.simulator.robot import Driving, Route, Waypoint, drive
 from frontends.simulator.scene import Scene, load_scene
 from frontends.simulator.simulation import Simulation, scan_pairs, simulate
 from frontends.simulator.world import SimulatorError, World
 from graph import se2
+from iceg.cli import main
 from iceg.demo import demo_log_path, demo_truth_path
 from iceg.demo.make import simulate_demo, write_demo
 
@@ -92,6 +93,38 @@ def test_the_wall_vanishes_unseen_and_the_robot_looks_at_its_place_again() -> No
     assert not differs[np.abs(stamps - gone_at) < 1.0].any()
 
 
+def test_the_command_line_writes_them_too_and_says_where(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "room", "-o", str(tmp_path / "a"), "--seed", "3"]) == 0
+    assert "371 scans in 74.0 s of 'room'" in capsys.readouterr().out
+    write_simulation(tmp_path / "b", simulated("room", 3))
+    for name in ("log.clf", "log.usarsim", "truth.csv"):
+        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
+    (tmp_path / "file").write_text("")
+    assert main(["simulate", "room", "-o", str(tmp_path / "file")]) == 1
+    assert main(["simulate", "nowhere", "-o", str(tmp_path / "c")]) == 1
+    assert "no scene 'nowhere'" in capsys.readouterr().err
+
+
+def test_a_scene_has_its_own_laser_and_wheels() -> None:
+    scene, quiet = load_scene("noisy"), load_scene("building")
+    assert scene.laser.range_std > quiet.laser.range_std
+    assert scene.laser.sweep_time > 0
+    assert scene.odometry.drift_std > quiet.odometry.drift_std
+    short = replace(scene, route=replace(scene.route, duration=8.0))
+    noisy, exact = simulate(short, 1), simulate(short, 1, laser=EXACT)
+    assert np.nanstd(noisy.log.ranges - exact.log.ranges) > 0.02
+    np.testing.assert_array_equal(noisy.truth, exact.truth)
+
+
+def test_an_endless_drive_comes_round_again_and_again() -> None:
+    scene = load_scene("endless")
+    assert scene.route.duration == pytest.approx(99_999 * 0.2)
+    two_laps = drive(replace(scene.route, laps=2, duration=None), Driving(), 0.2, np.random.default_rng(0))
+    assert scene.route.laps * len(two_laps) / 2 > 100_000
+    near_start = np.hypot(*two_laps[:, :2].T) < 1.0
+    assert np.sum(np.diff(near_start.astype(int)) == 1) >= 2
+
+
 def test_scan_pairs_are_exact_reproducible_and_keep_their_distance() -> None:
     pairs = scan_pairs("room", 60, 5, max_translation=0.4, max_rotation=0.3, laser=EXACT)
     again = scan_pairs("room", 60, 5, max_translation=0.4, max_rotation=0.3, laser=EXACT)
@@ -129,14 +162,14 @@ def test_written_log_reads_back_as_it_was_simulated(tmp_path: Path) -> None:
     assert text.startswith("t_s,x_m,y_m,theta_rad\n")
     table = np.loadtxt(text.splitlines(), delimiter=",", skiprows=1)
     np.testing.assert_allclose(table, np.column_stack([simulation.log.stamps, simulation.truth]), atol=1e-6)
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["log.clf", "truth.csv"]
+    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["log.clf", "log.usarsim", "truth.csv"]
 
 
 def test_the_command_writes_what_the_function_writes(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "frontends.simulator", "room", "-o", str(tmp_path / "a"), "--seed", "3"]
     subprocess.run(command, check=True, capture_output=True)
     write_simulation(tmp_path / "b", simulated("room", 3))
-    for name in ("log.clf", "truth.csv"):
+    for name in ("log.clf", "log.usarsim", "truth.csv"):
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from frontends.simulator import world as shapes
-from frontends.simulator.laser import Laser, cast, sense, sick_lms200
+from frontends.simulator.laser import Laser, cast, sense, sick_lms200, twists_along
 from frontends.simulator.scene import load_scene
 from frontends.simulator.world import SimulatorError, World
+from graph import se2
 
 EXACT = Laser(range_std=0.0, range_std_per_metre=0.0, quantisation=0.0, mixed_share=0.0)
 AT_ORIGIN = np.zeros((1, 3))
@@ -117,6 +118,89 @@ def test_settings_out_of_range_are_refused(setting: dict[str, float]) -> None:
         Laser(**setting)  # type: ignore[arg-type]
 
 
+def test_glass_lets_slanting_beams_pass_and_mirrors_what_meets_it_squarely() -> None:
+    pane, wall = shapes.polyline([(2, -50), (2, 50)]), shapes.polyline([(5, -50), (5, 50)])
+    world = World.empty().with_segments(pane, glass=1.0).with_segments(wall)
+    ranges = sense(world, AT_ORIGIN, EXACT_THERE, RNG())[0]
+    bearings = EXACT_THERE.geometry.bearings
+    ahead = np.abs(bearings) < np.radians(75)
+    square = ahead & (np.abs(bearings) < np.radians(7.9))
+    np.testing.assert_allclose(ranges[square], 2 / np.cos(bearings[square]), rtol=1e-6)
+    passed = ahead & (np.abs(bearings) > np.radians(8.1))
+    np.testing.assert_allclose(ranges[passed], 5 / np.cos(bearings[passed]), rtol=1e-6)
+
+
+def test_glass_passes_its_share_of_the_beams_and_none_reads_between_for_it() -> None:
+    pane, wall = shapes.polyline([(2, -50), (2, 50)]), shapes.polyline([(5, -50), (5, 50)])
+    world = World.empty().with_segments(wall).with_segments(pane, glass=0.7)
+    poses = np.zeros((200, 3))
+    mixing = replace(EXACT_THERE, mixed_share=1.0)
+    ranges = sense(world, poses, mixing, RNG())
+    slanting = np.abs(np.abs(mixing.geometry.bearings) - np.radians(35)) < np.radians(25)
+    across = ranges[:, slanting] * np.cos(mixing.geometry.bearings[slanting])
+    on_glass, on_wall = np.abs(across - 2) < 1e-4, np.abs(across - 5) < 1e-4
+    assert (on_glass | on_wall).all()
+    assert on_wall.mean() == pytest.approx(0.7, abs=0.02)
+
+
+def test_dark_walls_swallow_their_share_of_the_beams() -> None:
+    world = World.empty().with_segments(shapes.polyline([(3, -2), (3, 0)]), dark=0.4)
+    world = world.with_segments(shapes.polyline([(3, 0), (3, 2)]))
+    ranges = sense(world, np.zeros((300, 3)), EXACT_THERE, RNG())
+    bearings = np.degrees(EXACT_THERE.geometry.bearings)
+    dark, bright = (bearings > -30) & (bearings < -1), (bearings > 1) & (bearings < 30)
+    assert np.isnan(ranges[:, dark]).mean() == pytest.approx(0.4, abs=0.02)
+    assert not np.isnan(ranges[:, bright]).any()
+
+
+def test_a_world_without_glass_or_people_reads_as_if_there_were_no_such_thing() -> None:
+    world = load_scene("room").world
+    bare = replace(world, glass=np.zeros(len(world.segments)), dark=None)
+    poses = np.array([(0.0, 0, 0), (2, 0.3, 1)])
+    exact = replace(EXACT, mixed_share=0.0)
+    np.testing.assert_array_equal(sense(world, poses, exact, RNG()), sense(bare, poses, exact, RNG()))
+
+
+@given(
+    pose=st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-4, 4)),
+    twist=st.tuples(st.floats(-2, 2), st.floats(-0.5, 0.5), st.floats(-3, 3)),
+)
+@settings(max_examples=20)
+def test_a_sweep_while_moving_against_a_slow_twin(
+    pose: tuple[float, float, float], twist: tuple[float, float, float]
+) -> None:
+    world = load_scene("room").world
+    laser = replace(EXACT, sweep_time=0.1)
+    poses, twists = np.array([pose]), np.array([twist])
+    ranges = sense(world, poses, laser, RNG(), twists=twists)[0].astype(float)
+    delays = np.linspace(-0.5, 0.5, laser.geometry.n_beams) * laser.sweep_time
+    for k in range(0, laser.geometry.n_beams, 11):
+        T_world_laser = se2.compose(se2.compose(poses[0], se2.expmap(twists[0] * delays[k])), [0.16, 0, 0])
+        slow = _cast_slowly(world.segments, T_world_laser, laser.geometry.bearings[k : k + 1], 20.0)[0]
+        if np.isfinite(slow) and 0.05 <= slow < 20.0:
+            assert ranges[k] == pytest.approx(slow, abs=1e-5)
+        else:
+            assert np.isnan(ranges[k])
+
+
+def test_a_sweep_sees_a_wall_bent_while_the_robot_turns() -> None:
+    world = World.empty().with_segments(shapes.polyline([(4, -30), (4, 30)]))
+    laser = replace(EXACT_THERE, sweep_time=0.1)
+    turning = sense(world, AT_ORIGIN, laser, RNG(), twists=np.array([(0.0, 0.0, 1.0)]))[0]
+    still = sense(world, AT_ORIGIN, laser, RNG(), twists=np.zeros((1, 3)))[0]
+    assert turning[90] == pytest.approx(still[90])
+    assert turning[150] > still[150] + 0.1
+    assert turning[30] > still[30] + 0.1
+    np.testing.assert_allclose(sense(world, AT_ORIGIN, EXACT_THERE, RNG())[0], still, atol=1e-6)
+
+
+def test_the_velocity_along_a_drive() -> None:
+    poses = np.array([se2.expmap(np.array([0.1, 0.0, 0.05]) * k) for k in range(10)])
+    twists = twists_along(poses, 0.2)
+    np.testing.assert_allclose(twists[1:-1], np.broadcast_to([0.5, 0.0, 0.25], (8, 3)), atol=1e-9)
+    assert twists_along(poses[:1], 0.2).tolist() == [[0.0, 0.0, 0.0]]
+
+
 EXACT_THERE = replace(EXACT, geometry=replace(EXACT.geometry, T_robot_laser=np.zeros(3)))
 
 
@@ -132,7 +216,10 @@ def _cast_slowly(
     for k, bearing in enumerate(bearings + pose[2]):
         u = np.array([np.cos(bearing), np.sin(bearing)])
         for a, b in segments.reshape(-1, 2, 2):
-            r, s = np.linalg.solve(np.column_stack([u, a - b]), a - pose[:2])
+            lines = np.column_stack([u, a - b])
+            if abs(np.linalg.det(lines)) < 1e-12:
+                continue
+            r, s = np.linalg.solve(lines, a - pose[:2])
             if 0 < r <= reach and 0 <= s <= 1:
                 ranges[k] = min(ranges[k], r)
     return ranges

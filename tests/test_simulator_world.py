@@ -10,7 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from frontends.simulator import world as shapes
-from frontends.simulator.robot import Route, Waypoint
+from frontends.simulator.laser import Laser
+from frontends.simulator.people import Person
+from frontends.simulator.robot import OdometryModel, Route, Waypoint
 from frontends.simulator.scene import SCENES, Scene, load_scene, parse_scene, read_scene, write_scene
 from frontends.simulator.world import SimulatorError, World
 
@@ -77,13 +79,52 @@ def test_parse_every_statement() -> None:
     start 1 2 90
     goto 3 4
     goto 5 6 pause=2.5
+    laps 3
+    lasts 120.5
+    person 0 0 4 0 4 4 speed=0.8 appears=10
+    laser range_std=0.02 beam_width=1
+    odometry drift_std=2 slip_std=0.1
     """
     scene = parse_scene(text, WHERE)
+    assert scene.people == (Person(path=((0, 0), (4, 0), (4, 4)), speed=0.8, appears=10.0),)
+    assert (scene.laser.range_std, scene.laser.beam_width) == (0.02, math.radians(1))
+    assert (scene.odometry.drift_std, scene.odometry.slip_std) == (math.radians(2), 0.1)
+    assert scene.odometry.translation_std == OdometryModel().translation_std
     assert len(scene.world.segments) == 2 + 4 + 4 + 16 + 4
     assert len(scene.world.at(0.0)) == len(scene.world.segments) - 4
     assert scene.route == Route(
-        start=(1.0, 2.0, math.radians(90)), waypoints=(Waypoint(x=3, y=4), Waypoint(x=5, y=6, pause=2.5))
+        start=(1.0, 2.0, math.radians(90)),
+        waypoints=(Waypoint(x=3, y=4), Waypoint(x=5, y=6, pause=2.5)),
+        laps=3,
+        duration=120.5,
     )
+
+
+def test_what_things_are_made_of() -> None:
+    scene = parse_scene("wall 0 0 1 0\nwall 0 1 1 1 glass=0.8\nbox 3 3 1 1 dark=0.5\n" + ROUTE, WHERE)
+    assert scene.world.glass is not None
+    assert scene.world.dark is not None
+    np.testing.assert_array_equal(scene.world.glass, [0, 0.8, 0, 0, 0, 0])
+    np.testing.assert_array_equal(scene.world.dark, [0, 0, 0.5, 0.5, 0.5, 0.5])
+    through = scene.world.without_glass()
+    assert len(through.at(0.0)) == 5
+    assert parse_scene("wall 0 0 1 0\n" + ROUTE, WHERE).world.glass is None
+    with pytest.raises(SimulatorError, match=r"shares of 'glass' in \[0, 1\]"):
+        World.empty().with_segments(shapes.rectangle(0, 0, 1, 1), glass=1.5)
+
+
+def test_a_scene_includes_what_stands_and_walks_in_another_but_not_its_route(tmp_path: Path) -> None:
+    (tmp_path / "house.world").write_text("wall 0 0 9 0\nperson 0 0 1 1\nstart 5 5 5\ngoto 6 6\nlasts 3\nlaps 9\n")
+    (tmp_path / "town.world").write_text("include house.world\nbox 1 1 1 1\n")
+    scene = parse_scene("include town.world\n" + ROUTE, tmp_path / "here.world")
+    assert len(scene.world.segments) == 5
+    assert len(scene.people) == 1
+    assert scene.route == Route(start=(0, 0, 0), waypoints=(Waypoint(x=1, y=0),))
+    (tmp_path / "house.world").write_text("include town.world\n")
+    with pytest.raises(SimulatorError, match=r"house\.world:1: found 'town\.world' again"):
+        read_scene(tmp_path / "town.world")
+    with pytest.raises(SimulatorError, match=r"none\.world"):
+        parse_scene("include none.world\n" + ROUTE, tmp_path / "here.world")
 
 
 @pytest.mark.parametrize(
@@ -101,6 +142,14 @@ def test_parse_every_statement() -> None:
         ("start 1 1 1", "second 'start'", "one start"),
         ("goto 1 1 1", "3 numbers", "goto X Y"),
         ("goto 1 1 vanishes=3", "'vanishes='", "pause="),
+        ("laps 2.5", "'2.5' laps", "whole number"),
+        ("laps 0", "'0' laps", "at least 1"),
+        ("lasts -1", "'-1' seconds", "a time"),
+        ("wall 0 0 1 1 glass=2", "glass=2", "share"),
+        ("laser strength=3", "'strength='", "range_std="),
+        ("odometry 3", "1 numbers", "drift_std="),
+        ("person 1 1", "2 numbers", "two a point"),
+        ("include", "0 words", "include FILE"),
     ],
 )
 def test_a_malformed_line_is_named(line: str, found: str, expected: str) -> None:
@@ -111,6 +160,12 @@ def test_a_malformed_line_is_named(line: str, found: str, expected: str) -> None
     what, want = message.split("expected", maxsplit=1)
     assert found in what
     assert expected in want
+
+
+@pytest.mark.parametrize("line", ["laser mixed_share=2", "person 1 1 1 1", "person 0 0 1 1 speed=-1", "plan none.svg"])
+def test_what_cannot_be_is_named_with_its_line(line: str) -> None:
+    with pytest.raises(SimulatorError, match=r"^some\.world:3: "):
+        parse_scene(ROUTE + line, WHERE)
 
 
 @pytest.mark.parametrize("text", ["", "wall 0 0 1 1", "start 0 0 0", "goto 1 1"])
@@ -135,31 +190,63 @@ def test_any_text_is_a_scene_or_a_simulator_error(text: str) -> None:
         assert parse_scene(text, WHERE).route.waypoints
 
 
+shares = st.just(0.0) | st.floats(0, 1)
+
+
 @given(
     segments=st.lists(
-        st.tuples(coordinates, coordinates, coordinates, coordinates, coordinates | st.just(math.inf)),
+        st.tuples(coordinates, coordinates, coordinates, coordinates, coordinates | st.just(math.inf), shares, shares),
         max_size=5,
     ),
+    people=st.lists(
+        st.builds(
+            Person,
+            path=st.lists(st.tuples(coordinates, coordinates), min_size=2, max_size=4, unique=True).map(tuple),
+            speed=st.floats(0.1, 3),
+            vanishes=coordinates | st.just(math.inf),
+        ),
+        max_size=2,
+    ),
+    laps=st.integers(1, 9),
+    duration=st.none() | st.floats(0, 1e5),
+    settings=st.tuples(st.floats(0, 1), st.floats(0, 0.2), st.floats(-1, 1)),
     start=st.tuples(coordinates, coordinates, st.floats(-math.pi, math.pi, allow_subnormal=False)),
     waypoints=st.lists(st.builds(Waypoint, x=coordinates, y=coordinates, pause=st.floats(0, 99)), min_size=1),
 )
 def test_written_and_read_back_is_the_same(
     tmp_path_factory: pytest.TempPathFactory,
-    segments: list[tuple[float, float, float, float, float]],
+    segments: list[tuple[float, float, float, float, float, float, float]],
+    people: list[Person],
+    laps: int,
+    duration: float | None,
+    settings: tuple[float, float, float],
     start: tuple[float, float, float],
     waypoints: list[Waypoint],
 ) -> None:
     world = World.empty()
-    for *segment, vanishes in segments:
-        world = world.with_segments(np.array([segment]), end=vanishes)
-    scene = Scene(name="there", world=world, route=Route(start=start, waypoints=tuple(waypoints)))
+    for *segment, vanishes, glass, dark in segments:
+        world = world.with_segments(np.array([segment]), end=vanishes, glass=glass, dark=dark)
+    mixed, sweep, drift = settings
+    scene = Scene(
+        name="there",
+        world=world,
+        route=Route(start=start, waypoints=tuple(waypoints), laps=laps, duration=duration),
+        people=tuple(people),
+        laser=Laser(mixed_share=mixed, sweep_time=sweep),
+        odometry=OdometryModel(heading_drift=drift),
+    )
     path = tmp_path_factory.mktemp("worlds") / "there.world"
     write_scene(path, scene)
     back = read_scene(path)
     np.testing.assert_array_equal(back.world.segments, world.segments)
     np.testing.assert_array_equal(back.world.visible_from, world.visible_from)
     np.testing.assert_array_equal(back.world.visible_to, world.visible_to)
-    assert back.route.waypoints == scene.route.waypoints
+    for share, written in ((back.world.glass, world.glass), (back.world.dark, world.dark)):
+        np.testing.assert_array_equal(0 if share is None else share, 0 if written is None else written)
+    assert back.people == scene.people
+    assert (back.laser.mixed_share, back.laser.sweep_time) == (mixed, sweep)
+    assert back.odometry.heading_drift == pytest.approx(drift, rel=1e-15, abs=1e-300)
+    assert (back.route.waypoints, back.route.laps, back.route.duration) == (scene.route.waypoints, laps, duration)
     assert back.route.start == pytest.approx(start, rel=1e-15, abs=1e-300)
     assert back.name == "there"
 

@@ -277,7 +277,11 @@ def _lasts(draft: _Draft, statement: Statement) -> None:
 
 
 def _laser(draft: _Draft, statement: Statement) -> None:
-    draft.laser = dataclasses.replace(draft.laser, **_settings(statement, draft.laser, _LASER_OPTIONS))
+    changed = _settings(statement, draft.laser, _LASER_OPTIONS)
+    try:
+        draft.laser = dataclasses.replace(draft.laser, **changed)
+    except SimulatorError as error:
+        raise SimulatorError(f"{statement.where}: {error}") from error
 
 
 def _odometry(draft: _Draft, statement: Statement) -> None:
@@ -359,8 +363,8 @@ def _plan(statement: Statement, path: Path) -> World:
 
 
 def _person(statement: Statement) -> Person:
-    options = statement.options(speed=1.2, **_FOR_EVER)
+    path, options = statement.points(), statement.options(speed=1.2, **_FOR_EVER)
     try:
-        return Person(path=statement.points(), **options)
+        return Person(path=path, **options)
     except SimulatorError as error:
         raise SimulatorError(f"{statement.where}: {error}") from error

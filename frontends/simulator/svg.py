@@ -146,6 +146,9 @@ def _commands(text: str) -> Iterator[tuple[str, list[float]]]:
         if count == 0:
             yield command, []
             continue
+        strange = _NUMBER.sub("", arguments).strip(" ,\t\r\n")
+        if strange:
+            raise SvgError(f"found '{strange[:20]}' in a path, expected commands and numbers")
         numbers = _arc_numbers(arguments) if count == 7 else _numbers(arguments)
         if not numbers or len(numbers) % count:
             raise SvgError(f"found {len(numbers)} numbers after '{command}' in a path, expected {count} each time")
