@@ -208,8 +208,9 @@ def test_shared_maps_give_what_whole_maps_give() -> None:
     corner = -math.ceil(half_extent(log, config) / config.resolution)
     row, column = np.rint(result.origin[::-1] / config.resolution).astype(int) - corner
     for (r, c), (stops, path) in seen.items():
-        expected = 1.0 - math.exp(-math.sqrt(2.0) * float(stops / path))
-        assert result.grid[r - row, c - column] == pytest.approx(expected, abs=1e-4)
+        own = max(float(path) - config.prior_length / config.resolution, 1e-3)
+        expected = 1.0 - math.exp(-math.sqrt(2.0) * float(stops) / own)
+        assert result.grid[r - row, c - column] == pytest.approx(expected, abs=2e-3)
     # A beam that ends on a cell's border may leave a stretch of length zero beyond it; nothing else may differ.
     assert abs(int(np.isfinite(result.grid).sum()) - len(seen)) <= 2
 
@@ -261,7 +262,7 @@ def test_finds_the_way_round_a_room_better_than_the_wheels() -> None:
     assert error.max() < 0.2
     assert error.max() < 0.5 * drift.max()
     walls = result.grid > 0.6
-    assert 0.005 < walls.mean() < 0.1
+    assert 0.002 < walls.mean() < 0.1
     assert_allclose(result.log_odds()[np.isnan(result.grid)], 0.0)
     assert (result.log_odds()[walls] > 0).all()
 

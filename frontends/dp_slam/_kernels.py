@@ -616,6 +616,7 @@ def forget(
 @njit(cache=True)
 def densities_of(
     leaf: int,
+    prior_length: float,
     heads: NDArray[np.int32],
     owners: NDArray[np.int32],
     in_cell: NDArray[np.int32],
@@ -623,7 +624,7 @@ def densities_of(
     parents: NDArray[np.int32],
     densities: NDArray[np.float32],
 ) -> None:
-    """Stops per cell length of one particle's map, NaN where it is unknown."""
+    """Stops per cell length of one particle's map without the path credited in advance, NaN where it is unknown."""
     height = np.full(len(parents), -1, np.int32)
     node, level = leaf, 0
     while node >= 0:
@@ -638,5 +639,5 @@ def densities_of(
             above = height[owners[observation]]
             if 0 <= above < nearest:
                 nearest = above
-                densities[cell] = evidence[observation, 0] / evidence[observation, 1]
+                densities[cell] = evidence[observation, 0] / max(evidence[observation, 1] - prior_length, 1e-3)
             observation = in_cell[observation]

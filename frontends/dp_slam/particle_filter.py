@@ -30,7 +30,7 @@ class DpSlamResult:
     Attributes:
         trajectory: (n, 3) T_map_robot of every scan; the first is the identity.
         grid: (rows, cols) float32 probability that a cell stops a beam that crosses it from corner to corner; NaN where
-            it was never seen. Row 0 is the lowest y.
+            it was never seen. The path credited to new cells by the filter's prior is left out. Row 0 is the lowest y.
         origin: (2,) lower left corner of cell (0, 0) in the map frame [m].
         resolution: side of a cell [m].
         summary: counts and times.

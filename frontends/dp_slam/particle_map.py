@@ -205,6 +205,7 @@ class ParticleMaps:
         densities = np.empty(len(self._heads), np.float32)
         kernels.densities_of(
             int(self._leaves[particle]),
+            self._config.prior_length / self._config.resolution,
             self._heads,
             self._owners,
             self._in_cell,
