@@ -1,0 +1,208 @@
+"""The front end with matchers whose answers are known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from frontends.scan import Log, Scan, ScanGeometry
+from frontends.simulator.simulation import simulate
+from graph.measurement import NoMatch, RelativePose
+from graph.odometry import OdometryModel
+from graph.se2 import between, compose
+from iceg.ice.matcher import IceMatcher
+from iceg.slam.config import FrontEndConfig, KeyScanConfig
+from iceg.slam.front_end import FrontEnd, track_log
+
+_GEOMETRY = ScanGeometry(bearings=np.linspace(-1.5, 1.5, 31), range_min=0.1, range_max=20.0)
+_CONFIG = FrontEndConfig(key_scans=KeyScanConfig(distance=0.55, angle=0.5))
+
+
+def _scan(number: float, value: float = 5.0) -> Scan:
+    ranges = np.full(31, value, np.float32)
+    ranges[0] = number
+    return Scan(ranges=ranges, geometry=_GEOMETRY)
+
+
+class TruthMatcher:
+    """Knows the true pose of every scan, by the number in its first beam; counts what it is asked."""
+
+    def __init__(self, truth: NDArray[np.float64], fails: frozenset[int] = frozenset()) -> None:
+        self.truth = truth
+        self.fails = fails
+        self.prepared: list[int] = []
+
+    def prepare(self, scans: list[Scan], T_ref_scans: NDArray[np.float64]) -> NDArray[np.float64]:
+        self.prepared.append(len(scans))
+        return compose(T_ref_scans[-1], _inverse_truth(self.truth[_number(scans[-1])]))
+
+    def match(
+        self,
+        reference: NDArray[np.float64],
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> RelativePose | NoMatch:
+        del T_ref_guess, covariance_guess
+        if _number(scan) in self.fails:
+            return NoMatch(reason="told to fail")
+        return RelativePose(
+            T_ref_cur=compose(reference, self.truth[_number(scan)]),
+            covariance=np.eye(3) * 1e-6,
+            score=1.0,
+            inliers=31,
+            overlap=1.0,
+            weak_directions=np.zeros((0, 3)),
+        )
+
+
+def _number(scan: Scan) -> int:
+    return round(float(scan.ranges[0]))
+
+
+def _inverse_truth(T: NDArray[np.float64]) -> NDArray[np.float64]:
+    return between(T, np.zeros(3))
+
+
+def _straight(n: int) -> NDArray[np.float64]:
+    return np.column_stack([0.1 * np.arange(n), np.zeros(n), np.zeros(n)])
+
+
+def _follow(front_end: FrontEnd, odometry: NDArray[np.float64]) -> NDArray[np.float64]:
+    poses = []
+    for index, T_odom_robot in enumerate(odometry):
+        key, T_key_scan = front_end.add(index, _scan(index + 1), T_odom_robot)
+        poses.append(compose(front_end.keys[key].T_track_robot, T_key_scan))
+    return np.array(poses)
+
+
+def test_matches_carry_the_robot_whatever_odometry_says() -> None:
+    truth = _straight(40)
+    matcher = TruthMatcher(np.vstack([np.zeros(3), truth]))
+    poses = _follow(FrontEnd(matcher, OdometryModel(), _CONFIG), truth * [1.05, 1.0, 1.0])
+    np.testing.assert_allclose(poses, truth, atol=1e-3)
+
+
+def test_key_scans_come_after_the_configured_distance() -> None:
+    truth = _straight(41)
+    front_end = FrontEnd(TruthMatcher(np.vstack([np.zeros(3), truth])), OdometryModel(), _CONFIG)
+    _follow(front_end, truth)
+    assert [key.index for key in front_end.keys] == [0, 6, 12, 18, 24, 30, 36]
+
+
+def test_key_scans_come_after_the_configured_turn() -> None:
+    truth = np.column_stack([np.zeros(21), np.zeros(21), 0.11 * np.arange(21)])
+    front_end = FrontEnd(TruthMatcher(np.vstack([np.zeros(3), truth])), OdometryModel(), _CONFIG)
+    _follow(front_end, truth)
+    assert [key.index for key in front_end.keys] == [0, 5, 10, 15, 20]
+
+
+def test_odometry_carries_where_nothing_matches() -> None:
+    truth = _straight(30)
+    fails = frozenset(range(8, 13))
+    front_end = FrontEnd(TruthMatcher(np.vstack([np.zeros(3), truth]), fails), OdometryModel(), _CONFIG)
+    poses = _follow(front_end, truth)
+    assert front_end.failures == len(fails)
+    np.testing.assert_allclose(poses, truth, atol=1e-3)
+
+
+def test_unmatched_key_scans_stay_out_of_the_reference_until_the_robot_is_lost() -> None:
+    truth = _straight(60)
+    front_end = FrontEnd(
+        TruthMatcher(np.vstack([np.zeros(3), truth]), frozenset(range(20, 99))), OdometryModel(), _CONFIG
+    )
+    _follow(front_end, truth)
+    assert front_end.lost, "three key scans in a row without a match begin a new reference"
+    assert front_end.lost[0] == 24
+    unmatched = [key.index for key in front_end.keys if isinstance(key.match, NoMatch)]
+    assert unmatched[1:4] == [24, 30, 36]
+
+
+def test_a_covered_laser_is_not_matched_and_not_lost() -> None:
+    truth = _straight(60)
+    front_end = FrontEnd(TruthMatcher(np.vstack([np.zeros(3), truth])), OdometryModel(), _CONFIG)
+    for index, T_odom_robot in enumerate(truth):
+        covered = 20 <= index < 45
+        front_end.add(index, _scan(index + 1, value=0.1 if covered else 5.0), T_odom_robot)
+    assert front_end.failures == 25
+    assert not front_end.lost
+
+
+def test_without_odometry_the_velocity_is_taken_as_constant() -> None:
+    truth = _straight(40)
+    fails = frozenset(range(20, 25))
+    front_end = FrontEnd(TruthMatcher(np.vstack([np.zeros(3), truth]), fails), None, _CONFIG)
+    poses = [
+        compose(front_end.keys[key].T_track_robot, T_key_scan)
+        for key, T_key_scan in (front_end.add(index, _scan(index + 1), None) for index in range(40))
+    ]
+    np.testing.assert_allclose(np.array(poses), truth, atol=1e-6)
+
+
+def test_odometry_speaks_along_a_direction_the_match_cannot_see() -> None:
+    truth = _straight(40)
+
+    class CorridorMatcher(TruthMatcher):
+        def match(
+            self,
+            reference: NDArray[np.float64],
+            scan: Scan,
+            T_ref_guess: NDArray[np.float64],
+            covariance_guess: NDArray[np.float64],
+        ) -> RelativePose | NoMatch:
+            match = super().match(reference, scan, T_ref_guess, covariance_guess)
+            assert isinstance(match, RelativePose)
+            slid = match.T_ref_cur + np.array([0.2, 0.0, 0.0])
+            return replace(
+                match,
+                T_ref_cur=slid,
+                covariance=np.diag([1.0, 1e-6, 1e-6]),
+                weak_directions=np.array([[1.0, 0.0, 0.0]]),
+            )
+
+        def track(
+            self,
+            reference: NDArray[np.float64],
+            scan: Scan,
+            T_ref_guess: NDArray[np.float64],
+            covariance_guess: NDArray[np.float64],
+        ) -> NDArray[np.float64]:
+            del reference, scan, covariance_guess
+            return T_ref_guess
+
+    front_end = FrontEnd(CorridorMatcher(np.vstack([np.zeros(3), truth])), OdometryModel(), _CONFIG)
+    poses = _follow(front_end, truth)
+    np.testing.assert_allclose(poses[:, 0], truth[:, 0], atol=0.05)
+
+
+def test_the_reference_holds_no_more_than_the_window() -> None:
+    truth = _straight(200)
+    matcher = TruthMatcher(np.vstack([np.zeros(3), truth]))
+    config = FrontEndConfig(key_scans=KeyScanConfig(distance=0.5, angle=0.5, window=4))
+    _follow(FrontEnd(matcher, OdometryModel(), config), truth)
+    assert max(matcher.prepared) == 4
+
+
+@pytest.fixture(scope="module")
+def room() -> tuple[Log, NDArray[np.float64]]:
+    simulation = simulate("room", seed=5)
+    return simulation.log, simulation.truth
+
+
+def test_ice_follows_a_robot_through_a_room(room: tuple[Log, NDArray[np.float64]]) -> None:
+    log, truth = room
+    track = track_log(log, IceMatcher(), OdometryModel(), FrontEndConfig())
+    poses = track.trajectory(np.array([key.T_track_robot for key in track.keys]))
+    error = between(truth, compose(truth[0], poses))
+    assert track.failures == 0
+    assert np.hypot(error[:, 0], error[:, 1]).max() < 0.05
+    assert np.abs(error[:, 2]).max() < 0.02
+
+
+def test_every_scan_is_tied_to_the_key_scan_before_it(room: tuple[Log, NDArray[np.float64]]) -> None:
+    log, _ = room
+    track = track_log(log, IceMatcher(), OdometryModel(), FrontEndConfig(), n_scans=120)
+    indices = np.array([key.index for key in track.keys])
+    np.testing.assert_array_equal(track.key_of_scan, np.searchsorted(indices, np.arange(120), side="right") - 1)
+    np.testing.assert_array_equal(track.T_key_scan[indices], np.zeros((len(indices), 3)))

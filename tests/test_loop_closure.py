@@ -1,0 +1,212 @@
+"""Loops: where they are looked for, what is believed, and what a far-off one has to wait for."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from frontends.simulator.simulation import Simulation, simulate
+from graph.config import PoseGraphConfig
+from graph.measurement import NoMatch, RelativePose
+from graph.odometry import OdometryModel, OdometryMotion
+from graph.se2 import between, compose
+from iceg.ice.matcher import IceMatcher
+from iceg.slam.back_end import BackEnd, solve_track
+from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
+from iceg.slam.finish import finish
+from iceg.slam.front_end import track_log
+from iceg.slam.loop_closure import Attempt, Candidate, Drift, LoopCloser
+from iceg.slam.track import Track
+
+
+@pytest.fixture(scope="module")
+def office() -> Simulation:
+    return simulate("office", seed=1)
+
+
+@pytest.fixture(scope="module")
+def track(office: Simulation) -> Track:
+    return track_log(office.log, IceMatcher(), OdometryModel(), FrontEndConfig())
+
+
+@pytest.fixture(scope="module")
+def true_poses(office: Simulation, track: Track) -> NDArray[np.float64]:
+    return np.asarray(office.truth[[key.index for key in track.keys]])
+
+
+def test_drift_of_a_straight_path_has_the_closed_form() -> None:
+    # Steps of 1 m along x, position variance p and heading variance q each: after n steps the end is off by
+    # n·p + q·Σ (distance left)², the distances being n-1 … 0.
+    n, p, q = 20, 1e-4, 1e-5
+    drift = Drift(n + 1)
+    for key in range(1, n + 1):
+        drift.add(key, np.diag([p, p, q]))
+    poses = np.column_stack([np.arange(n + 1.0), np.zeros(n + 1), np.zeros(n + 1)])
+    position, heading = drift.between(0, n, poses)
+    assert position == pytest.approx((n * p + q * sum(k * k for k in range(n))) ** 0.5)
+    assert heading == pytest.approx((n * q) ** 0.5)
+
+
+def test_a_closure_ends_the_drift_before_it() -> None:
+    drift = Drift(11)
+    for key in range(1, 11):
+        drift.add(key, np.diag([1e-4, 1e-4, 0.0]))
+    poses = np.zeros((11, 3))
+    drift.close(6)
+    assert drift.between(0, 10, poses)[0] == pytest.approx((4 * 1e-4) ** 0.5)
+    assert drift.between(8, 10, poses)[0] == pytest.approx((2 * 1e-4) ** 0.5)
+
+
+def test_closures_at_true_poses_are_found_and_right(track: Track, true_poses: NDArray[np.float64]) -> None:
+    closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
+    deviations, distances, tried = [], [], 0
+    for key in range(200, len(track.keys), 7):
+        for candidate in closer.neighbours(key, true_poses, np.array([0.1, 0.1, 0.03])):
+            attempt = closer.match(candidate, true_poses)
+            tried += 1
+            if attempt.accepted and attempt.match is not None:
+                truth = between(true_poses[attempt.key_old], true_poses[attempt.key_new])
+                error = between(truth, attempt.match.T_ref_cur)
+                distances.append(np.hypot(error[0], error[1]))
+                deviations.append(np.sqrt(error @ np.linalg.solve(attempt.match.covariance, error) / 3.0))
+    assert tried > 20
+    assert len(distances) > 0.5 * tried
+    assert np.median(distances) < 0.01
+    assert np.quantile(deviations, 0.9) < 4.0, "a closure that slides along a corridor says so in its covariance"
+
+
+def test_a_place_never_seen_is_not_closed(track: Track, true_poses: NDArray[np.float64]) -> None:
+    closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
+    rng = np.random.default_rng(0)
+    wrong = 0
+    for key_new in rng.integers(150, len(track.keys), 25).tolist():
+        key_old = int(rng.integers(0, 140))
+        apart = np.hypot(*(true_poses[key_old, :2] - true_poses[key_new, :2]))
+        if apart < 12.0:
+            continue
+        claimed = np.array([rng.uniform(-0.5, 0.5), rng.uniform(-0.5, 0.5), rng.uniform(-0.3, 0.3)])
+        deviations = np.array([0.3, 0.3, 0.1])
+        candidate = Candidate(key_old=key_old, key_new=key_new, T_old_new=claimed, deviations=deviations)
+        wrong += closer.match(candidate, true_poses).accepted
+    assert wrong <= 1
+
+
+def _closing_match(track: Track, key_old: int, key_new: int, off: float) -> RelativePose:
+    T_old_new = between(track.keys[key_old].T_track_robot, track.keys[key_new].T_track_robot)
+    return RelativePose(
+        T_ref_cur=compose(T_old_new, np.array([off, 0.0, 0.0])),
+        covariance=np.eye(3) * 1e-4,
+        score=0.9,
+        inliers=150,
+        overlap=0.9,
+        weak_directions=np.zeros((0, 3)),
+    )
+
+
+class ScriptedCloser(LoopCloser):
+    """Finds exactly the closures it was given."""
+
+    def __init__(self, track: Track, config: LoopClosureConfig, script: dict[int, RelativePose]) -> None:
+        super().__init__(IceMatcher(), track, config)
+        self._script = script
+
+    def candidates(self, key_new: int, poses: NDArray[np.float64], drift: Drift) -> list[Candidate]:
+        del drift
+        if key_new not in self._script:
+            return []
+        T_old_new = between(poses[0], poses[key_new])
+        return [Candidate(key_old=0, key_new=key_new, T_old_new=T_old_new, deviations=np.array([2.0, 2.0, 0.5]))]
+
+    def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
+        del poses
+        match = self._script[candidate.key_new]
+        return Attempt(key_old=0, key_new=candidate.key_new, match=match, accepted=True, reason="scripted")
+
+
+def _run_scripted(track: Track, script: dict[int, RelativePose], confirmations: int) -> BackEnd:
+    config = LoopClosureConfig(spacing=1e-6, spacing_angle=1e-6, confirmations=confirmations)
+    back_end = BackEnd(track, ScriptedCloser(track, config, script), PoseGraphConfig())
+    motion = OdometryModel().start()
+    for key in range(1, 40):
+        step = between(track.keys[key - 1].T_track_robot, track.keys[key].T_track_robot)
+        covariance = np.diag([0.05, 0.05, 0.02]) ** 2
+        back_end.add(key, OdometryMotion(T_key_robot=step, covariance=covariance, distance=motion.distance))
+    return back_end
+
+
+def test_a_near_closure_enters_at_once(track: Track) -> None:
+    back_end = _run_scripted(track, {30: _closing_match(track, 0, 30, 0.05)}, confirmations=3)
+    assert sum(factor.kind == "closure" for factor in back_end.graph.factors) == 1
+
+
+def test_a_far_closure_alone_stays_out_and_says_so(track: Track) -> None:
+    solution = _run_scripted(track, {30: _closing_match(track, 0, 30, 1.0)}, confirmations=3).solution()
+    assert all(factor.kind != "closure" for factor in solution.graph.factors)
+    assert [attempt.accepted for attempt in solution.attempts] == [False]
+    assert "alone and far off" in solution.attempts[0].reason
+
+
+def test_three_far_closures_that_agree_enter_together(track: Track) -> None:
+    script = {key: _closing_match(track, 0, key, 1.0) for key in (28, 30, 32)}
+    T_old_28 = script[28].T_ref_cur
+    for key in (30, 32):
+        T_28_key = between(track.keys[28].T_track_robot, track.keys[key].T_track_robot)
+        script[key] = replace(script[key], T_ref_cur=compose(T_old_28, T_28_key))
+    back_end = _run_scripted(track, script, confirmations=3)
+    assert sum(factor.kind == "closure" for factor in back_end.graph.factors) == 3
+
+
+def test_far_closures_that_contradict_each_other_stay_out(track: Track) -> None:
+    script = {28: _closing_match(track, 0, 28, 1.0), 30: _closing_match(track, 0, 30, -1.0)}
+    back_end = _run_scripted(track, script, confirmations=2)
+    assert all(factor.kind != "closure" for factor in back_end.graph.factors)
+
+
+def test_each_factor_enters_once(track: Track) -> None:
+    odometry = np.array([key.T_track_robot for key in track.keys])
+    back_end = BackEnd(
+        track, LoopCloser(IceMatcher(), track, LoopClosureConfig(enabled=False, revisits=False)), PoseGraphConfig()
+    )
+    for key in range(1, 60):
+        step = between(odometry[key - 1], odometry[key])
+        back_end.add(key, OdometryMotion(T_key_robot=step, covariance=np.eye(3) * 1e-3))
+    matched = sum(not isinstance(key.match, NoMatch) for key in track.keys[1:60])
+    kinds = [factor.kind for factor in back_end.graph.factors]
+    assert kinds.count("prior") == 1
+    assert kinds.count("odometry") == 59
+    assert kinds.count("ice") == matched
+    assert len(
+        set(zip(kinds, [f.i for f in back_end.graph.factors], [f.j for f in back_end.graph.factors], strict=True))
+    ) == len(kinds)
+
+
+def test_odometry_that_jumps_is_given_little_weight(track: Track) -> None:
+    back_end = BackEnd(
+        track, LoopCloser(IceMatcher(), track, LoopClosureConfig(enabled=False, revisits=False)), PoseGraphConfig()
+    )
+    for key in range(1, 30):
+        step = between(track.keys[key - 1].T_track_robot, track.keys[key].T_track_robot)
+        jump = np.array([0.0, 0.0, np.radians(30.0) if key == 15 else 0.0])
+        back_end.add(key, OdometryMotion(T_key_robot=compose(step, jump), covariance=np.diag([1e-4, 1e-4, 1e-4])))
+    solution = back_end.solution()
+    assert solution.odometry_jumps == 1
+    expected = between(track.keys[0].T_track_robot, track.keys[29].T_track_robot)
+    error = between(expected, solution.poses[29])
+    assert abs(error[2]) < np.radians(0.5)
+
+
+def test_loops_and_finish_bring_the_office_back_together(
+    office: Simulation, track: Track, true_poses: NDArray[np.float64]
+) -> None:
+    matcher = IceMatcher()
+    solution = solve_track(track, office.log.odometry, OdometryModel(), matcher, PoseGraphConfig(), LoopClosureConfig())
+    finished = finish(list(solution.graph.factors), solution.poses, track, matcher, LoopClosureConfig(), FinishConfig())
+
+    def worst(poses: NDArray[np.float64]) -> float:
+        error = between(true_poses, compose(true_poses[0], poses))
+        return float(np.hypot(error[:, 0], error[:, 1]).max())
+
+    assert sum(attempt.accepted for attempt in solution.attempts) > 20
+    assert worst(finished.poses) < 0.1
+    assert finished.rounds[-1].closures > len([a for a in solution.attempts if a.accepted])

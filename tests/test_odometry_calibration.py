@@ -1,0 +1,139 @@
+"""The calibration finds what was done to a true odometry, and undoes it."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from frontends.scan import Scan, ScanGeometry
+from graph.measurement import NoMatch, RelativePose
+from graph.odometry import OdometryModel
+from graph.se2 import between, compose, inverse
+from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
+from iceg.slam.track import KeyScan, Track
+
+_GEOMETRY = ScanGeometry(bearings=np.linspace(-1.5, 1.5, 31), range_min=0.1, range_max=20.0)
+
+
+def _drive(n: int, seed: int = 0) -> NDArray[np.float64]:
+    """A smooth drive with changing speed and turning, (n, 3)."""
+    rng = np.random.default_rng(seed)
+    kernel = np.hanning(25) / np.hanning(25).sum()
+    speed = np.convolve(rng.uniform(0.0, 0.15, n + 24), kernel, "valid")
+    turn = np.convolve(rng.normal(0.0, 0.25, n + 24), kernel, "valid")
+    poses = np.zeros((n, 3))
+    for i in range(1, n):
+        poses[i] = compose(poses[i - 1], np.array([speed[i], 0.0, turn[i]]))
+    return poses
+
+
+def _track(truth: NDArray[np.float64], every: int, noise: float = 0.0) -> Track:
+    """A track whose matches are the truth, up to noise."""
+    rng = np.random.default_rng(7)
+    scan = Scan(ranges=np.ones(31, np.float32), geometry=_GEOMETRY)
+    still = OdometryModel().start()
+    keys: list[KeyScan] = []
+    for index in range(0, len(truth), every):
+        match: RelativePose | NoMatch = NoMatch(reason="first scan")
+        if keys:
+            T_ref_cur = between(truth[index - every], truth[index]) + noise * rng.normal(size=3)
+            match = RelativePose(
+                T_ref_cur=T_ref_cur,
+                covariance=np.eye(3) * max(noise, 1e-4) ** 2,
+                score=1.0,
+                inliers=31,
+                overlap=1.0,
+                weak_directions=np.zeros((0, 3)),
+            )
+        keys.append(KeyScan(index=index, scan=scan, motion=still, match=match, T_track_robot=truth[index]))
+    n = len(truth)
+    return Track(
+        keys=keys,
+        key_of_scan=np.arange(n) // every,
+        T_key_scan=between(truth[(np.arange(n) // every) * every], truth),
+        failures=0,
+        lost=[],
+    )
+
+
+def _spoiled(
+    truth: NDArray[np.float64],
+    scale: float,
+    heading_scale: float,
+    drift: float,
+    shift: float,
+    mount: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Odometry as a wrong model would record it: the inverse of what the calibration does."""
+    steps = between(truth[:-1], truth[1:])
+    steps = compose(compose(mount, steps), inverse(mount))
+    places = np.arange(len(steps), dtype=np.float64)
+    steps = np.column_stack([np.interp(places - shift, places, steps[:, k]) for k in range(3)])
+    steps[:, :2] /= 1.0 + scale
+    steps[:, 2] = (steps[:, 2] - drift * np.hypot(steps[:, 0], steps[:, 1])) / (1.0 + heading_scale)
+    odometry = [truth[0]]
+    for step in steps:
+        odometry.append(compose(odometry[-1], step))
+    return np.array(odometry)
+
+
+@pytest.mark.parametrize(
+    ("scale", "heading_scale", "drift", "shift"),
+    [(0.0, 0.0, 0.0, 0.0), (0.04, -0.03, 0.0, 0.0), (0.0, 0.0, 0.05, 0.0), (-0.02, 0.02, 0.02, 0.5), (0, 0, 0, -0.5)],
+)
+def test_what_was_done_to_odometry_is_found(scale: float, heading_scale: float, drift: float, shift: float) -> None:
+    truth = _drive(2500)
+    odometry = _spoiled(truth, scale, heading_scale, drift, shift, np.zeros(3))
+    found = calibrate_odometry(_track(truth, 6, noise=0.002), odometry)
+    assert found.translation_scale == pytest.approx(scale, abs=0.006)
+    assert found.heading_scale == pytest.approx(heading_scale, abs=0.01)
+    assert found.heading_per_metre == pytest.approx(drift, abs=0.006)
+    assert found.heading_shift == pytest.approx(shift, abs=0.1)
+
+
+def test_a_shifted_laser_mount_is_found() -> None:
+    truth = _drive(2500)
+    mount = np.array([0.12, -0.03, 0.0])
+    found = calibrate_odometry(_track(truth, 6, noise=0.001), _spoiled(truth, 0, 0, 0, 0, mount))
+    assert found.T_odometry_laser == pytest.approx(mount, abs=0.015)
+
+
+def test_applying_the_calibration_undoes_the_error() -> None:
+    truth = _drive(2500)
+    odometry = _spoiled(truth, 0.04, -0.03, 0.05, -0.4, np.array([0.1, 0.0, 0.0]))
+    corrected = calibrate_odometry(_track(truth, 6, noise=0.001), odometry).apply(odometry)
+
+    def errors(poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        return between(between(truth[:-30], truth[30:]), between(poses[:-30], poses[30:]))
+
+    before, after = np.std(errors(odometry), axis=0), np.std(errors(corrected), axis=0)
+    assert after[0] < 0.3 * before[0]
+    assert after[2] < 0.3 * before[2]
+
+
+def test_noise_that_is_left_is_measured() -> None:
+    truth = _drive(4000)
+    rng = np.random.default_rng(3)
+    steps = between(truth[:-1], truth[1:])
+    distance = np.hypot(steps[:, 0], steps[:, 1])
+    steps[:, 2] += 0.04 * np.sqrt(distance) * rng.normal(size=len(steps))
+    odometry = [truth[0]]
+    for step in steps:
+        odometry.append(compose(odometry[-1], step))
+    noise = calibrate_odometry(_track(truth, 6, noise=0.0005), np.array(odometry)).noise
+    path = float(distance.sum()) / (len(truth) / 6)
+    turn = float(np.abs(between(truth[:-1], truth[1:])[:, 2]).sum()) / (len(truth) / 6)
+    claimed = noise.heading_floor**2 + noise.heading_per_metre**2 * path + noise.heading_per_radian**2 * turn
+    assert claimed**0.5 == pytest.approx(0.04 * path**0.5, rel=0.3)
+
+
+def test_a_short_track_changes_nothing() -> None:
+    truth = _drive(60)
+    odometry = _spoiled(truth, 0.05, 0.05, 0.05, 0.5, np.zeros(3))
+    found = calibrate_odometry(_track(truth, 6), odometry)
+    assert found == OdometryCalibration(noise=OdometryModel())
+    np.testing.assert_allclose(found.apply(odometry), odometry, atol=1e-9)
+
+
+def test_a_single_scan_stays_where_it_is() -> None:
+    one = np.array([[1.0, 2.0, 3.0]])
+    np.testing.assert_array_equal(OdometryCalibration(noise=OdometryModel()).apply(one), one)
