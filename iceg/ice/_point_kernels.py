@@ -16,6 +16,7 @@ _SPACINGS = 3.0
 _WIDEST_GAP = 0.6
 _MOST_NEIGHBOURS = 12
 _THICKEST = 0.1
+_STRETCH = 4
 
 
 @njit(cache=True)
@@ -130,19 +131,21 @@ def _normal(sums: F64, first: int, last: int, rx: float, ry: float) -> tuple[flo
 def range_noise(points: F64, beams: I32) -> float:
     """Standard deviation of the points across the surfaces they lie on [m].
 
-    The distance of a point from the chord of its two neighbours is zero on any straight wall, whatever its incidence,
-    and has 3/2 of a point's variance; the median ignores corners and jumps.
+    The second difference of three neighbouring points, across the chord of a longer stretch, is zero on any straight
+    wall, whatever its incidence, and has six times a point's variance; the median ignores corners and jumps.
     """
     n = len(points)
-    off = np.empty(max(0, n - 2))
+    off = np.empty(n)
     count = 0
-    for i in range(1, n - 1):
-        if beams[i + 1] - beams[i - 1] != 2:
+    for i in range(_STRETCH, n - _STRETCH):
+        a, b = i - _STRETCH, i + _STRETCH
+        if beams[b] - beams[a] != 2 * _STRETCH:
             continue
-        ux, uy = points[i + 1, 0] - points[i - 1, 0], points[i + 1, 1] - points[i - 1, 1]
-        dx, dy = points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1]
+        ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
+        dx = points[i - 1, 0] - 2.0 * points[i, 0] + points[i + 1, 0]
+        dy = points[i - 1, 1] - 2.0 * points[i, 1] + points[i + 1, 1]
         off[count] = abs(ux * dy - uy * dx) / max(hypot(ux, uy), 1e-9)
         count += 1
     if count == 0:
         return 0.0
-    return float(np.median(off[:count])) / (0.6745 * sqrt(1.5))
+    return float(np.median(off[:count])) / (0.6745 * sqrt(6.0))

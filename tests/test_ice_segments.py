@@ -1,0 +1,177 @@
+"""Points, normals, noise and segments of a scan against slow twins and closed forms."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from frontends.scan import Scan, ScanGeometry
+from graph.se2 import transform_points
+from iceg.ice import _feature_kernels as kernels
+from iceg.ice.config import IceConfigError, SegmentConfig
+from iceg.ice.points import extract_points, range_noise
+from iceg.ice.segments import extract_segments, segment_rows, smoothed_on_segments
+
+F64 = NDArray[np.float64]
+BEARINGS = np.radians(np.arange(-90.0, 91.0))
+ROOM = np.array([[-3.0, -2.0, 4.0, -2.0], [4.0, -2.0, 4.0, 3.0], [4.0, 3.0, -3.0, 3.0], [-3.0, 3.0, -3.0, -2.0]])
+
+
+def cast(walls: F64, pose: F64) -> F64:
+    """Ranges to the nearest wall (x0, y0, x1, y1) from a pose; NaN beyond 20 m."""
+    angles = BEARINGS + pose[2]
+    ray = np.stack([np.cos(angles), np.sin(angles)], axis=1)[:, None, :]
+    start, along = walls[None, :, :2] - pose[:2], walls[None, :, 2:] - walls[None, :, :2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        det = ray[..., 1] * along[..., 0] - ray[..., 0] * along[..., 1]
+        r = (start[..., 1] * along[..., 0] - start[..., 0] * along[..., 1]) / det
+        t = (ray[..., 0] * start[..., 1] - ray[..., 1] * start[..., 0]) / det
+        r = np.where((t >= 0) & (t <= 1) & (r > 0) & (r < 20), r, np.nan)
+    return np.where(np.isnan(r).all(axis=1), np.nan, np.nanmin(np.where(np.isnan(r), np.inf, r), axis=1))
+
+
+def scan_of(walls: F64, pose: F64, noise: F64 | float = 0.0, mount: F64 | None = None) -> Scan:
+    geometry = ScanGeometry(
+        bearings=BEARINGS, range_min=0.0, range_max=20.0, T_robot_laser=np.zeros(3) if mount is None else mount
+    )
+    return Scan(ranges=(cast(walls, pose) + noise).astype(np.float32), geometry=geometry)
+
+
+def test_points_of_beams_without_return_are_left_out() -> None:
+    scan = scan_of(ROOM, np.zeros(3))
+    scan.ranges[[3, 50, 180]] = np.nan
+    points = extract_points(scan)
+    np.testing.assert_allclose(points.points, scan.points, atol=1e-6)
+    assert len(points) == 178
+    assert set(points.beams.tolist()) == set(range(181)) - {3, 50, 180}
+
+
+def test_normals_against_a_slow_twin() -> None:
+    scan = scan_of(ROOM, np.array([0.3, 0.1, 0.2]), np.random.default_rng(0).normal(0, 0.01, 181))
+    got = extract_points(scan, reach=0.2)
+    p = got.points
+    for i in range(2, len(p) - 2):
+        first = i
+        while first > 0 and i - first < 12 and (i - first < 2 or np.hypot(*(p[first] - p[i])) < 0.2):
+            first -= 1
+        last = i
+        while last < len(p) - 1 and last - i < 12 and (last - i < 2 or np.hypot(*(p[last] - p[i])) < 0.2):
+            last += 1
+        values, vectors = np.linalg.eigh(np.cov(p[first : last + 1].T, bias=True))
+        normal = vectors[:, 0] if vectors[:, 0] @ p[i] < 0 else -vectors[:, 0]
+        if values[0] > 0.1 * values[1]:
+            assert not got.normals[i].any()
+        else:
+            np.testing.assert_allclose(got.normals[i], normal, atol=1e-5)
+
+
+def test_normals_stop_at_a_jump() -> None:
+    walls = np.array([[2.0, -5.0, 2.0, 0.0], [4.0, 0.0, 4.0, 5.0]])
+    points = extract_points(scan_of(walls, np.zeros(3)))
+    np.testing.assert_allclose(points.normals, np.tile([-1.0, 0.0], (len(points), 1)), atol=1e-4)
+
+
+@pytest.mark.parametrize("sigma", [0.002, 0.01, 0.03])
+def test_noise_is_estimated_from_the_scan(sigma: float) -> None:
+    # Walls seen head-on: the noise of the ranges is the noise across the wall.
+    angles = np.linspace(-0.5, 0.5, 180)
+    geometry = ScanGeometry(bearings=angles, range_min=0.0, range_max=20.0)
+    ranges = 3.0 / np.cos(angles) + np.random.default_rng(1).normal(0, sigma, 180)
+    points = extract_points(Scan(ranges=ranges.astype(np.float32), geometry=geometry))
+    assert range_noise(points) == pytest.approx(sigma, rel=0.25)
+
+
+def test_without_noise_there_is_none_whatever_the_incidence() -> None:
+    assert range_noise(extract_points(scan_of(ROOM, np.array([3.5, 0.0, 0.4])))) < 1e-5
+    empty = scan_of(ROOM, np.zeros(3))
+    empty.ranges[:] = np.nan
+    assert range_noise(extract_points(empty)) == 0.0
+
+
+def test_line_fit_is_total_least_squares_with_its_covariance() -> None:
+    rng = np.random.default_rng(2)
+    t = np.linspace(-1.0, 2.0, 30)
+    heading, sigma = 0.7, 0.02
+    direction, normal = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
+    row, angles, offsets, claimed = np.empty(kernels.SEGMENT_COLUMNS), [], [], []
+    for _ in range(2000):
+        points = np.array([1.0, 2.0]) + t[:, None] * direction + rng.normal(0, sigma, (30, 1)) * normal
+        kernels._fit_line(points, 0, 29, sigma, row)
+        angles.append(np.arctan2(row[kernels.TY], row[kernels.TX]))
+        offsets.append((row[:2] - [1.0, 2.0]) @ normal)
+        claimed.append(row[[kernels.V_OFFSET, kernels.V_ANGLE]].copy())
+    centered = points - points.mean(axis=0)
+    twin = np.linalg.svd(centered)[2][0]
+    twin *= np.sign(twin @ direction)
+    np.testing.assert_allclose(row[2:4], twin, atol=1e-9)
+    assert np.mean(angles) == pytest.approx(heading, abs=1e-3)
+    # Closed form: σ²/Σt² for the angle, σ²/n for the offset at the centroid.
+    assert np.var(angles) == pytest.approx(sigma**2 / ((t - t.mean()) ** 2).sum(), rel=0.12)
+    assert np.var(offsets) == pytest.approx(sigma**2 / 30, rel=0.12)
+    # The claim takes the larger of the given and the seen spread, hence a little more.
+    assert np.mean(claimed, axis=0) == pytest.approx([np.var(offsets), np.var(angles)], rel=0.25)
+
+
+def test_a_room_is_cut_into_its_walls() -> None:
+    segments = extract_segments(scan_of(ROOM, np.zeros(3)))
+    assert len(segments) == 3
+    np.testing.assert_allclose(np.abs(segments.headings), [0.0, np.pi / 2, np.pi], atol=1e-3)
+    np.testing.assert_allclose(segments.endpoints[1], [[4.0, -2.0], [4.0, 3.0]], atol=0.08)
+    assert (np.diff(segments.point_ranges.ravel()) >= 0).all()
+
+
+def test_a_gap_and_missing_beams_part_two_segments() -> None:
+    walls = np.array([[3.0, -3.0, 3.0, -0.5], [3.0, 0.5, 3.0, 3.0]])
+    assert len(extract_segments(scan_of(walls, np.zeros(3)))) == 2
+    whole = np.array([[3.0, -3.0, 3.0, 3.0]])
+    scan = scan_of(whole, np.zeros(3))
+    assert len(extract_segments(scan)) == 1
+    scan.ranges[88:93] = np.nan
+    assert len(extract_segments(scan)) == 2
+
+
+def test_merging_heals_a_wall_that_the_split_cut() -> None:
+    # Ends too near tilt nothing, but the middle then lies farther from the chord than a point may from its line.
+    scan = scan_of(np.array([[3.0, -1.0, 3.0, 1.0]]), np.zeros(3))
+    hit = np.flatnonzero(np.isfinite(scan.ranges))
+    scan.ranges[hit[[0, -1]]] -= 0.025
+    scan.ranges[90] += 0.015
+    points = extract_points(scan)
+    assert kernels._farthest_from_chord(points.points, 0, len(points) - 1)[0] > 0.03
+    assert len(segment_rows(scan, SegmentConfig(split_sigmas=0.0, split=0.03), points)) == 1
+
+
+def test_walls_stay_whole_on_a_noisy_laser() -> None:
+    noise = np.random.default_rng(3).normal(0, 0.03, 181)
+    scan = scan_of(ROOM, np.zeros(3), noise)
+    assert len(extract_segments(scan)) <= 6
+    assert len(extract_segments(scan, SegmentConfig(split_sigmas=0.0))) > 10
+
+
+def test_points_of_walls_are_put_onto_them() -> None:
+    scan = scan_of(ROOM, np.zeros(3), np.random.default_rng(4).normal(0, 0.008, 181))
+    points = extract_points(scan)
+    rows = segment_rows(scan, SegmentConfig(), points)
+    smooth = smoothed_on_segments(points, rows, scan.geometry.origin_robot, SegmentConfig())
+    for row in rows:
+        first, last = int(row[kernels.I_FIRST]), int(row[kernels.I_LAST])
+        normal = np.array([-row[kernels.TY], row[kernels.TX]])
+        np.testing.assert_allclose((smooth.points[first + 1 : last] - row[:2]) @ normal, 0.0, atol=1e-9)
+        assert ((smooth.normals[first : last + 1] * smooth.points[first : last + 1]).sum(axis=1) < 0).all()
+    assert np.abs(smooth.points - points.points).max() < 0.05
+
+
+@given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-3.0, 3.0))
+def test_segments_turn_with_the_mount_of_the_laser(x: float, y: float, heading: float) -> None:
+    mount = np.array([x, y, heading])
+    pose = np.array([0.2, -0.3, 0.1])
+    plain, mounted = extract_segments(scan_of(ROOM, pose)), extract_segments(scan_of(ROOM, pose, mount=mount))
+    assert len(plain) == len(mounted)
+    np.testing.assert_allclose(mounted.endpoints, transform_points(mount, plain.endpoints), atol=1e-6)
+    np.testing.assert_allclose(mounted.heading_variances, plain.heading_variances, rtol=1e-4)
+
+
+def test_settings_out_of_range_are_refused() -> None:
+    with pytest.raises(IceConfigError, match="min_points must be at least 2, found 1"):
+        SegmentConfig(min_points=1)
