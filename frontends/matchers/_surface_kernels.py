@@ -17,6 +17,7 @@ def facing(points: NDArray[np.float64], link: float) -> tuple[NDArray[np.float64
     reach = 0.0
     for k in range(n):
         reach += math.hypot(points[k, 0], points[k, 1]) / n
+    reach = max(reach, 1e-6)
     mean, used = np.zeros((3, 3)), 0
     row = np.empty(3)
     for k in range(n):
