@@ -172,11 +172,6 @@ class CsmMatcher:
         """As `match`, but only the pose."""
         return self._search(reference, np.ascontiguousarray(scan.points), T_ref_guess, covariance_guess)
 
-    def agreement(self, reference: LikelihoodTable, scan: Scan, T_ref_cur: NDArray[np.float64]) -> float:
-        """Share of a scan's beams that agree with the reference at a given pose, in [0, 1]."""
-        points = np.ascontiguousarray(scan.points)
-        return self._agreeing(reference, points, T_ref_cur)[0] / len(points) if len(points) else 0.0
-
     def search(
         self,
         reference: LikelihoodTable,
@@ -311,4 +306,4 @@ def _moment(weights: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray
     second = np.diag([float(marginal @ offsets**2) for marginal in marginals])
     for i, j in ((0, 1), (0, 2), (1, 2)):
         second[i, j] = second[j, i] = float(offsets @ weights.sum(axis=3 - i - j) @ offsets)
-    return np.asarray((second - np.outer(u, u)) * np.outer(steps, steps))
+    return np.asarray((second - np.outer(u, u)) * np.outer(steps, steps), dtype=np.float64)

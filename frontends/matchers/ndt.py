@@ -148,16 +148,6 @@ class NdtMatcher:
         aligned = self._align(reference, scan, T_ref_guess)
         return aligned if isinstance(aligned, NoMatch) else aligned.T_ref_cur
 
-    def agreement(self, reference: NdtMap, scan: Scan, T_ref_cur: NDArray[np.float64]) -> float:
-        """Share of a scan's beams within a cell's 99 % ellipse at a given pose, in [0, 1]."""
-        points = scan.points
-        if not len(points):
-            return 0.0
-        inliers, _ = kernels.count_inliers(
-            points, T_ref_cur, reference.cells, reference.origin, reference.cell, _INLIER_GATE
-        )
-        return float(inliers / len(points))
-
     def _align(self, reference: NdtMap, scan: Scan, T_ref_guess: NDArray[np.float64]) -> "_Aligned | NoMatch":
         points = np.ascontiguousarray(scan.points)
         if len(points) < 2 * self.config.min_points:
