@@ -279,7 +279,7 @@ class CsmMatcher:
         far = float(np.quantile(np.hypot(points[:, 0], points[:, 1]), 0.75))
         step = min(max(self.config.cell / max(far, 1e-3), self.config.min_turn_step), self.config.max_turn_step)
         half = math.ceil(rotation / step)
-        return np.arange(-half, half + 1) * (rotation / half)
+        return np.asarray(np.arange(-half, half + 1) * (rotation / half), dtype=np.float64)
 
     def _agreeing(
         self, reference: LikelihoodTable, points: NDArray[np.float64], T_ref_cur: NDArray[np.float64]
