@@ -1,0 +1,169 @@
+"""The covariance from scores: against the closed form of a Gaussian, white and repeated noise, weak directions."""
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from iceg.ice import _refinement_kernels as kernels
+from iceg.ice.config import CovarianceConfig, FeatureConfig, LocalMapConfig, RefinementConfig
+from iceg.ice.covariance import ScoreCovariance, score_covariance
+from iceg.ice.features import FeatureRows
+from iceg.ice.local_map import LocalMap
+from iceg.ice.points import ScanPoints
+from iceg.ice.refinement import FACING, evaluate_points
+
+F64 = NDArray[np.float64]
+NO_FEATURES = FeatureRows(kinds=np.empty(0, np.int8), rows=np.empty((0, 10)))
+
+
+def walls(*sides: str, noise: F64 | float = 0.0, n: int = 100) -> ScanPoints:
+    """Points on chosen sides of a box of 8 by 8 m, with their normals."""
+    line = np.linspace(-3.9, 3.9, n)
+    ends = np.full_like(line, 4.0)
+    table = {
+        "left": (np.c_[line, ends], [0.0, -1.0]),
+        "right": (np.c_[line, -ends], [0.0, 1.0]),
+        "front": (np.c_[ends, line], [-1.0, 0.0]),
+    }
+    points = np.concatenate([table[side][0] for side in sides])
+    normals = np.repeat([table[side][1] for side in sides], n, axis=0)
+    return ScanPoints(
+        points=points + np.asarray(noise).reshape(-1, 1) * normals,
+        normals=normals,
+        beams=np.arange(len(points), dtype=np.int32),
+    )
+
+
+def map_of(scan_points: ScanPoints) -> LocalMap:
+    local_map = LocalMap(np.array([-7.0, -7.0]), np.array([7.0, 7.0]), LocalMapConfig(), FeatureConfig())
+    local_map.add(scan_points, NO_FEATURES, np.zeros(3))
+    return local_map
+
+
+def covariance_of(reference: ScanPoints, scan: ScanPoints, config: CovarianceConfig | None = None) -> ScoreCovariance:
+    local_map = map_of(reference)
+    at = evaluate_points(scan, local_map, np.zeros(3), RefinementConfig())
+    return score_covariance(scan, local_map, at, 0.04, config or CovarianceConfig())
+
+
+def test_moments_of_a_gaussian_are_its_covariance() -> None:
+    sigma, steps = np.array([0.02, 0.1, 0.004]), np.array([0.01, 0.05, 0.002])
+    offsets = np.stack(np.meshgrid(*[np.arange(-8, 9) * s for s in steps], indexing="ij"), axis=-1)
+    off_centre = np.array([0.01, -0.02, 0.001])
+    costs = 3.0 + 0.5 * (((offsets - off_centre) / sigma) ** 2).sum(axis=-1)
+    second, edges = np.empty((3, 3)), np.empty(3)
+    kernels.moments(costs, float(costs.min()), 1.0, steps, second, edges)
+    # Σ = K/s - uuᵀ/s² about the mean, plus the variance of a cell.
+    np.testing.assert_allclose(second, np.diag(sigma**2 + steps**2 / 12), rtol=2e-3, atol=1e-9)
+    assert costs.sum() == pytest.approx(1.0)
+    assert (edges < 1e-2).all()
+
+
+def test_a_flat_score_lies_on_the_edge() -> None:
+    costs, second, edges = np.zeros((5, 5, 5)), np.empty((3, 3)), np.empty(3)
+    kernels.moments(costs, 0.0, 1.0, np.ones(3), second, edges)
+    np.testing.assert_allclose(edges, 0.4)
+    np.testing.assert_allclose(second, np.eye(3) * (2.0 + 1 / 12), atol=1e-12)
+
+
+def test_the_costs_against_a_slow_twin() -> None:
+    rng = np.random.default_rng(0)
+    scan = walls("left", "front", noise=rng.normal(0, 0.02, 200))
+    local_map = map_of(walls("left", "front"))
+    pose, axes, steps = (
+        np.array([0.02, -0.03, 0.4]),
+        np.linalg.qr(rng.normal(size=(3, 3)))[0],
+        np.array([0.1, 0.2, 0.05]),
+    )
+    costs, field = np.empty((3, 3, 3)), local_map.fine
+    best = kernels.score_grid(
+        scan.points, scan.normals, 50, local_map.surfels, field.nearest, field.origin, field.cell, 0.04, FACING,
+        pose, axes, steps, costs,
+    )  # fmt: skip
+    picked = ((np.arange(50) + 0.5) * 4).astype(int)
+    for index in np.ndindex(3, 3, 3):
+        d = axes @ ((np.array(index) - 1) * steps)
+        c0, s0 = np.cos(pose[2]), np.sin(pose[2])
+        c, s = np.cos(pose[2] + d[2]), np.sin(pose[2] + d[2])
+        R = np.array([[c, -s], [s, c]])
+        p = pose[:2] + [c0 * d[0] - s0 * d[1], s0 * d[0] + c0 * d[1]] + scan.points[picked] @ R.T
+        n = scan.normals[picked] @ R.T
+        cost = 0.0
+        for point, normal in zip(p, n, strict=True):
+            u, v = np.floor((point - field.origin) / field.cell).astype(int)
+            k = field.nearest[v, u]
+            factor = 10.0
+            if k >= 0 and normal @ local_map.surfels[k, 2:] >= FACING:
+                r = local_map.surfels[k, 2:] @ (point - local_map.surfels[k, :2])
+                factor = min(10.0, 1 + (r / 0.04) ** 2)
+            cost += np.log(factor)
+        assert costs[index] == pytest.approx(cost, rel=1e-9)
+    assert best == costs.min()
+
+
+def test_small_white_noise_gives_the_least_squares_covariance() -> None:
+    rng = np.random.default_rng(1)
+    noise = rng.normal(0, 0.01, 300)
+    config = CovarianceConfig(independence=1.0, points=300)
+    got = covariance_of(walls("left", "right", "front"), walls("left", "right", "front", noise=noise), config)
+    scan = walls("left", "right", "front")
+    n, p = scan.normals, scan.points
+    J = np.c_[n, p[:, 0] * n[:, 1] - p[:, 1] * n[:, 0]]
+    expected = 0.01**2 * np.linalg.inv(J.T @ J)
+    assert not len(got.weak_directions)
+    ratio = np.linalg.eigvals(np.linalg.solve(expected, got.covariance)).real
+    # The costs are robust, the grid has five poses a side and the noise is what these points happen to have.
+    assert (ratio > 0.3).all()
+    assert (ratio < 2.0).all()
+
+
+def test_errors_that_neighbours_share_do_not_average_out() -> None:
+    rng = np.random.default_rng(2)
+    white = rng.normal(0, 0.012, 300)
+    shared = np.repeat(rng.normal(0, 0.012, 30), 10)
+    reference = walls("left", "right", "front")
+    from_white = covariance_of(reference, walls("left", "right", "front", noise=white)).covariance
+    from_shared = covariance_of(reference, walls("left", "right", "front", noise=shared)).covariance
+    assert np.trace(from_shared) > 3 * np.trace(from_white)
+
+
+def test_dependence_counts_what_neighbours_share() -> None:
+    rng = np.random.default_rng(3)
+    local_map = map_of(walls("left", "right", "front", n=800))
+    field = local_map.fine
+
+    def of(noise: F64) -> float:
+        scan = walls("left", "right", "front", noise=noise, n=800)
+        return float(
+            kernels.dependence(
+                scan.points, scan.normals, np.zeros(3), local_map.surfels, field.nearest, field.origin, field.cell,
+                FACING, 0.08,
+            )
+        )  # fmt: skip
+
+    assert of(rng.normal(0, 0.01, 2400)) < 1.4
+    # Blocks of four equal errors: ρ = 3/4, 1/2, 1/4, hence 1 + 2 Σ (1 - l/13) ρ = 3.62.
+    assert of(np.repeat(rng.normal(0, 0.01, 600), 4)) == pytest.approx(3.62, abs=0.6)
+
+
+def test_a_corridor_is_weak_along_it_and_a_room_is_not() -> None:
+    rng = np.random.default_rng(4)
+    corridor = covariance_of(walls("left", "right"), walls("left", "right", noise=rng.normal(0, 0.01, 200)))
+    assert corridor.weak_directions.shape == (1, 3)
+    np.testing.assert_allclose(np.abs(corridor.weak_directions[0]), [1.0, 0.0, 0.0], atol=0.05)
+    assert corridor.covariance[0, 0] == pytest.approx(1.0, rel=0.02)
+    assert corridor.covariance[1, 1] < 0.02**2
+    room = covariance_of(
+        walls("left", "right", "front"), walls("left", "right", "front", noise=rng.normal(0, 0.01, 300))
+    )
+    assert room.weak_directions.shape == (0, 3)
+    assert room.covariance[0, 0] < 0.02**2
+
+
+@pytest.mark.parametrize("sides", [("left",), ("left", "right"), ("left", "front"), ("left", "right", "front")])
+def test_every_covariance_is_symmetric_and_positive_definite(sides: tuple[str, ...]) -> None:
+    got = covariance_of(walls(*sides), walls(*sides, noise=np.random.default_rng(5).normal(0, 0.02, 100 * len(sides))))
+    np.testing.assert_array_equal(got.covariance, got.covariance.T)
+    assert np.linalg.eigvalsh(got.covariance).min() > 0
+    assert got.weights.sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(got.axes.T @ got.axes, np.eye(3), atol=1e-9)
