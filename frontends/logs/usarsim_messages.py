@@ -11,6 +11,7 @@ values. Metres and radians. Source: USARSim manual 3.1.3, sections 8 and 9.
 """
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,7 @@ from frontends.logs.text import Line
 
 _KIND = re.compile(rb"[A-Za-z][A-Za-z0-9_]*")
 _CONTINUES = re.compile(rb"[-+.,0-9]|nan$|inf", re.IGNORECASE)
+_FEW = 6  # numbers that are read one by one
 _COMMAS_TO_SPACES = bytes.maketrans(b",;", b"  ")
 
 
@@ -60,6 +62,9 @@ class Message:
         found = len(value.split())
         if count is not None and found != count:
             raise MalformedLineError(f"{found} numbers in {{{key}}}", f"{count}")
+        if found <= _FEW and b"_" not in value:
+            with suppress(ValueError):
+                return np.array([float(word) for word in value.split()])
         numbers = np.empty(found)
         part = Line(self.line.number, value, np.frombuffer(value, dtype=np.uint8), 0, len(value), True)
         read_numbers(part, 0, numbers, f"of {{{key}}}")
@@ -69,7 +74,10 @@ class Message:
         """A value as one finite number; `default` when it is not there."""
         if key not in self.fields:
             return default
-        value = float(self.numbers(key, 1)[0])
+        try:
+            value = float(self.fields[key])
+        except ValueError:
+            value = float(self.numbers(key, 1)[0])
         if not np.isfinite(value):
             raise MalformedLineError(f"{value} in {{{key}}}", "a finite number")
         return value

@@ -10,7 +10,7 @@ from iceg.evaluation.consistency import consistency, nees, relative_pose_errors
 from iceg.slam.config import FinishConfig, LoopClosureConfig
 from iceg.slam.pipeline import run
 
-SCENES = ("room", "corridor")
+SCENES = ("room", "long_corridor")
 _CONFIG = Config(loops=LoopClosureConfig(enabled=False, revisits=False), finish=FinishConfig(enabled=False))
 
 
