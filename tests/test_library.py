@@ -1,18 +1,19 @@
 """The library as the README shows it: five lines for a run, twenty for one's own matcher, parts on plain arrays."""
 
+import re
+from pathlib import Path
+from typing import Any
+
 import gtsam
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 import iceg
-from frontends.scan import Log, Scan, ScanError
-from graph.gtsam_bridge import to_gtsam_graph, to_gtsam_values
-from graph.measurement import NoMatch, RelativePose
-from graph.se2 import compose, transform_points
-from iceg.evaluation.trajectory import align
+from frontends.scan import Log, ScanError
+from graph.measurement import RelativePose
 
+REPOSITORY = Path(__file__).parent.parent
 N_SCANS = 200
 
 
@@ -29,46 +30,24 @@ def log() -> Log:
     )
 
 
-class PointToPoint:
-    """One's own matcher: the iterative closest point method."""
-
-    def prepare(self, scans: list[Scan], T_ref_scans: NDArray[np.float64]) -> cKDTree:
-        return cKDTree(
-            np.vstack([transform_points(T, scan.points) for T, scan in zip(T_ref_scans, scans, strict=True)])
-        )
-
-    def match(
-        self, reference: cKDTree, scan: Scan, T_ref_guess: NDArray[np.float64], _: NDArray[np.float64]
-    ) -> RelativePose | NoMatch:
-        pose = T_ref_guess
-        for _iteration in range(10):
-            points = transform_points(pose, scan.points)
-            distances, nearest = map(np.asarray, reference.query(points))
-            near = distances <= np.quantile(distances, 0.8)
-            pose = compose(align(as_poses(points[near]), as_poses(reference.data[nearest[near]])), pose)
-        inliers = int(np.count_nonzero(distances < 0.1))
-        share = inliers / len(distances)
-        if share < 0.5:
-            return NoMatch(reason=f"only {share:.0%} of the points have a neighbour")
-        covariance, nothing_weak = np.diag([0.02, 0.02, 0.01]) ** 2, np.zeros((0, 3))
-        return RelativePose(
-            T_ref_cur=pose,
-            covariance=covariance,
-            score=share,
-            inliers=inliers,
-            overlap=share,
-            weak_directions=nothing_weak,
-        )
+def python_blocks() -> list[str]:
+    return re.findall(r"```python\n(.*?)```", (REPOSITORY / "README.md").read_text(encoding="utf-8"), re.DOTALL)
 
 
-def as_poses(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.column_stack([points, np.zeros(len(points))])
+@pytest.fixture(scope="module")
+def shown(log: Log) -> dict[str, Any]:
+    """The names that the README's examples leave behind, run one after the other on the short log."""
+    names: dict[str, Any] = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(iceg, "read_log", lambda _: log)
+        for block in python_blocks():
+            exec(compile(block, "README.md", "exec"), names)
+            names.setdefault("first", names["result"])
+    return names
 
 
-def test_five_lines_from_a_log_to_arrays_and_a_gtsam_graph(log: Log) -> None:
-    result = iceg.run(log)
-    factors = to_gtsam_graph(result.graph.factors)
-    values = to_gtsam_values(result.key_poses)
+def test_five_lines_from_a_log_to_arrays_and_a_gtsam_graph(shown: dict[str, Any]) -> None:
+    result, factors, values = shown["first"], shown["factors"], shown["values"]
     assert result.trajectory.shape == (N_SCANS, 3)
     assert result.covariances.shape == (len(result.key_poses), 3, 3)
     assert np.linalg.eigvalsh(result.covariances[1:]).min() > 0
@@ -79,13 +58,17 @@ def test_five_lines_from_a_log_to_arrays_and_a_gtsam_graph(log: Log) -> None:
     assert factors.error(again) <= factors.error(values) + 1e-6
 
 
-@pytest.mark.xfail(raises=AttributeError, reason="loop closures ask every matcher for its agreement", strict=False)
-def test_ones_own_matcher_runs_in_the_same_pipeline(log: Log) -> None:
-    mine, ice = iceg.run(log, matcher=PointToPoint()), iceg.run(log)
+def test_ones_own_matcher_runs_in_the_same_pipeline(shown: dict[str, Any]) -> None:
+    ice, mine = shown["first"], shown["result"]
     distance = np.hypot(*(mine.trajectory - ice.trajectory)[:, :2].T)
     assert distance.max() < 0.3
     assert mine.summary["factors"]["ice"] == len(mine.key_poses) - 1
     assert len(mine.landmarks) > 0
+
+
+def test_the_parts_on_plain_arrays(shown: dict[str, Any]) -> None:
+    assert (shown["features"].kinds == 0).sum() == 2
+    np.testing.assert_allclose(shown["match"].T_ref_cur, np.zeros(3), atol=0.01)
 
 
 def room(x: float, y: float, heading: float, n_beams: int = 181) -> NDArray[np.float64]:
