@@ -15,6 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+_COARSE = 100.0
+"""The iterations have settled, and stricter trimming begins, at steps this many times longer than at the end."""
 _Result = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
 
@@ -26,6 +28,7 @@ def icp(
     start: NDArray[np.float64],
     max_distance: float,
     trim: float,
+    final_trim: float,
     iterations: int,
     epsilon: float,
 ) -> _Result:
@@ -33,16 +36,18 @@ def icp(
     pose = start.copy()
     moved, targets, squares, kept, indices = _buffers(len(points))
     no_links = np.zeros(len(xy), np.bool_)
-    done = 0
+    settled, done = False, 0
     for _ in range(iterations):
         done += 1
         _move(points, pose, moved)
         _associate(xy, bearings, no_links, moved, math.inf, math.pi, max_distance, targets, squares, indices)
-        if _trim(squares, trim, kept) < 3:
+        if _trim(squares, final_trim if settled else trim, kept) < 3:
             break
         fit = _rigid_fit(points, targets, kept)
-        if _take(fit, pose, epsilon):
-            break
+        if _take(fit, pose, epsilon if settled else _COARSE * epsilon):
+            if settled:
+                break
+            settled = True
     return _closing(points, pose, moved, targets, kept, math.inf, done)
 
 
@@ -58,6 +63,7 @@ def idc(
     min_window: float,
     max_distance: float,
     trim: float,
+    final_trim: float,
     iterations: int,
     epsilon: float,
 ) -> _Result:
@@ -66,23 +72,25 @@ def idc(
     moved, targets, squares, kept, indices = _buffers(len(points))
     _, same_range, range_squares, range_kept, _ = _buffers(len(points))
     ranges = np.sqrt(xy[:, 0] ** 2 + xy[:, 1] ** 2)
-    done = 0
+    settled, done = False, 0
     for t in range(iterations):
         done += 1
         opening = max(window * math.exp(-decay * t), min_window)
         _move(points, pose, moved)
         _associate(xy, bearings, linked, moved, math.inf, opening, max_distance, targets, squares, indices)
         _associate_range(xy, bearings, ranges, linked, moved, opening, max_distance, same_range, range_squares)
-        if _trim(squares, trim, kept) < 3:
+        if _trim(squares, final_trim if settled else trim, kept) < 3:
             break
         fit = _rigid_fit(points, targets, kept)
-        if _trim(range_squares, trim, range_kept) >= 3:
+        if _trim(range_squares, final_trim if settled else trim, range_kept) >= 3:
             fit = (fit[0], fit[1], _rigid_fit(points, same_range, range_kept)[2])
-        if _take(fit, pose, epsilon) and opening <= min_window:
-            break
+        if _take(fit, pose, epsilon if settled else _COARSE * epsilon) and opening <= min_window:
+            if settled:
+                break
+            settled = True
     _move(points, pose, moved)
     _associate(xy, bearings, linked, moved, math.inf, min_window, max_distance, targets, squares, indices)
-    _trim(squares, trim, kept)
+    _trim(squares, final_trim, kept)
     return _closing(points, pose, moved, targets, kept, math.inf, done)
 
 
@@ -97,24 +105,27 @@ def mbicp(
     window: float,
     max_distance: float,
     trim: float,
+    final_trim: float,
     iterations: int,
     epsilon: float,
 ) -> _Result:
     """Closest points and least squares, both in the metric that weighs a turn by `length`."""
     pose = start.copy()
     moved, targets, squares, kept, indices = _buffers(len(points))
-    done = 0
+    settled, done = False, 0
     for _ in range(iterations):
         done += 1
         _move(points, pose, moved)
         _associate(xy, bearings, linked, moved, length**2, window, max_distance, targets, squares, indices)
         _drop_hidden(moved, squares)
-        if _trim(squares, trim, kept) < 3:
+        if _trim(squares, final_trim if settled else trim, kept) < 3:
             break
         H, g = _metric_normal_equations(moved, targets, kept, length**2)
         step = np.linalg.solve(H, g)
-        if _take(_composed(step[0], step[1], step[2], pose), pose, epsilon):
-            break
+        if _take(_composed(step[0], step[1], step[2], pose), pose, epsilon if settled else _COARSE * epsilon):
+            if settled:
+                break
+            settled = True
     return _closing(points, pose, moved, targets, kept, length**2, done)
 
 
@@ -139,7 +150,7 @@ def plicp(
     only what agrees by chance.
     """
     pose = start.copy()
-    settled, coarse_epsilon = False, 100.0 * epsilon
+    settled = False
     n = len(points)
     moved = np.empty((n, 2))
     first, second, normals = np.full(n, -1), np.full(n, -1), np.empty((n, 2))
@@ -153,7 +164,7 @@ def plicp(
         if _trim_adaptively(squares, trim, adaptive_order, adaptive_factor if settled else math.inf, kept) < 3:
             break
         x, y, angle = line_fit(moved, xy, first, normals, kept, damping)
-        if _take(_composed(x, y, angle, pose), pose, epsilon if settled else coarse_epsilon):
+        if _take(_composed(x, y, angle, pose), pose, epsilon if settled else _COARSE * epsilon):
             if settled:
                 break
             settled = True

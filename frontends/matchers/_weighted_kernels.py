@@ -200,12 +200,14 @@ def weighted_match(
     trim: float,
     gate: float,
     iterations: int,
+    coarse_epsilon: float,
     epsilon: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """Weighted least squares on nearest pairs, translation and rotation in turn, until nothing moves.
 
-    The farthest pairs are trimmed by distance. Once the iterations have settled, those beyond the Mahalanobis gate go
-    too and, if `mutual`, those that are not each other's nearest: far from the optimum either would keep chance pairs.
+    The farthest pairs are trimmed by distance. If `mutual`, those that are not each other's nearest go too, once the
+    steps are below `coarse_epsilon`; and once nothing moves any more, those beyond the Mahalanobis gate. Far from the
+    optimum either rule would keep chance pairs.
 
     Returns:
         The pose; H, (3, 3) information of a small motion (x, y, θ) in the frame and about the origin of the reference;
@@ -216,12 +218,12 @@ def weighted_match(
     pairs, weights, errors = np.full(n, -1), np.empty((n, 3)), np.empty((n, 2))
     moved, kept = np.empty((n, 2)), np.zeros(n, np.bool_)
     sums = np.zeros(6)
-    settled, done = False, 0
+    stage, done = 0, 0
     for _ in range(iterations):
         done += 1
-        _associate(xy, tree, points, point_tree, pose, mutual and settled, max_distance, moved, pairs)
+        _associate(xy, tree, points, point_tree, pose, mutual and stage > 0, max_distance, moved, pairs)
         _weigh(xy, noise, tangents, spreads, point_noise, pose, moved, pairs, weights, errors)
-        count = _select(errors, weights, pairs, trim, gate if settled else math.inf, kept)
+        count = _select(errors, weights, pairs, trim, gate if stage == 2 else math.inf, kept)
         if count < 3:
             break
         tx, ty, turn = _solve(moved, errors, weights, kept, sums)
@@ -232,10 +234,10 @@ def weighted_match(
         step = math.hypot(new_x - pose[0], new_y - pose[1])
         pose[0], pose[1] = new_x, new_y
         pose[2] = (pose[2] + turn + math.pi) % (2.0 * math.pi) - math.pi
-        if step < epsilon and abs(turn) < epsilon:
-            if settled:
+        if max(step, abs(turn)) < (coarse_epsilon if mutual and stage == 0 else epsilon):
+            if stage == 2:
                 break
-            settled = True
+            stage = stage + 1 if mutual else 2
     return pose, _information(sums), _statistics(errors, kept, done)
 
 

@@ -17,9 +17,9 @@ class AcceptanceConfig:
 
     min_pairs: int = 20
     """Fewest correspondences of the last iteration …"""
-    min_share: float = 0.4
+    min_share: float = 0.15
     """… and the least share of the scan's points that has one."""
-    max_residual: float = 0.2
+    max_residual: float = 0.6
     """Largest root mean square residual of the correspondences, in the matcher's own metric [m]."""
     inlier_distance: float = 0.1
     """A point within this distance of the reference's surface agrees with it [m]."""

@@ -20,7 +20,9 @@ class IcpConfig:
     max_distance: float = 2.0
     """Farthest correspondence [m]."""
     trim: float = 0.95
-    """Share of the correspondences kept in each iteration, the nearest ones."""
+    """Share of the correspondences kept in each iteration, the nearest ones …"""
+    final_trim: float = 0.85
+    """… and once the iterations have settled: far from the optimum too many would be lost."""
     max_iterations: int = 80
     """Most iterations."""
     epsilon: float = 1e-4
@@ -32,7 +34,9 @@ class IcpConfig:
 
     def __post_init__(self) -> None:
         require(self.max_distance > 0, f"icp.max_distance must be positive, found {self.max_distance}")
-        require(0 < self.trim <= 1, f"icp.trim must lie in (0, 1], found {self.trim}")
+        for name in ("trim", "final_trim"):
+            value = getattr(self, name)
+            require(0 < value <= 1, f"icp.{name} must lie in (0, 1], found {value}")
         require(self.max_iterations >= 1, f"icp.max_iterations must be at least 1, found {self.max_iterations}")
 
 
@@ -55,6 +59,7 @@ class IcpMatcher(SingleScanMatcher):
             T_frame_guess,
             config.max_distance,
             config.trim,
+            config.final_trim,
             config.max_iterations,
             config.epsilon,
         )

@@ -19,17 +19,19 @@ class IdcConfig:
 
     window: float = math.radians(60.0)
     """Correspondences are sought this far to either side of a point's bearing at first [rad] …"""
-    decay: float = 0.1
+    decay: float = 0.2
     """… narrowing as exp(−decay · iteration) …"""
     min_window: float = math.radians(5.0)
     """… down to this [rad]."""
     max_distance: float = 1.0
     """Farthest closest point, and largest difference of matching ranges [m]."""
     trim: float = 0.95
-    """Share of the correspondences of either rule kept in each iteration, the best ones."""
-    max_iterations: int = 80
-    """Most iterations."""
-    epsilon: float = 1e-4
+    """Share of the correspondences of either rule kept in each iteration, the best ones …"""
+    final_trim: float = 0.85
+    """… and once the iterations have settled: far from the optimum too many would be lost."""
+    max_iterations: int = 40
+    """Most iterations; the two rules share no cost, so a few scans end in a small cycle."""
+    epsilon: float = 2e-4
     """The iterations end when none of them moves the scan farther than this [m, rad]."""
     max_gap: float = 0.5
     """Neighbouring points nearer than this are joined by a straight piece of surface [m]."""
@@ -40,7 +42,9 @@ class IdcConfig:
         require(0 < self.min_window <= self.window, "idc: need 0 < min_window <= window")
         require(self.decay > 0, f"idc.decay must be positive, found {self.decay}")
         require(self.max_distance > 0, f"idc.max_distance must be positive, found {self.max_distance}")
-        require(0 < self.trim <= 1, f"idc.trim must lie in (0, 1], found {self.trim}")
+        for name in ("trim", "final_trim"):
+            value = getattr(self, name)
+            require(0 < value <= 1, f"idc.{name} must lie in (0, 1], found {value}")
         require(self.max_iterations >= 1, f"idc.max_iterations must be at least 1, found {self.max_iterations}")
 
 
@@ -67,6 +71,7 @@ class IdcMatcher(SingleScanMatcher):
             config.min_window,
             config.max_distance,
             config.trim,
+            config.final_trim,
             config.max_iterations,
             config.epsilon,
         )

@@ -23,8 +23,10 @@ class MbicpConfig:
     """Correspondences are sought this far to either side of a point's bearing [rad]."""
     max_distance: float = 2.0
     """Farthest correspondence, in the metric [m]."""
-    trim: float = 0.9
-    """Share of the correspondences kept in each iteration, the nearest ones."""
+    trim: float = 0.95
+    """Share of the correspondences kept in each iteration, the nearest ones …"""
+    final_trim: float = 0.85
+    """… and once the iterations have settled: far from the optimum too many would be lost."""
     max_iterations: int = 80
     """Most iterations."""
     epsilon: float = 1e-4
@@ -38,7 +40,9 @@ class MbicpConfig:
         for name in ("length", "window", "max_distance"):
             value = getattr(self, name)
             require(value > 0, f"mbicp.{name} must be positive, found {value}")
-        require(0 < self.trim <= 1, f"mbicp.trim must lie in (0, 1], found {self.trim}")
+        for name in ("trim", "final_trim"):
+            value = getattr(self, name)
+            require(0 < value <= 1, f"mbicp.{name} must lie in (0, 1], found {value}")
         require(self.max_iterations >= 1, f"mbicp.max_iterations must be at least 1, found {self.max_iterations}")
 
 
@@ -64,6 +68,7 @@ class MbicpMatcher(SingleScanMatcher):
             config.window,
             config.max_distance,
             config.trim,
+            config.final_trim,
             config.max_iterations,
             config.epsilon,
         )

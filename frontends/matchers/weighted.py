@@ -26,6 +26,8 @@ class IterationConfig:
     """Once the iterations have settled, correspondences beyond this many standard deviations are left out."""
     max_iterations: int = 80
     """Most iterations."""
+    coarse_epsilon: float = 0.01
+    """The iterations have settled when one of them moves the scan by less than this [m, rad]."""
     epsilon: float = 1e-4
     """The iterations end when none of them moves the scan farther than this [m, rad]."""
 
@@ -33,6 +35,7 @@ class IterationConfig:
         for name in ("max_distance", "gate", "epsilon"):
             value = getattr(self, name)
             require(value > 0, f"iteration.{name} must be positive, found {value}")
+        require(self.coarse_epsilon >= self.epsilon, "iteration: coarse_epsilon must be at least epsilon")
         require(0 < self.trim <= 1, f"iteration.trim must lie in (0, 1], found {self.trim}")
         require(self.max_iterations >= 1, f"iteration.max_iterations must be at least 1, found {self.max_iterations}")
 
@@ -74,6 +77,7 @@ class WeightedMatcher(PointMatcher[WeightedPoints, WeightedPoints]):
             config.trim,
             config.gate,
             config.max_iterations,
+            config.coarse_epsilon,
             config.epsilon,
         )
         return Alignment(

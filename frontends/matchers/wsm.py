@@ -17,7 +17,7 @@ class WsmConfig:
 
     noise: PointNoiseConfig = field(default_factory=PointNoiseConfig)
     """How uncertain each point is."""
-    iteration: IterationConfig = field(default_factory=IterationConfig)
+    iteration: IterationConfig = field(default_factory=lambda: IterationConfig(trim=0.9))
     """The weighted least squares."""
     acceptance: AcceptanceConfig = field(default_factory=AcceptanceConfig)
     """When a match is credible."""
