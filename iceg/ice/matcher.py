@@ -27,6 +27,8 @@ _COMPARABLE = 0.8
 _EVEN_ODDS = 5.0
 """Surfels added to those seen, so that a few contradictions among few prove nothing."""
 _FEWEST_POINTS = 15
+_NEW_GROUND, _OLD_GROUND = 0.3, 0.8
+"""A scan that sees much new needs this share of its beams on the map, which must agree to this share both ways."""
 _ROOM_TO_GROW = 4.0
 """A local map can be extended by scans that reach this far beyond its first points [m]."""
 _HYPOTHESIS_PRIOR = 1.0
@@ -155,9 +157,12 @@ class IceMatcher:
         window = search_window(T_ref_guess, covariance_guess, self.config.hypotheses)
         refined = self.align(reference, scan, window)
         share = refined.inliers / n_points
-        if share < self.config.refinement.min_inliers:
-            return NoMatch(reason=f"only {share:.0%} of the beams agree with the local map")
-        return refined
+        if share >= self.config.refinement.min_inliers:
+            return refined
+        support = self.agreement(reference, scan, refined.T_ref_cur)
+        if support.overlap >= _NEW_GROUND and min(support.fit, support.view) >= _OLD_GROUND:
+            return refined
+        return NoMatch(reason=f"only {share:.0%} of the beams agree with the local map")
 
     def align(self, reference: LocalMap, scan: Scan, window: SearchWindow) -> Refined:
         """Best pose of a scan: the polished guess where it is credible, else the best hypothesis.

@@ -82,7 +82,6 @@ class BackEnd:
         if not known:
             self.graph.add_odometry(key - 1, key, step, _UNKNOWN_MOTION)
             known.append(_UNKNOWN_MOTION)
-        self._poses[key] = self.graph.update()
         self._drift.add(key, _fused(known))
         self._since_search += (current.motion.distance, current.motion.turn)
         if self._is_search_due():
@@ -116,6 +115,7 @@ class BackEnd:
 
     def _search(self, key: int) -> None:
         self._since_search[:] = 0.0
+        self._poses[key] = self.graph.update()
         poses = self._poses[: key + 1]
         inserted = False
         for candidate in self._closer.candidates(key, poses, self._drift):

@@ -32,7 +32,7 @@ _JUMP_DISTANCE, _JUMP_TURN, _JUMP_SIGMAS = 0.3, 0.26, 4.0
 _JUMP_FIT, _JUMP_VIEW = 0.75, 0.75
 """… and needs this share of beams on the reference, and of the reference in view seen."""
 _LOST_AFTER = 3
-"""So many key scans in a row without a match begin a new local reference."""
+"""So many key scans that match only each other take over as the local reference."""
 _UNKNOWN_ODOMETRY = OdometryModel(
     along_per_metre=0.3, across_per_metre=0.3, heading_per_metre=0.3, position_floor=0.1, heading_floor=0.1
 )
@@ -52,7 +52,9 @@ class FrontEnd:
         self.keys: list[KeyScan] = []
         self._reference: Any = None
         self._in_reference: list[int] = []
-        self._unmatched: list[int] = []
+        self._trial: Any = None
+        self._trial_keys: list[int] = []
+        self._on_trial = False
         self._motion = self._odometry.start()
         self._T_key_robot = np.zeros(3)
         self._last_odometry: NDArray[np.float64] | None = None
@@ -95,24 +97,39 @@ class FrontEnd:
     def _start(self, index: int, scan: Scan) -> None:
         first = NoMatch(reason="first scan")
         self.keys.append(KeyScan(index=index, scan=scan, motion=self._motion, match=first, T_track_robot=np.zeros(3)))
-        self._build_reference([0])
+        self._in_reference = [0]
+        self._reference = self._prepared([0])
 
     def _follow(self, scan: Scan, T_key_guess: NDArray[np.float64]) -> None:
         """Pose of a scan in the last key scan's frame; odometry carries it where nothing credible is found."""
         T_track_key = self.keys[-1].T_track_robot
         guess = compose(T_track_key, T_key_guess)
-        found: NDArray[np.float64] | NoMatch = NoMatch(reason="the laser is covered")
-        if not _is_blind(scan):
-            found = self._track(self._reference, scan, guess, self._motion.covariance)
-        if not isinstance(found, NoMatch) and not self._is_plausible(scan, guess, found):
-            found = NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
+        found = self._find(self._reference, scan, guess)
+        self._on_trial = isinstance(found, NoMatch) and self._trial is not None
+        if self._on_trial:
+            found = self._find(self._trial, scan, guess)
         if isinstance(found, NoMatch):
             self.failures += 1
             self._T_key_robot = T_key_guess
         else:
             self._T_key_robot = between(T_track_key, found)
 
-    def _is_plausible(self, scan: Scan, guess: NDArray[np.float64], found: NDArray[np.float64]) -> bool:
+    def _find(self, reference: Any, scan: Scan, guess: NDArray[np.float64]) -> NDArray[np.float64] | NoMatch:  # noqa: ANN401
+        """Pose of a scan against one reference, in the track frame."""
+        if _is_blind(scan):
+            return NoMatch(reason="the laser is covered")
+        found = self._track(reference, scan, guess, self._motion.covariance)
+        if isinstance(found, NoMatch) or self._is_plausible(reference, scan, guess, found):
+            return found
+        return NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
+
+    def _is_plausible(
+        self,
+        reference: Any,  # noqa: ANN401
+        scan: Scan,
+        guess: NDArray[np.float64],
+        found: NDArray[np.float64],
+    ) -> bool:
         """A pose far from the guess (odometry jumped, or the robot was carried) must explain all that is seen."""
         x, y, turn = between(guess, found).tolist()
         sigma_x, sigma_y, sigma_turn = np.sqrt(np.diag(self._motion.covariance)).tolist()
@@ -122,7 +139,7 @@ class FrontEnd:
         agreement = getattr(self._matcher, "agreement", None)
         if agreement is None:
             return True
-        support: Agreement = agreement(self._reference, scan, found)
+        support: Agreement = agreement(reference, scan, found)
         return support.fit >= _JUMP_FIT and support.view >= _JUMP_VIEW
 
     def _match(self, scan: Scan) -> RelativePose | NoMatch:
@@ -131,7 +148,8 @@ class FrontEnd:
             return NoMatch(reason="the laser is covered")
         T_track_key = self.keys[-1].T_track_robot
         guess = compose(T_track_key, self._T_key_robot)
-        match = self._matcher.match(self._reference, scan, guess, self._motion.covariance)
+        reference = self._trial if self._on_trial else self._reference
+        match = self._matcher.match(reference, scan, guess, self._motion.covariance)
         return match if isinstance(match, NoMatch) else replace(match, T_ref_cur=between(T_track_key, match.T_ref_cur))
 
     def _fuse(self, match: RelativePose) -> NDArray[np.float64]:
@@ -165,28 +183,34 @@ class FrontEnd:
         self._extend_reference(isinstance(match, NoMatch))
 
     def _extend_reference(self, is_unmatched: bool) -> None:
-        """Let the newest key scan join the reference; unmatched ones only when nothing else has matched for long."""
+        """Let the newest key scan join the reference it matched; an unmatched one begins a reference on trial.
+
+        The one on trial takes over once nothing but it has matched for a while: the robot came upon new ground, or was
+        carried away.
+        """
         newest = len(self.keys) - 1
-        if is_unmatched:
-            self._unmatched.append(newest)
-            if len(self._unmatched) >= _LOST_AFTER and not _is_blind(self.keys[-1].scan):
-                self.lost.append(self.keys[self._unmatched[0]].index)
-                self._build_reference([key for key in self._unmatched if not _is_blind(self.keys[key].scan)])
-                self._unmatched = []
+        if _is_blind(self.keys[-1].scan):
             return
-        self._unmatched = []
+        if is_unmatched or self._on_trial:
+            self._trial_keys.append(newest)
+            self._trial = self._prepared(self._trial_keys)
+            if len(self._trial_keys) >= _LOST_AFTER:
+                self.lost.append(self.keys[self._trial_keys[0]].index)
+                self._reference, self._in_reference = self._trial, self._trial_keys
+                self._trial, self._trial_keys = None, []
+            return
+        self._trial, self._trial_keys = None, []
         extend = getattr(self._matcher, "extend", None)
         self._in_reference.append(newest)
         if extend is None or newest % self._config.key_scans.rebuild == 0:
-            self._build_reference(self._in_reference)
+            self._in_reference = self._in_reference[-self._config.key_scans.window :]
+            self._reference = self._prepared(self._in_reference)
         else:
             extend(self._reference, self.keys[-1].scan, self.keys[-1].T_track_robot)
 
-    def _build_reference(self, members: list[int]) -> None:
-        self._in_reference = members[-self._config.key_scans.window :]
-        recent = [self.keys[key] for key in self._in_reference]
-        poses = np.array([key.T_track_robot for key in recent])
-        self._reference = self._matcher.prepare([key.scan for key in recent], poses)
+    def _prepared(self, members: list[int]) -> Any:  # noqa: ANN401
+        keys = [self.keys[member] for member in members]
+        return self._matcher.prepare([key.scan for key in keys], np.array([key.T_track_robot for key in keys]))
 
 
 def _is_blind(scan: Scan) -> bool:
