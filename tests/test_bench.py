@@ -1,6 +1,7 @@
 """The benchmark's own arithmetic: which logs, thinned logs and relations, tables."""
 
 import csv
+import gzip
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 import iceg
 from graph.se2 import between
 from iceg.evaluation.bench.ablation import thinned, thinned_relations
-from iceg.evaluation.bench.logs import find_logs
+from iceg.evaluation.bench.logs import BenchLog, find_logs
+from iceg.evaluation.bench.runs import accuracy_and_speed, run_in_fresh_process
 from iceg.evaluation.bench.tables import Row, format_markdown, write_csv
+from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.relations import Relations, relation_errors
 
 
@@ -62,3 +65,23 @@ def test_tables_say_the_same_to_people_and_programs(tmp_path: Path) -> None:
         first, second = csv.DictReader(file)
     assert float(first["error [m]"]) == pytest.approx(0.012345)
     assert second["n"] == ""
+
+
+def test_a_run_in_a_fresh_process_is_judged_and_timed(tmp_path: Path) -> None:
+    with gzip.open(iceg.demo_log_path(), "rt") as lines:
+        scans = [line for line in lines if line.startswith("FLASER")]
+    (tmp_path / "short.clf").write_text("".join(scans[:40]))
+    truth = tmp_path / "short.truth.csv"
+    truth.write_text("".join(iceg.demo_truth_path().read_text().splitlines(keepends=True)[:41]))
+    log = BenchLog(name="short", path=tmp_path / "short.clf", known=truth)
+    accuracy, speed = accuracy_and_speed(log, "recent scans", tmp_path)
+    assert accuracy["scans"] == speed["scans"] == 40
+    assert accuracy["closures"] == 0
+    assert 0 < float(accuracy["ATE [m]"] or 0) < 0.1
+    assert float(speed["CPU [s]"] or 0) > 0
+    assert (tmp_path / "short-recent-scans" / "summary.json").exists()
+
+
+def test_a_run_that_fails_says_why(tmp_path: Path) -> None:
+    with pytest.raises(EvaluationError, match=r"nowhere\.clf"):
+        run_in_fresh_process(tmp_path / "nowhere.clf", tmp_path / "out")
