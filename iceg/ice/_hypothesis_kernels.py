@@ -78,10 +78,9 @@ def merge_features(
         y = pose[1] + s * row[0] + c * row[1]
         found = -1
         for k in range(m):
-            other = map_rows[k]
-            if map_kinds[k] != kinds[i] or abs(other[0] - x) > radius or abs(other[1] - y) > radius:
+            if map_kinds[k] != kinds[i] or abs(map_rows[k, 0] - x) > radius or abs(map_rows[k, 1] - y) > radius:
                 continue
-            if _same_directions(row, pose[2], other):
+            if _same_directions(row, pose[2], map_rows[k]):
                 found = k
                 break
         if found >= 0:
@@ -107,13 +106,15 @@ def merge_features(
 
 
 @njit(cache=True)
-def _turn_between(row: F64, ref: F64, opening: float) -> float:
-    """Turn that brings the walls of a feature onto those of another; NaN where they share none or open differently."""
-    a0, a1 = ref[2] - row[2], ref[3] - row[3]
+def _turn_between(a0: float, a1: float, opening: float) -> float:
+    """Turn that brings the walls of a feature onto those of another, from the turns of its two walls.
+
+    NaN where they share no wall or open differently.
+    """
     if np.isnan(a0):
-        return float(a1)
+        return a1
     if np.isnan(a1):
-        return float(a0)
+        return a0
     difference = _wrap(a1 - a0)
     return a0 + 0.5 * difference if abs(difference) <= opening else np.nan
 
@@ -152,7 +153,7 @@ def pair_hypotheses(
         for j in range(len(ref_kinds)):
             if not _compatible(kinds[i], ref_kinds[j]):
                 continue
-            turn = _turn_between(rows[i], ref_rows[j], opening)
+            turn = _turn_between(ref_rows[j, 2] - rows[i, 2], ref_rows[j, 3] - rows[i, 3], opening)
             if np.isnan(turn) or abs(_wrap(turn - guess[2])) > window_rad:
                 continue
             c, s = cos(turn), sin(turn)

@@ -103,7 +103,8 @@ class HypothesisConfig:
     """Smallest half-width of the search window in heading [rad]."""
 
     trusted_window: float = 0.3
-    """In a larger window a credible polished guess does not end the search: it may have slid along a corridor [m]."""
+    """In a larger window a credible polished guess ends the search only if it hardly moved: it may have slid along a
+    corridor [m]."""
     wide_window: float = 1.0
     """Half-width of the window of a second try, when nothing in the first explains the scan [m]."""
     wide_turn: float = 75.0 * pi / 180.0

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from frontends.scan import Scan
 from graph.measurement import NoMatch, RelativePose
+from graph.se2 import between
 from iceg.ice.config import IceConfig
 from iceg.ice.covariance import score_covariance
 from iceg.ice.features import FeatureRows, feature_rows
@@ -33,6 +34,8 @@ _ROOM_TO_GROW = 4.0
 """A local map can be extended by scans that reach this far beyond its first points [m]."""
 _HYPOTHESIS_PRIOR = 1.0
 """Pull of the features that made a hypothesis, in points: along a corridor nothing else holds it."""
+_STILL = SearchWindow(T_ref_guess=np.zeros(3), translation=0.05, rotation=0.03)
+"""A guess that its polish moves by no more than this lay on an optimum already."""
 _TRACKING_PRIOR = 3.0
 """Pull of odometry on a pose between two key scans, in points."""
 
@@ -176,11 +179,14 @@ class IceMatcher:
             The pose, credible or not.
         """
         n_points = len(self._points(scan))
-        best: Refined | None = None
-        if self.config.refinement.enabled and window.translation <= self.config.hypotheses.trusted_window:
-            best = self._polished_guess(reference, scan, window)
-            if best is not None and best.inliers >= self.config.refinement.credible * n_points:
+        best = self._polished_guess(reference, scan, window) if self.config.refinement.enabled else None
+        if best is not None:
+            trusted = window.translation <= self.config.hypotheses.trusted_window
+            if not trusted:
+                trusted = _STILL.contains(between(window.T_ref_guess, best.T_ref_cur))
+            if trusted and best.inliers >= self.config.refinement.credible * n_points:
                 return best
+            best = best if trusted else None
         best = self._best_hypothesis(reference, scan, window, best)
         if best is None or best.inliers < self.config.refinement.doubtful * n_points:
             wide = widened(window, self.config.hypotheses)
