@@ -13,7 +13,7 @@ from graph.odometry import OdometryModel, OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose
 from iceg.slam.config import LoopClosureConfig
-from iceg.slam.loop_closure import Attempt, Candidate, Drift, LoopCloser
+from iceg.slam.loop_closure import Attempt, Candidate, Drift, LoopCloser, say_the_same
 from iceg.slam.track import Track
 
 _UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
@@ -22,8 +22,6 @@ _NEAR_DISTANCE, _NEAR_TURN = 0.4, 0.12
 """A closure no farther than this from the estimate [m, rad] is believed at once."""
 _JUMP_DISTANCE2, _USUAL_DISTANCE2 = 25.0, 3.0
 """Squared Mahalanobis distance from which on odometry contradicts a match, and the one it is then widened to."""
-_PARTNER_KEYS, _PARTNER_DISTANCE, _PARTNER_TURN = 60, 0.25, 0.05
-"""Two closures within so many key poses confirm each other when they differ by less than this [m, rad]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,7 +143,7 @@ class BackEnd:
         if _is_near(attempt, poses):
             self._close(attempt)
             return True
-        partners = [other for other in self._pending if self._say_the_same(self.attempts[other], attempt, poses)]
+        partners = [other for other in self._pending if say_the_same(self.attempts[other], attempt, poses)]
         if len(partners) + 1 < self._config.confirmations:
             self._pending.append(index)
             return False
@@ -158,17 +156,6 @@ class BackEnd:
     def _close(self, attempt: Attempt) -> None:
         assert attempt.match is not None
         self.graph.add_closure(attempt.key_old, attempt.key_new, attempt.match, None)
-
-    def _say_the_same(self, a: Attempt, b: Attempt, poses: NDArray[np.float64]) -> bool:
-        """Whether two closures agree on how the later path lies to the earlier (pairwise consistency)."""
-        if abs(a.key_new - b.key_new) > _PARTNER_KEYS or a.key_new == b.key_new or a.match is None or b.match is None:
-            return False
-        T_olds = between(poses[a.key_old], poses[b.key_old])
-        T_news = between(poses[a.key_new], poses[b.key_new])
-        left = compose(a.match.T_ref_cur, T_news)
-        right = compose(T_olds, b.match.T_ref_cur)
-        x, y, turn = between(left, right).tolist()
-        return bool(x * x + y * y < _PARTNER_DISTANCE**2 and abs(turn) < _PARTNER_TURN)
 
 
 def _is_near(attempt: Attempt, poses: NDArray[np.float64]) -> bool:

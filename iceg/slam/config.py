@@ -117,3 +117,11 @@ class FinishConfig:
     """The same in heading [rad]."""
     kernel_width: float = 5.0
     """Φ of dynamic covariance scaling on closures (squared standard deviations)."""
+    doubt_overlap: float = 0.5
+    """Passes whose views overlap by this share and yet do not match are in doubt: they are searched wider …"""
+    doubt_distance: float = 1.0
+    """… with this standard deviation [m] …"""
+    doubt_angle: float = 0.15
+    """… and this in heading [rad] …"""
+    doubts: int = 120
+    """… but no more than so many of them."""

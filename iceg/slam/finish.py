@@ -11,7 +11,7 @@ from graph.batch import BatchConfig, optimize
 from graph.factors import Factor, RobustKernel
 from graph.se2 import between
 from iceg.slam.config import FinishConfig, LoopClosureConfig
-from iceg.slam.loop_closure import Attempt, LoopCloser
+from iceg.slam.loop_closure import Attempt, LoopCloser, say_the_same
 from iceg.slam.track import Track
 
 
@@ -71,33 +71,45 @@ def finish(
         The final poses and factors.
     """
     kernel = RobustKernel(name="dcs", width=config.kernel_width)
+    closer = LoopCloser(matcher, track, replace(closures, max_passes=config.max_passes))
     chain = [factor for factor in factors if factor.kind != "closure"]
     loops = [replace(factor, kernel=kernel) for factor in factors if factor.kind == "closure"]
-    result = optimize([*chain, *loops], poses, _BATCH)
-    rounds = [Round(closures=len(loops), error=result.error_after, largest_move=_largest_move(poses, result.poses))]
-    poses, attempts = result.poses, []
+    poses, rounds = _solve([*chain, *loops], poses, [], len(loops))
+    attempts: list[Attempt] = []
     for count in range(config.rounds if closures.enabled or closures.revisits else 0):
-        attempts = _rematch(track, poses, matcher, closures, config)
+        attempts = _rematch(closer, track, poses, config)
         loops = [_closure_factor(attempt, kernel) for attempt in attempts if attempt.accepted]
-        result = optimize([*chain, *loops], poses, _BATCH)
-        move = _largest_move(poses, result.poses)
-        poses = result.poses
-        rounds.append(Round(closures=len(loops), error=result.error_after, largest_move=move))
+        found = _second_look(closer, attempts, poses, closures, config)
+        if found:
+            # Without a kernel first: they are far off, and a robust kernel would let the graph ignore them.
+            pull = [_closure_factor(attempt, None) for attempt in found]
+            poses, rounds = _solve([*chain, *loops, *pull], poses, rounds, len(loops) + len(pull))
+            attempts = _rematch(closer, track, poses, config)
+            loops = [_closure_factor(attempt, kernel) for attempt in attempts if attempt.accepted]
+        poses, rounds = _solve([*chain, *loops], poses, rounds, len(loops))
         if progress is not None:
             progress(count + 1)
-        if move < config.tolerance:
+        if rounds[-1].largest_move < config.tolerance:
             break
     return Finished(poses=poses, factors=[*chain, *loops], attempts=attempts, rounds=rounds)
 
 
-_BATCH = BatchConfig(max_iterations=30, relative_tolerance=1e-6, absolute_tolerance=1e-4)
+_AROUND = (-4, -2, 0, 2, 4)
+"""Key scans around a doubtful one that are searched, too."""
+_BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
 
 
-def _rematch(
-    track: Track, poses: NDArray[np.float64], matcher: Matcher, closures: LoopClosureConfig, config: FinishConfig
-) -> list[Attempt]:
+def _solve(
+    factors: list[Factor], poses: NDArray[np.float64], rounds: list[Round], n_closures: int
+) -> tuple[NDArray[np.float64], list[Round]]:
+    result = optimize(factors, poses, _BATCH)
+    move = float(np.hypot(*between(poses, result.poses)[:, :2].T).max())
+    done = Round(closures=n_closures, error=result.error_after, largest_move=move)
+    return result.poses, [*rounds, done]
+
+
+def _rematch(closer: LoopCloser, track: Track, poses: NDArray[np.float64], config: FinishConfig) -> list[Attempt]:
     """Match key scans against every earlier pass around them, close to where the optimum puts them."""
-    closer = LoopCloser(matcher, track, replace(closures, max_passes=config.max_passes))
     deviations = np.array([config.search_distance, config.search_distance, config.search_angle])
     candidates = [
         candidate for key in _spaced_keys(track, config) for candidate in closer.neighbours(key, poses, deviations)
@@ -105,6 +117,31 @@ def _rematch(
     # By reference, so that each is built once; then back into the order of the path.
     attempts = [closer.match(candidate, poses) for candidate in sorted(candidates, key=lambda c: c.key_old)]
     return sorted(attempts, key=lambda attempt: (attempt.key_new, attempt.key_old))
+
+
+def _second_look(
+    closer: LoopCloser,
+    attempts: list[Attempt],
+    poses: NDArray[np.float64],
+    closures: LoopClosureConfig,
+    config: FinishConfig,
+) -> list[Attempt]:
+    """Where two passes lie on each other and contradict each other: search wider, believe what several say."""
+    if not closures.enabled:
+        return []
+    deviations = np.array([config.doubt_distance, config.doubt_distance, config.doubt_angle])
+    doubtful = [a for a in attempts if not a.accepted and a.overlap >= config.doubt_overlap]
+    pairs = sorted({(a.key_old, a.key_new + step) for a in doubtful for step in _AROUND})
+    pairs = [(old, new) for old, new in pairs if old < new < len(poses)]
+    pairs = pairs[:: max(1, -(-len(pairs) // config.doubts))]
+    candidates = [closer.candidate(old, new, poses, deviations) for old, new in pairs]
+    wide = [closer.match(candidate, poses) for candidate in candidates]
+    accepted = [attempt for attempt in wide if attempt.accepted]
+    return [
+        attempt
+        for attempt in accepted
+        if sum(say_the_same(attempt, other, poses) for other in accepted) + 1 >= closures.confirmations
+    ]
 
 
 def _spaced_keys(track: Track, config: FinishConfig) -> list[int]:
@@ -117,7 +154,7 @@ def _spaced_keys(track: Track, config: FinishConfig) -> list[int]:
     return keys
 
 
-def _closure_factor(attempt: Attempt, kernel: RobustKernel) -> Factor:
+def _closure_factor(attempt: Attempt, kernel: RobustKernel | None) -> Factor:
     assert attempt.match is not None
     return Factor(
         kind="closure",
@@ -127,7 +164,3 @@ def _closure_factor(attempt: Attempt, kernel: RobustKernel) -> Factor:
         covariance=attempt.match.covariance,
         kernel=kernel,
     )
-
-
-def _largest_move(before: NDArray[np.float64], after: NDArray[np.float64]) -> float:
-    return float(np.hypot(*between(before, after)[:, :2].T).max())

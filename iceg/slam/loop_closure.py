@@ -26,6 +26,7 @@ class Attempt:
         match: what the matcher said, None if it found nothing credible.
         accepted: whether it may enter the graph.
         reason: why, or why not.
+        overlap: share of the beams that fall on the earlier pass at the best pose found.
     """
 
     key_old: int
@@ -33,6 +34,7 @@ class Attempt:
     match: RelativePose | None
     accepted: bool
     reason: str
+    overlap: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +54,10 @@ _REFERENCES_KEPT = 6
 _STILL = 0.01
 """A reference is built anew when its scans have moved by more than this against each other [m, rad]."""
 _EXACT_DEVIATIONS = np.array([0.03, 0.03, 0.01])
+
+
+_PARTNER_KEYS, _PARTNER_DISTANCE, _PARTNER_TURN = 60, 0.25, 0.05
+"""Two closures within so many key poses confirm each other when they differ by less than this [m, rad]."""
 
 
 class Drift:
@@ -78,6 +84,25 @@ class Drift:
         heading = self._heading[steps]
         variances = np.array([np.sum(self._position[steps] + heading * lever2), np.sum(heading)])
         return np.asarray(np.sqrt(variances), dtype=np.float64)
+
+
+def say_the_same(a: Attempt, b: Attempt, poses: NDArray[np.float64]) -> bool:
+    """Whether two closures agree on how the later path lies to the earlier (pairwise consistency, Mangelson 2018).
+
+    Args:
+        a: one of them.
+        b: the other.
+        poses: (n, 3) estimates, good between neighbouring key poses.
+
+    Returns:
+        True if going one way round the cycle or the other leads to the same place.
+    """
+    if a.match is None or b.match is None or a.key_new == b.key_new or abs(a.key_new - b.key_new) > _PARTNER_KEYS:
+        return False
+    left = compose(a.match.T_ref_cur, between(poses[a.key_new], poses[b.key_new]))
+    right = compose(between(poses[a.key_old], poses[b.key_old]), b.match.T_ref_cur)
+    x, y, turn = between(left, right).tolist()
+    return bool(x * x + y * y < _PARTNER_DISTANCE**2 and abs(turn) < _PARTNER_TURN)
 
 
 def _candidate(key_old: int, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> Candidate:
@@ -131,6 +156,12 @@ class LoopCloser:
                 found.append(_candidate(key, key_new, poses, deviations))
         return found[: config.max_passes]
 
+    def candidate(
+        self, key_old: int, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64]
+    ) -> Candidate:
+        """Two given key poses, known to within `deviations` [m, m, rad] of each other."""
+        return _candidate(key_old, key_new, poses, deviations)
+
     def neighbours(self, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> list[Candidate]:
         """The same among optimised poses, all known to within `deviations` [m, m, rad]."""
         passes = self._passes(key_new, poses, self.config.radius)
@@ -181,7 +212,13 @@ class LoopCloser:
         if isinstance(found, NoMatch):
             return replace(attempt, reason=found.reason)
         support = self._support(reference, candidate.key_new, found.T_ref_cur)
-        return replace(attempt, match=found, accepted=self._is_supported(support), reason=_describe(support))
+        return replace(
+            attempt,
+            match=found,
+            accepted=self._is_supported(support),
+            reason=_describe(support),
+            overlap=support.overlap,
+        )
 
     def _match_wide(self, reference: _Reference, candidate: Candidate) -> Attempt | None:
         alternatives = getattr(self._matcher, "alternatives", None)
