@@ -15,7 +15,8 @@ Layouts, all indices int32, −1 for none:
                               children −1 marks a node that is not in use
 
 Caches of one generation, valid as long as the tree does not change:
-    row_of    (cells,)        row of `rows` that holds each particle's observation of a cell
+    row_of    (cells,)        row of `rows` that holds each particle's observation of a cell, and of `facts`: how many
+                              particles know the cell, whether any of them has seen a stop in it
     view_of   (cells,)        what all particles see: `_UNSEEN`, `_EMPTY`, `_UNKNOWN` or a row of `densities`
 """
 
@@ -26,7 +27,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 _UNSEEN, _EMPTY, _UNKNOWN = -1, -2, -3
-_FAR = 40.0  # squared error over twice the variance from which on a stop cannot have caused the reading
+_FAR = 12.5  # squared error over twice the variance from which on a stop cannot have caused the reading
 
 
 @njit(cache=True)
@@ -67,9 +68,12 @@ def _gather(
     row: NDArray[np.int32],
 ) -> None:
     """Each particle's observation of a cell, down the tree: one's own, or else the parent's."""
+    observation = heads[cell]
+    if observation < 0 or (in_cell[observation] < 0 and owners[observation] == order[0]):
+        row[: len(leaves)] = observation
+        return
     for node in order:
         scratch[node] = -1
-    observation = heads[cell]
     while observation >= 0:
         scratch[owners[observation]] = observation
         observation = in_cell[observation]
@@ -93,6 +97,7 @@ def _look(
     scratch: NDArray[np.int32],
     row_of: NDArray[np.int32],
     rows: NDArray[np.int32],
+    facts: NDArray[np.int32],
     view_of: NDArray[np.int32],
     viewed: NDArray[np.int32],
     densities: NDArray[np.float32],
@@ -103,6 +108,19 @@ def _look(
     counts[1] += 1
     if heads[cell] < 0:
         view_of[cell] = _UNKNOWN
+        return
+    if row_of[cell] >= 0 and facts[row_of[cell], 0] == len(leaves) and facts[row_of[cell], 1] == 0:
+        view_of[cell] = _EMPTY
+        return
+    # Free for the root and for all that changed it since: free for everyone, the most frequent case by far.
+    everywhere, stops = False, False
+    observation = heads[cell]
+    while observation >= 0 and not stops:
+        everywhere = everywhere or owners[observation] == order[0]
+        stops = evidence[observation, 0] > 0.0
+        observation = in_cell[observation]
+    if everywhere and not stops:
+        view_of[cell] = _EMPTY
         return
     n = len(leaves)
     known, stops = 0, False
@@ -150,6 +168,7 @@ def _see(
     scratch: NDArray[np.int32],
     row_of: NDArray[np.int32],
     rows: NDArray[np.int32],
+    facts: NDArray[np.int32],
     view_of: NDArray[np.int32],
     viewed: NDArray[np.int32],
     densities: NDArray[np.float32],
@@ -177,6 +196,7 @@ def _see(
                     scratch,
                     row_of,
                     rows,
+                    facts,
                     view_of,
                     viewed,
                     densities,
@@ -248,7 +268,7 @@ def _beam(
                     density = prior
         if density > 0.0 and leave > t:
             depth = density * (leave - t)
-            stop = reach * (depth * (1.0 - 0.5 * depth) if depth < 1e-3 else 1.0 - math.exp(-depth))
+            stop = reach * (depth * (1.0 - depth * (0.5 - depth / 6.0)) if depth < 0.01 else 1.0 - math.exp(-depth))
             error = 0.5 * (t + leave) - reading
             exponent = error * error / (2.0 * variance)
             if exponent < _FAR:
@@ -293,6 +313,7 @@ def localise(
     scratch: NDArray[np.int32],
     row_of: NDArray[np.int32],
     rows: NDArray[np.int32],
+    facts: NDArray[np.int32],
     view_of: NDArray[np.int32],
     viewed: NDArray[np.int32],
     densities: NDArray[np.float32],
@@ -309,7 +330,6 @@ def localise(
         How many samples survived the first evaluation, or −1 when the caches are full; `log_likelihoods` is filled.
     """
     n, n_beams = len(lasers), len(readings)
-    smallest = math.log(floor)
     alive = np.ones(n, np.bool_)
     survivors = 0
     for evaluation in range(2):
@@ -320,7 +340,7 @@ def localise(
                 if not alive[sample]:
                     continue
                 c, s = math.cos(lasers[sample, 2]), math.sin(lasers[sample, 2])
-                total = log_likelihoods[sample]
+                product = 1.0
                 for beam in range(first, n_beams, passes):
                     if evaluation == 0 and not returned[beam]:
                         continue
@@ -356,6 +376,7 @@ def localise(
                             scratch,
                             row_of,
                             rows,
+                            facts,
                             view_of,
                             viewed,
                             densities,
@@ -379,9 +400,12 @@ def localise(
                             view_of,
                             densities,
                         )
-                    total += math.log(likelihood) if likelihood > floor else smallest
-                log_likelihoods[sample] = total
-                best = max(best, total)
+                    product *= max(likelihood, floor)
+                    if product < 1e-200:
+                        log_likelihoods[sample] += math.log(product)
+                        product = 1.0
+                log_likelihoods[sample] += math.log(product)
+                best = max(best, log_likelihoods[sample])
             for sample in range(n):
                 if alive[sample] and log_likelihoods[sample] < best - cull:
                     alive[sample] = False
@@ -522,6 +546,21 @@ def prune(
 
 
 @njit(cache=True)
+def _state(row: NDArray[np.int32], evidence: NDArray[np.float32], facts: NDArray[np.int32]) -> None:
+    """How many particles know a cell, and whether any of them has seen a beam stop in it."""
+    facts[0], facts[1] = 0, 0
+    last = -1
+    for observation in row:
+        if observation < 0:
+            continue
+        facts[0] += 1
+        if observation != last:
+            last = observation
+            if evidence[observation, 0] > 0.0:
+                facts[1] = 1
+
+
+@njit(cache=True)
 def add_scan(
     laser: NDArray[np.float64],
     particle: int,
@@ -545,6 +584,7 @@ def add_scan(
     row_of: NDArray[np.int32],
     rowed: NDArray[np.int32],
     rows: NDArray[np.int32],
+    facts: NDArray[np.int32],
     counts: NDArray[np.int64],
 ) -> None:
     """Add a scan to one particle's map: path through every cell up to the reading, and a stop in the last one.
@@ -571,6 +611,7 @@ def add_scan(
                     row_of[cell] = slot
                     rowed[slot] = cell
                     _gather(cell, heads, owners, in_cell, parents, order, leaves, scratch, rows[slot])
+                    _state(rows[slot, : len(leaves)], evidence, facts[slot])
                 observation = rows[slot, particle]
                 if observation < 0 or owners[observation] != node:
                     fresh = pool[0]
@@ -580,6 +621,7 @@ def add_scan(
                         evidence[fresh, 0], evidence[fresh, 1] = evidence[observation, 0], evidence[observation, 1]
                     else:
                         evidence[fresh, 0], evidence[fresh, 1] = 0.0, prior_length
+                        facts[slot, 0] += 1
                     owners[fresh], places[fresh] = node, cell
                     in_cell[fresh], of_node[fresh] = heads[cell], firsts[node]
                     heads[cell], firsts[node] = fresh, fresh
@@ -588,6 +630,7 @@ def add_scan(
                 evidence[observation, 1] += leave - t
                 if leave >= end and returned[beam]:
                     evidence[observation, 0] += 1.0
+                    facts[slot, 1] = 1
             t = leave
             if next_x < next_y:
                 column += step_x

@@ -42,6 +42,7 @@ class ParticleMaps:
         self._evidence = np.empty((0, 2), np.float32)
         self._pool = np.array([-1, 0], np.int32)
         self._rows, self._rowed = np.empty((0, config.particles), np.int32), np.empty(0, np.int32)
+        self._facts = np.empty((0, 2), np.int32)
         self._viewed = np.empty(4 * self._longest, np.int32)
         self._densities = np.empty((self._longest, config.particles), np.float32)
         self._used = np.zeros(3, np.int64)
@@ -102,6 +103,7 @@ class ParticleMaps:
                 self._scratch,
                 self._row_of,
                 self._rows,
+                self._facts,
                 self._view_of,
                 self._viewed,
                 self._densities,
@@ -192,6 +194,7 @@ class ParticleMaps:
                 self._row_of,
                 self._rowed,
                 self._rows,
+                self._facts,
                 self._used,
             )
         self._most_observations = max(self._most_observations, len(self._owners) - int(self._pool[1]))
@@ -238,6 +241,7 @@ class ParticleMaps:
         if len(self._rowed) - self._used[0] < self._longest:
             more = max(len(self._rowed), 4 * self._longest)
             self._rowed = np.concatenate([self._rowed, np.empty(more, np.int32)])
+            self._facts = np.concatenate([self._facts, np.empty((more, 2), np.int32)])
             self._rows = np.concatenate([self._rows, np.empty((more, self._config.particles), np.int32)])
 
     def _grow(self, more: int) -> None:
