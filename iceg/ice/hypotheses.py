@@ -29,7 +29,8 @@ class SearchWindow:
 
     def contains(self, T_ref_cur: NDArray[np.float64]) -> bool:
         """Whether a pose lies in it, a tenth of its width forgiven."""
-        dx, dy, turn = (float(value) for value in T_ref_cur - self.T_ref_guess)
+        offsets: list[float] = (T_ref_cur - self.T_ref_guess).tolist()
+        dx, dy, turn = offsets
         farthest = max(abs(dx), abs(dy))
         return farthest <= 1.1 * self.translation and abs((turn + pi) % (2 * pi) - pi) <= 1.1 * self.rotation
 
