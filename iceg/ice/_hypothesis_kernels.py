@@ -17,6 +17,8 @@ _SAME_ANGLE = 0.35
 _POSITION_FLOOR = 4e-4
 _ANGLE_FLOOR = 1e-3
 _PROMISING = 0.15
+# A window of ±π leaves out no heading, however π is rounded.
+_ROUNDING = 1e-9
 
 
 @njit(cache=True)
@@ -154,7 +156,7 @@ def pair_hypotheses(
             if not _compatible(kinds[i], ref_kinds[j]):
                 continue
             turn = _turn_between(ref_rows[j, 2] - rows[i, 2], ref_rows[j, 3] - rows[i, 3], opening)
-            if np.isnan(turn) or abs(_wrap(turn - guess[2])) > window_rad:
+            if np.isnan(turn) or abs(_wrap(turn - guess[2])) > window_rad + _ROUNDING:
                 continue
             c, s = cos(turn), sin(turn)
             tx = ref_rows[j, 0] - c * x + s * y
