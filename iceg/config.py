@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Literal
 
 from graph.config import PoseGraphConfig
 from graph.odometry import OdometryModel
@@ -10,7 +11,10 @@ from iceg.maps.config import FeatureMapConfig, GridConfig
 from iceg.settings_file import ConfigError, format_settings, parse_settings, read_settings
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 
-__all__ = ["Config", "ConfigError", "format_config", "parse_config", "read_config"]
+__all__ = ["Config", "ConfigError", "MatcherName", "format_config", "parse_config", "read_config"]
+
+MatcherName = Literal["ice", "icp", "plicp", "idc", "mbicp", "wsm", "qwsm", "ndt", "csm"]
+"""ICE, and the keys of `frontends.matchers.MATCHERS`."""
 
 _HEADING = "Settings of iceg: SI units, angles in radians. Leave a key out to get its default."
 
@@ -39,6 +43,7 @@ class Config:
 
     Attributes:
         seed: start of every random number drawn; the same log, settings and version give the same bytes.
+        matcher: what matches the scans: ice, or one of the literature's with its defaults.
         log: how the log is read.
         ice: ICE matching.
         front_end: tracking, key scans and the local reference.
@@ -51,6 +56,7 @@ class Config:
     """
 
     seed: int = 0
+    matcher: MatcherName = "ice"
     log: LogConfig = field(default_factory=LogConfig)
     ice: IceConfig = field(default_factory=IceConfig)
     front_end: FrontEndConfig = field(default_factory=FrontEndConfig)

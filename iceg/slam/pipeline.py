@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.matcher import Matcher
+from frontends.matchers import make_matcher
 from frontends.scan import Log
 from graph.pose_graph import PoseGraph
 from graph.se2 import between
@@ -71,13 +72,13 @@ def run(
         log: the log.
         config: settings; the defaults when left out.
         progress: called as the front end proceeds.
-        matcher: any scan matcher; ICE when left out.
+        matcher: any scan matcher; the one that the settings name when left out.
 
     Returns:
         Everything that was found.
     """
     config = config or Config()
-    matcher = matcher or IceMatcher(config.ice)
+    matcher = matcher or (IceMatcher(config.ice) if config.matcher == "ice" else make_matcher(config.matcher))
     clock = _StageClock()
     with clock.stage("calibration"):
         first = _calibrate(log, matcher, config)
