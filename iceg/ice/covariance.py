@@ -11,6 +11,7 @@ from iceg.ice.local_map import LocalMap
 from iceg.ice.points import ScanPoints
 from iceg.ice.refinement import FACING, Refined
 
+_FEWEST_ON_SURFACES = 10
 _SIDE = 5
 """Poses of the grid along each axis."""
 _SPACING = 1.25
@@ -67,7 +68,25 @@ def score_covariance(
         The covariance with its weak directions.
     """
     field = local_map.fine
-    points, normals, pose = scan_points.points, scan_points.normals, refined.T_ref_cur
+    pose, hessian = refined.T_ref_cur, np.empty((3, 3))
+    points, normals = _on_surfaces(scan_points)
+    kernels.refine(
+        points,
+        normals,
+        1,
+        pose,
+        local_map.surfels,
+        field.nearest,
+        field.origin,
+        field.cell,
+        scale,
+        scale,
+        0,
+        0.0,
+        FACING,
+        np.empty(3),
+        hessian,
+    )
     shared = kernels.dependence(
         points, normals, pose, local_map.surfels, field.nearest, field.origin, field.cell, FACING, 2 * scale
     )
@@ -84,7 +103,7 @@ def score_covariance(
         scale,
         FACING,
         pose,
-        refined.hessian,
+        hessian,
         max(config.min_sigma, refined.residual),
         config.independence / shared,
         _TEMPERATURE,
@@ -102,3 +121,15 @@ def score_covariance(
     return ScoreCovariance(
         covariance=covariance, weak_directions=axes[:, weak].T.copy(), weights=weights, axes=axes, steps=steps
     )
+
+
+def _on_surfaces(scan_points: ScanPoints) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The points with a normal, and their normals.
+
+    A point without one fits either face of a wall's end, so that it may hold a match where it slid to: it helps to
+    find the pose, but tells nothing about how well it is known.
+    """
+    known = (scan_points.normals != 0.0).any(axis=1)
+    if np.count_nonzero(known) < _FEWEST_ON_SURFACES:
+        return scan_points.points, scan_points.normals
+    return scan_points.points[known], scan_points.normals[known]
