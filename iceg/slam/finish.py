@@ -1,6 +1,6 @@
 """The offline finish: optimise all factors at once, match again between optimised neighbours, until nothing moves."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -55,6 +55,7 @@ def finish(
     closures: LoopClosureConfig,
     config: FinishConfig,
     progress: Callable[[int], None] | None = None,
+    kept: Sequence[Factor] = (),
 ) -> Finished:
     """Make the trajectory as good as the data allows.
 
@@ -66,14 +67,16 @@ def finish(
         closures: what counts as a closure.
         config: rounds and tolerances.
         progress: called with the number of rounds done.
+        kept: those of the factors that are closures beyond doubt, as those added by hand.
 
     Returns:
         The final poses and factors.
     """
     kernel = RobustKernel(name="dcs", width=config.kernel_width)
     closer = LoopCloser(matcher, track, replace(closures, max_passes=config.max_passes))
-    chain = [factor for factor in factors if factor.kind != "closure"]
-    loops = [replace(factor, kernel=kernel) for factor in factors if factor.kind == "closure"]
+    chain = [factor for factor in factors if factor.kind != "closure" or factor in kept]
+    doubtful = [factor for factor in factors if factor.kind == "closure" and factor not in kept]
+    loops = [replace(factor, kernel=kernel) for factor in doubtful]
     poses, rounds = _solve([*chain, *loops], poses, [], len(loops))
     attempts: list[Attempt] = []
     for count in range(config.rounds if closures.enabled or closures.revisits else 0):

@@ -1,7 +1,7 @@
 """The whole job: a log in; trajectory, graph, feature map and occupancy grid out."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from frontends.matcher import Matcher
 from frontends.matchers import make_matcher
 from frontends.scan import Log
+from graph.factors import Factor
 from graph.pose_graph import PoseGraph
 from graph.se2 import between
 from iceg.config import Config
@@ -23,6 +24,13 @@ from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.closure import Closure
 from iceg.slam.finish import Round, finish
 from iceg.slam.front_end import track_log
+from iceg.slam.manual_closures import (
+    ManualClosure,
+    add_by_hand,
+    check_manual_closures,
+    manual_factors,
+    manual_records,
+)
 from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.progress import Progress, ProgressCallback
 from iceg.slam.track import Track
@@ -65,6 +73,7 @@ def run(
     progress: ProgressCallback | None = None,
     *,
     matcher: Matcher | None = None,
+    closures: Sequence[ManualClosure] = (),
 ) -> SlamResult:
     """Estimate the trajectory and the maps of a log.
 
@@ -73,11 +82,13 @@ def run(
         config: settings; the defaults when left out.
         progress: called as the front end proceeds.
         matcher: any scan matcher; the one that the settings name when left out.
+        closures: loops closed by hand.
 
     Returns:
         Everything that was found.
     """
     config = config or Config()
+    check_manual_closures(closures, len(log))
     matcher = matcher or (IceMatcher(config.ice) if config.matcher == "ice" else make_matcher(config.matcher))
     clock = _StageClock()
     with clock.stage("calibration"):
@@ -86,9 +97,11 @@ def run(
         track = _track(log, matcher, first, config, progress)
     with clock.stage("graph"):
         calibration = _recalibrate(track, log, first, config)
+        by_hand = manual_factors(closures, track)
         solution = _solve(track, log, matcher, calibration, config)
+        solution = add_by_hand(solution, by_hand, config.graph)
     with clock.stage("finish"):
-        solution, rounds = _finish(solution, track, matcher, config)
+        solution, rounds = _finish(solution, track, matcher, config, by_hand)
     with clock.stage("covariances"):
         covariances = solution.graph.marginal_covariances()
     trajectory = track.trajectory(solution.poses)
@@ -106,7 +119,7 @@ def run(
         graph=solution.graph,
         landmarks=landmarks,
         grid=grid,
-        closures=_closures(track, solution),
+        closures=_closures(track, solution) + manual_records(closures, track),
         summary=_summary(log, track, solution, calibration, rounds, clock),
     )
 
@@ -160,12 +173,14 @@ def _solve(track: Track, log: Log, matcher: Matcher, calibration: OdometryCalibr
     return solve_track(track, odometry, calibration.noise, matcher, config.graph, config.loops)
 
 
-def _finish(solution: Solution, track: Track, matcher: Matcher, config: Config) -> tuple[Solution, list[Round]]:
+def _finish(
+    solution: Solution, track: Track, matcher: Matcher, config: Config, by_hand: list[Factor]
+) -> tuple[Solution, list[Round]]:
     """The offline finish; its closures join the record, those it dropped stay in it with the reason."""
     if not config.finish.enabled or len(track.keys) < 2:
         return solution, []
     factors = list(solution.graph.factors)
-    finished = finish(factors, solution.poses, track, matcher, config.loops, config.finish)
+    finished = finish(factors, solution.poses, track, matcher, config.loops, config.finish, kept=by_hand)
     graph = PoseGraph.from_factors(finished.factors, finished.poses, config.graph)
     attempts = finished.attempts or solution.attempts
     return replace(solution, graph=graph, poses=finished.poses, attempts=attempts), finished.rounds
