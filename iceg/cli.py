@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from frontends.dp_slam.config import DpSlamConfig
 from graph.errors import IcegError
 from iceg.config import Config, read_config
+from iceg.settings_file import read_settings
 
 if TYPE_CHECKING:
     from frontends.scan import Log
@@ -49,6 +51,13 @@ class Run:
         Path, tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for the results, made if missing.")
     ]
     config: _ConfigFile = None
+    closures: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE",
+            help="Loops closed by hand: a CSV scan_i,scan_j,x_m,y_m,theta_rad[,sigma_m,sigma_rad].",
+        ),
+    ] = None
     overwrite: _Overwrite = False
     skip_bad_lines: _SkipBadLines = False
     settings: _Settings = field(default_factory=Config)
@@ -56,6 +65,24 @@ class Run:
     def __call__(self) -> None:
         """Read, run, write."""
         _run_log(self.log, self.output, self.settings, overwrite=self.overwrite, skip_bad_lines=self.skip_bad_lines)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DpSlam:
+    """The same by DP-SLAM, a particle filter over whole maps, to compare: trajectory, map and summary."""
+
+    log: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LOG", help="The recorded log, with odometry.")]
+    output: Annotated[
+        Path, tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for the results, made if missing.")
+    ]
+    config: _ConfigFile = None
+    overwrite: _Overwrite = False
+    skip_bad_lines: _SkipBadLines = False
+    settings: Annotated[DpSlamConfig, tyro.conf.arg(name="")] = field(default_factory=DpSlamConfig)
+
+    def __call__(self) -> None:
+        """Read, filter, write."""
+        _run_dp_slam(self.log, self.output, self.settings, overwrite=self.overwrite, skip_bad_lines=self.skip_bad_lines)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,7 +284,7 @@ class PrintConfig:
         print(format_config(self.settings), end="")
 
 
-Command = Run | Demo | Info | Eval | Plot | Simulate | Optimize | PrintConfig
+Command = Run | DpSlam | Demo | Info | Eval | Plot | Simulate | Optimize | PrintConfig
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -311,10 +338,14 @@ def parse(words: Sequence[str]) -> Command:
         SystemExit: arguments that are not valid, or a request for help.
     """
     file = _config_file(words)
-    settings = Config() if file is None else read_config(file)
+    is_dp_slam = "dp-slam" in words[:1]
+    settings = Config() if file is None or is_dp_slam else read_config(file)
+    dp_settings = read_settings(DpSlamConfig, file) if file is not None and is_dp_slam else DpSlamConfig()
     run = Run(log=tyro.MISSING, output=tyro.MISSING, settings=settings)
+    dp_slam = DpSlam(log=tyro.MISSING, output=tyro.MISSING, settings=dp_settings)
     commands = (
         Annotated[Run, tyro.conf.subcommand("run", default=run)]
+        | Annotated[DpSlam, tyro.conf.subcommand("dp-slam", default=dp_slam)]
         | Annotated[Demo, tyro.conf.subcommand("demo")]
         | Annotated[Info, tyro.conf.subcommand("info")]
         | Annotated[Eval, tyro.conf.subcommand("eval")]
@@ -359,6 +390,32 @@ def _run_log(path: Path, directory: Path, config: Config, *, overwrite: bool, sk
     except KeyboardInterrupt:
         raise KeyboardInterrupt(_what_was_kept(directory, before)) from None
     _tell_results(result, progress.matching, time.perf_counter() - started, directory)
+
+
+def _run_dp_slam(path: Path, directory: Path, config: DpSlamConfig, *, overwrite: bool, skip_bad_lines: bool) -> None:
+    from iceg.results import check_directory
+    from iceg.show.progress import ProgressBar, compile_note
+
+    check_directory(directory, overwrite=overwrite)
+    before = _written_at(directory)
+    try:
+        with compile_note():
+            from frontends.dp_slam import dp_slam
+            from frontends.logs import read_log
+            from iceg.dp_slam_results import write_dp_slam_results
+            from iceg.slam.progress import Progress
+
+            log = read_log(path, skip_bad_lines=skip_bad_lines)
+            _tell_warnings(log)
+            with ProgressBar(log, "filtering") as bar:
+                result = dp_slam(
+                    log, config, lambda done, _: bar(Progress(scans=done, tried=0, accepted=0, stage="filtering"))
+                )
+            write_dp_slam_results(result, log, config, directory, overwrite=overwrite)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(_what_was_kept(directory, before)) from None
+    print(f"{len(log)} scans in {result.summary['seconds']:.1f} s, {config.particles} particles at most")
+    print(f"Results are in {directory}: map.png, map.pgm, map.yaml, trajectory.tum, config.toml and summary.json")
 
 
 def _tell_warnings(log: "Log") -> None:

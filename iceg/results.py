@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any
@@ -78,16 +79,34 @@ def write_results(result: "SlamResult", directory: Path, *, overwrite: bool = Fa
     Raises:
         ResultsError: the folder is not empty, or cannot be written to.
     """
+    writers = {name: partial(write, result) for name, write in _WRITERS.items()}
+    write_folder(directory, writers, result.summary, overwrite=overwrite)
+
+
+def write_folder(
+    directory: Path, writers: Mapping[str, Callable[[Path], None]], summary: Mapping[str, Any], *, overwrite: bool
+) -> None:
+    """Write the files of any run and its `summary.json`, all files or none.
+
+    Args:
+        directory: made when missing.
+        writers: by name, each writes its files into the folder it is given.
+        summary: what the run has counted; versions, memory and the seconds of writing are added.
+        overwrite: whether earlier results may be replaced.
+
+    Raises:
+        ResultsError: the folder is not empty, or cannot be written to.
+    """
     check_directory(directory, overwrite=overwrite)
     try:
         with _staging_folder(directory) as staging:
             seconds = {}
-            for name, write in _WRITERS.items():
+            for name, write in writers.items():
                 started = time.perf_counter()
-                write(result, staging)
+                write(staging)
                 seconds[name] = round(time.perf_counter() - started, 4)
             _write_text(
-                staging / "summary.json", _format_summary({**_circumstances(), **result.summary, "writing_s": seconds})
+                staging / "summary.json", _format_summary({**_circumstances(), **summary, "writing_s": seconds})
             )
             _publish(staging, directory)
     except OSError as err:
@@ -258,8 +277,12 @@ def _staging_folder(directory: Path) -> Iterator[Path]:
 
 def _publish(staging: Path, directory: Path) -> None:
     with _interrupts_deferred():
-        for path in sorted(staging.iterdir()):
+        new = sorted(staging.iterdir())
+        for path in new:
             path.replace(directory / path.name)
+        # What another kind of run left here would pass for this run's.
+        for name in set(RESULT_FILES).difference(path.name for path in new):
+            (directory / name).unlink(missing_ok=True)
 
 
 @contextmanager

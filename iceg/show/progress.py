@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tqdm import tqdm
 
 from frontends.scan import Log
-from iceg.slam.progress import Progress
+from iceg.slam.progress import Progress, Stage
 
 _BAR = "{desc}: {percentage:3.0f}%|{bar:20}| {n_fmt}/{total_fmt} scans, {elapsed} gone, {remaining} left{postfix}"
 _INTERVAL_ON_TERMINAL_S, _INTERVAL_IN_FILE_S = 0.1, 5.0
@@ -24,8 +24,8 @@ class ProgressBar:
         matching: where the matching of scans came to.
     """
 
-    def __init__(self, log: Log) -> None:
-        self.matching = Progress(scans=0, tried=0, accepted=0)
+    def __init__(self, log: Log, first_stage: Stage = "matching") -> None:
+        self.matching = Progress(scans=0, tried=0, accepted=0, stage=first_stage)
         self._log = log
         self._interval = _INTERVAL_ON_TERMINAL_S if sys.stderr.isatty() else _INTERVAL_IN_FILE_S
         self._latest = self.matching

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
-Stage = Literal["matching", "graph", "finish"]
+Stage = Literal["matching", "graph", "finish", "filtering"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -15,7 +15,7 @@ class Progress:
         scans: scans processed so far.
         tried: matches tried so far.
         accepted: matches that found something credible.
-        stage: what is being done: "matching", "graph" or "finish".
+        stage: what is being done: "matching", "graph" or "finish"; "filtering" in DP-SLAM.
     """
 
     scans: int
