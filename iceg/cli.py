@@ -64,7 +64,14 @@ class Run:
 
     def __call__(self) -> None:
         """Read, run, write."""
-        _run_log(self.log, self.output, self.settings, overwrite=self.overwrite, skip_bad_lines=self.skip_bad_lines)
+        _run_log(
+            self.log,
+            self.output,
+            self.settings,
+            closures=self.closures,
+            overwrite=self.overwrite,
+            skip_bad_lines=self.skip_bad_lines,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,6 +151,10 @@ class Eval:
             metavar="CSV", help="True pose of every scan: t_s,x_m,y_m,theta_rad. A run folder also gets its NEES."
         ),
     ] = None
+    consistency: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool],
+        tyro.conf.arg(help="Judge each factor of a run's graph by all the others: needs no reference."),
+    ] = False
     json: Annotated[tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="One JSON object instead of a table.")] = (
         False
     )
@@ -157,10 +168,17 @@ class Eval:
 
     def _report(self) -> tuple[dict[str, float], str]:
         given = [path for path in (self.relations, self.reference, self.truth) if path is not None]
-        if len(given) != 1:
-            raise UsageError(f"found {len(given)} of --relations, --reference and --truth, expected exactly one")
+        if len(given) + self.consistency != 1:
+            raise UsageError(
+                f"found {len(given) + self.consistency} of --relations, --reference, --truth and --consistency,"
+                " expected exactly one"
+            )
         if self.log is not None and (self.relations is None or _is_csv(self.relations)):
             raise UsageError("--log is only needed with relations by stamp")
+        if self.consistency:
+            from iceg.evaluation.cross_validation import cross_validation_report
+
+            return cross_validation_report(self.trajectory), f"{self.trajectory}, each factor against all the others:"
         title = f"{self.trajectory} against {given[0]}:"
         return self._figures(), title
 
@@ -369,7 +387,15 @@ def _config_file(words: Sequence[str]) -> Path | None:
     return found
 
 
-def _run_log(path: Path, directory: Path, config: Config, *, overwrite: bool, skip_bad_lines: bool) -> None:
+def _run_log(
+    path: Path,
+    directory: Path,
+    config: Config,
+    *,
+    overwrite: bool,
+    skip_bad_lines: bool,
+    closures: Path | None = None,
+) -> None:
     from iceg.results import check_directory, write_results
     from iceg.show.progress import ProgressBar, compile_note
 
@@ -382,10 +408,12 @@ def _run_log(path: Path, directory: Path, config: Config, *, overwrite: bool, sk
 
             log = read_log(path, skip_bad_lines=skip_bad_lines, **dataclasses.asdict(config.log))
             _tell_warnings(log)
+            from iceg.slam.manual_closures import read_manual_closures
             from iceg.slam.pipeline import run
 
+            by_hand = read_manual_closures(closures) if closures else ()
             with ProgressBar(log) as progress:
-                result = run(log, config, progress)
+                result = run(log, config, progress, closures=by_hand)
             write_results(result, directory, overwrite=overwrite)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(_what_was_kept(directory, before)) from None
