@@ -8,6 +8,7 @@ Layouts, all indices int32, −1 for none:
     owners    (capacity,)     node that made an observation
     places    (capacity,)     its cell
     in_cell   (capacity,)     next observation of the same cell, or next free one
+    back      (capacity,)     the one before it in its cell
     of_node   (capacity,)     next observation of the same node
     evidence  (capacity, 2)   float32: stops, and path through the cell [cells]
     pool      (2,)            first free observation, number of free ones
@@ -458,17 +459,17 @@ def _unlink(
     heads: NDArray[np.int32],
     places: NDArray[np.int32],
     in_cell: NDArray[np.int32],
+    back: NDArray[np.int32],
     pool: NDArray[np.int32],
 ) -> None:
     """Take an observation out of its cell and back to the free ones."""
-    cell = places[observation]
-    at = heads[cell]
-    if at == observation:
-        heads[cell] = in_cell[observation]
+    before, behind = back[observation], in_cell[observation]
+    if before >= 0:
+        in_cell[before] = behind
     else:
-        while in_cell[at] != observation:
-            at = in_cell[at]
-        in_cell[at] = in_cell[observation]
+        heads[places[observation]] = behind
+    if behind >= 0:
+        back[behind] = before
     in_cell[observation] = pool[0]
     pool[0] = observation
     pool[1] += 1
@@ -482,6 +483,7 @@ def prune(
     owners: NDArray[np.int32],
     places: NDArray[np.int32],
     in_cell: NDArray[np.int32],
+    back: NDArray[np.int32],
     of_node: NDArray[np.int32],
     evidence: NDArray[np.float32],
     pool: NDArray[np.int32],
@@ -506,7 +508,7 @@ def prune(
             observation = firsts[node]
             while observation >= 0:
                 following = of_node[observation]
-                _unlink(observation, heads, places, in_cell, pool)
+                _unlink(observation, heads, places, in_cell, back, pool)
                 observation = following
             above = parents[node]
             children[node], parents[node], firsts[node] = -1, -1, -1
@@ -527,7 +529,7 @@ def prune(
                     older = in_cell[older]
                 if older >= 0:
                     evidence[older, 0], evidence[older, 1] = evidence[observation, 0], evidence[observation, 1]
-                    _unlink(observation, heads, places, in_cell, pool)
+                    _unlink(observation, heads, places, in_cell, back, pool)
                 else:
                     owners[observation] = above
                     of_node[observation] = firsts[above]
@@ -573,6 +575,7 @@ def add_scan(
     owners: NDArray[np.int32],
     places: NDArray[np.int32],
     in_cell: NDArray[np.int32],
+    back: NDArray[np.int32],
     of_node: NDArray[np.int32],
     evidence: NDArray[np.float32],
     pool: NDArray[np.int32],
@@ -624,6 +627,9 @@ def add_scan(
                         facts[slot, 0] += 1
                     owners[fresh], places[fresh] = node, cell
                     in_cell[fresh], of_node[fresh] = heads[cell], firsts[node]
+                    back[fresh] = -1
+                    if heads[cell] >= 0:
+                        back[heads[cell]] = fresh
                     heads[cell], firsts[node] = fresh, fresh
                     rows[slot, particle] = fresh
                     observation = fresh

@@ -39,6 +39,7 @@ class ParticleMaps:
         self._order = np.zeros(1, np.int32)
         self._owners, self._places = np.empty(0, np.int32), np.empty(0, np.int32)
         self._in_cell, self._of_node = np.empty(0, np.int32), np.empty(0, np.int32)
+        self._back = np.empty(0, np.int32)
         self._evidence = np.empty((0, 2), np.float32)
         self._pool = np.array([-1, 0], np.int32)
         self._rows, self._rowed = np.empty((0, config.particles), np.int32), np.empty(0, np.int32)
@@ -130,6 +131,7 @@ class ParticleMaps:
             self._owners,
             self._places,
             self._in_cell,
+            self._back,
             self._of_node,
             self._evidence,
             self._pool,
@@ -183,6 +185,7 @@ class ParticleMaps:
                 self._owners,
                 self._places,
                 self._in_cell,
+                self._back,
                 self._of_node,
                 self._evidence,
                 self._pool,
@@ -251,6 +254,7 @@ class ParticleMaps:
         chain[-1] = self._pool[0]
         self._owners = np.concatenate([self._owners, np.empty(more, np.int32)])
         self._places = np.concatenate([self._places, np.empty(more, np.int32)])
+        self._back = np.concatenate([self._back, np.empty(more, np.int32)])
         self._of_node = np.concatenate([self._of_node, np.empty(more, np.int32)])
         self._in_cell = np.concatenate([self._in_cell, chain])
         self._evidence = np.concatenate([self._evidence, np.empty((more, 2), np.float32)])
