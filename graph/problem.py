@@ -211,13 +211,41 @@ class Problem:
         Raises:
             GraphError: the factors do not determine the poses.
         """
+        _, on_diagonal = self._inverse(poses, trust)
+        return np.asarray(on_diagonal[self._structure.row_of])
+
+    def joint_covariances(
+        self, poses: NDArray[np.float64], trust: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """(m, 6, 6) covariance of the two poses of each factor at the optimum, each in the tangent space at it.
+
+        Those of a prior's first pose, which is the map itself, are zero.
+
+        Raises:
+            GraphError: the factors do not determine the poses.
+        """
+        lower, on_diagonal = self._inverse(poses, trust)
+        row_of, binary = self._structure.row_of, self.i >= 0
+        first, second = row_of[np.maximum(self.i, 0)], row_of[self.j]
+        joint = np.zeros((len(self.j), 6, 6))
+        joint[:, :3, :3] = np.where(binary[:, None, None], on_diagonal[first], 0.0)
+        joint[:, 3:, 3:] = on_diagonal[second]
+        places = self._structure.places_of(np.maximum(first, second)[binary], np.minimum(first, second)[binary])
+        below = lower[places]  # of the later pose in the order of elimination with the earlier
+        turned = (second > first)[binary, None, None]
+        joint[binary, 3:, :3] = np.where(turned, below, np.swapaxes(below, 1, 2))
+        joint[:, :3, 3:] = np.swapaxes(joint[:, 3:, :3], 1, 2)
+        return joint
+
+    def _inverse(
+        self, poses: NDArray[np.float64], trust: NDArray[np.float64] | None
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         at = self.evaluate(poses)
         weights = at.weights if trust is None else at.weights * trust
         system = self._structure.assemble(self, poses, at.residuals, weights)
         if not system.factorize(0.0):
             raise GraphError("the factors do not determine every pose")
-        _, on_diagonal = system.inverse()
-        return np.asarray(on_diagonal[self._structure.row_of])
+        return system.inverse()
 
 
 class _Structure:
@@ -235,6 +263,12 @@ class _Structure:
         self.column_starts = np.searchsorted(pairs // n, np.arange(n + 1)).astype(np.int64)
         self.factor = sparse.factor_structure(n, self.column_starts, self.rows)
         self.n = n
+
+    def places_of(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Where the Cholesky factor keeps its blocks below the diagonal, given where they stand."""
+        starts, rows_of_l = self.factor[:2]
+        keys = np.repeat(np.arange(self.n), np.diff(starts)) * self.n + rows_of_l
+        return np.searchsorted(keys, columns * self.n + rows)
 
     def assemble(
         self,

@@ -45,6 +45,18 @@ _LABELS = {
     "nees_low": "95 % interval of the mean if independent, low",
     "nees_high": "95 % interval of the mean if independent, high",
 }
+_FACTOR_LABELS = {
+    "n": "judged",
+    "nees_mean": f"NEES, mean ({DEGREES_OF_FREEDOM} is right)",
+    "nees_low": "NEES, 95 % interval of the mean if independent, low",
+    "nees_high": "NEES, 95 % interval of the mean if independent, high",
+    "nees_median": "NEES, median (2.37 is right)",
+    "share_95": "share inside the 95 % region (0.95 is right)",
+    "unchecked": "that nothing else checks",
+    "faded": "out of force",
+}
+for _kind, _name in (("odometry", "odometry"), ("ice", "ICE"), ("closure", "closure")):
+    _LABELS |= {f"{_kind}_{figure}": f"{_name} factors, {label}" for figure, label in _FACTOR_LABELS.items()}
 
 
 def relations_report(T_map_robot: NDArray[np.float64], relations: Relations) -> dict[str, float]:
