@@ -1,0 +1,118 @@
+"""Pairs of scans that share enough of their view, with the pose between them: what matchers are judged on."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import Log, Scan
+from frontends.simulator.scene import Scene
+from frontends.simulator.simulation import scan_pairs
+from graph.se2 import between, transform_points
+from iceg.evaluation.errors import EvaluationError
+from iceg.evaluation.relations import Relations
+
+SEPARATE_PASSES = 200
+"""Two scans more than this far apart in the log count as two passes."""
+_SEEN_BY_BOTH_M = 0.3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ScanPair:
+    """Two scans and the pose of the second robot in the frame of the first, (3,)."""
+
+    reference: Scan
+    current: Scan
+    T_ref_cur: NDArray[np.float64]
+
+
+def shared_view(pair: ScanPair) -> float:
+    """Share of the returns that the other scan has as well, within 0.3 m; the smaller of the two shares."""
+    from scipy.spatial import cKDTree
+
+    reference, current = pair.reference.points, transform_points(pair.T_ref_cur, pair.current.points)
+    if not (len(reference) and len(current)):
+        return 0.0
+    there, back = cKDTree(reference).query(current)[0], cKDTree(current).query(reference)[0]
+    return float(min((there < _SEEN_BY_BOTH_M).mean(), (back < _SEEN_BY_BOTH_M).mean()))
+
+
+def simulated_pairs(
+    scene: str | Scene,
+    n: int,
+    seed: int = 0,
+    *,
+    least_shared: float = 0.5,
+    max_translation: float = 1.0,
+    max_rotation: float = np.pi / 4,
+) -> list[ScanPair]:
+    """Pairs along the route of a simulated scene; their pose is exact.
+
+    Args:
+        scene: the scene, or its name.
+        n: how many.
+        seed: of places, offsets and noise.
+        least_shared: of their view.
+        max_translation: the two poses lie at most this far apart [m] …
+        max_rotation: … and are turned by at most this [rad].
+
+    Raises:
+        EvaluationError: too few pairs share that much.
+    """
+    drawn = scan_pairs(scene, 4 * n, seed, max_translation=max_translation, max_rotation=max_rotation)
+    pairs = (
+        ScanPair(
+            reference=Scan(ranges=reference, geometry=drawn.geometry),
+            current=Scan(ranges=current, geometry=drawn.geometry),
+            T_ref_cur=T_ref_cur,
+        )
+        for reference, current, T_ref_cur in zip(drawn.reference, drawn.current, drawn.T_ref_cur, strict=True)
+    )
+    return _first_that_share(pairs, n, least_shared, str(scene))
+
+
+def recorded_pairs(
+    log: Log, relations: Relations, n: int, seed: int = 0, *, least_shared: float = 0.5
+) -> list[ScanPair]:
+    """Pairs of a recorded log whose relative pose was verified by hand, two passes of the same place each.
+
+    Args:
+        log: the log.
+        relations: of its scans; those more than 200 scans apart are used.
+        n: how many.
+        seed: of the choice among them.
+        least_shared: of their view.
+
+    Raises:
+        EvaluationError: too few pairs share that much.
+    """
+    apart = np.flatnonzero(np.abs(relations.scans_i - relations.scans_j) > SEPARATE_PASSES)
+    order = np.random.default_rng(seed).permutation(apart)
+    pairs = (
+        ScanPair(
+            reference=log.scan(int(relations.scans_i[k])),
+            current=log.scan(int(relations.scans_j[k])),
+            T_ref_cur=relations.T_i_j[k],
+        )
+        for k in order.tolist()
+    )
+    return _first_that_share(pairs, n, least_shared, str(relations.path))
+
+
+def errors_against(
+    T_ref_cur: NDArray[np.float64], T_true: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Distance [m] and angle [rad], not negative, between poses (..., 3)."""
+    off = between(T_true, T_ref_cur)
+    return np.hypot(off[..., 0], off[..., 1]), np.abs(off[..., 2])
+
+
+def _first_that_share(pairs: Iterator[ScanPair], n: int, least_shared: float, where: str) -> list[ScanPair]:
+    kept: list[ScanPair] = []
+    for pair in pairs:
+        if shared_view(pair) >= least_shared:
+            kept.append(pair)
+        if len(kept) == n:
+            return kept
+    raise EvaluationError(f"{where}: found {len(kept)} pairs that share {least_shared:.0%} of their view, expected {n}")
