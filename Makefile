@@ -18,14 +18,14 @@ export ICEG_DATA ?= $(abspath ../shared/data)
 help:
 	@echo "make demo    run the main job on the embedded log, result in $(DEMO)/"
 	@echo "make test    lint, types, import contract and tests"
-	@echo "make bench   accuracy and speed on the real logs (ICEG_DATA), result in $(BENCH)/"
+	@echo "make bench   accuracy and speed on the real logs (ICEG_DATA), or ARGS=FILE.toml; result in $(BENCH)/"
 	@echo "make clean   remove the environment and all caches"
 
 demo: $(VENV)/installed.stamp
 	$(BIN)/iceg demo -o $(DEMO) --overwrite
 
 bench: $(VENV)/installed-dev.stamp
-	$(BIN)/python -m iceg.evaluation.bench -o $(BENCH) $(ARGS)
+	$(BIN)/iceg bench -o $(BENCH) $(ARGS)
 
 # Every check runs even when an earlier one fails; the whole fails if any did.
 test: $(VENV)/installed-dev.stamp

@@ -19,6 +19,7 @@ from iceg.settings_file import read_settings
 
 if TYPE_CHECKING:
     from frontends.scan import Log
+    from iceg.evaluation.bench.outcome import Outcome
     from iceg.slam.pipeline import SlamResult
     from iceg.slam.progress import Progress
 
@@ -40,6 +41,10 @@ _SkipBadLines = Annotated[
 
 class UsageError(Exception):
     """Arguments that do not belong together."""
+
+
+class BenchError(IcegError):
+    """Runs of a benchmark that failed."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -289,6 +294,90 @@ class Optimize:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Bench:
+    """Compare methods on logs; without FILE, ICE's accuracy and speed on the embedded and the public logs.
+
+    FILE names methods, logs, seeds and parameter sweeps (docs/benchmark.md). Runs that are in DIR already, with the
+    same settings and logs, are not made again.
+    """
+
+    file: Annotated[
+        tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="FILE", help="TOML file of an experiment.")
+    ] = None
+    output: Annotated[
+        Path, tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for runs, tables and pictures.")
+    ] = Path("bench-output")
+    workers: Annotated[
+        int | None, tyro.conf.arg(metavar="N", help="FILE: runs at a time; left out: one for each core.")
+    ] = None
+    scheduler: Annotated[
+        str | None,
+        tyro.conf.arg(metavar="ADDRESS", help="FILE: run on a Dask cluster, such as tcp://127.0.0.1:8786."),
+    ] = None
+    overwrite: Annotated[tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="FILE: make all runs again.")] = False
+    data: Annotated[
+        Path | None,
+        tyro.conf.arg(metavar="DIR", help="Without FILE: folder of public logs; left out: $ICEG_DATA, else none."),
+    ] = None
+    parts: Annotated[
+        tuple[Literal["runs", "recall", "consistency", "ablation"], ...],
+        tyro.conf.arg(help="Without FILE: which tables; left out: all."),
+    ] = ()
+
+    def __call__(self) -> None:
+        """Run, print, keep."""
+        with_file, without = (self.workers, self.scheduler, self.overwrite or None), (self.data, self.parts or None)
+        if any(value is not None for value in (with_file if self.file is None else without)):
+            raise UsageError(
+                "--workers, --scheduler and --overwrite need an experiment FILE"
+                if self.file is None
+                else "--data and --parts belong to the benchmark without FILE"
+            )
+        if self.workers is not None and self.workers < 1:
+            raise UsageError(f"found --workers {self.workers}, expected at least 1")
+        if self.file is None:
+            self._real_logs()
+        else:
+            self._experiment(self.file)
+
+    def _real_logs(self) -> None:
+        from iceg.evaluation.bench.real_logs import PARTS, folder_of_logs, real_log_tables
+        from iceg.evaluation.bench.tables import format_markdown
+
+        data = folder_of_logs(self.data)
+        if data is None:
+            print("No folder of public logs (--data, or ICEG_DATA): the embedded log only.")
+        for name, rows in real_log_tables(data, self.output, self.parts or PARTS):
+            print(f"\n{name.replace('-', ' ').capitalize()}\n{format_markdown(rows)}", flush=True)
+
+    def _experiment(self, file: Path) -> None:
+        from iceg.evaluation.bench.comparison import run_experiment
+        from iceg.evaluation.bench.experiment import read_experiment
+        from iceg.evaluation.bench.plots import save_plots
+        from iceg.evaluation.bench.summary import summary_rows, write_results
+        from iceg.evaluation.bench.tables import format_markdown
+
+        experiment = read_experiment(file)
+        try:
+            outcomes = run_experiment(
+                experiment,
+                self.output,
+                workers=self.workers,
+                scheduler=self.scheduler,
+                overwrite=self.overwrite,
+                tell=_tell_outcome,
+            )
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"complete runs are kept in {self.output}, the same command goes on") from None
+        files = [*write_results(outcomes, self.output), *save_plots(outcomes, self.output)]
+        print(f"\n{format_markdown(summary_rows(outcomes))}")
+        print(f"Results are in {self.output}: {', '.join(path.name for path in files)}; each run in cells/")
+        failures = sum(outcome.error is not None for outcome in outcomes)
+        if failures:
+            raise BenchError(f"{failures} of {len(outcomes)} runs failed; the same command tries them again")
+
+
+@dataclass(frozen=True, kw_only=True)
 class PrintConfig:
     """Print all settings with their documentation, as a file for --config."""
 
@@ -302,7 +391,7 @@ class PrintConfig:
         print(format_config(self.settings), end="")
 
 
-Command = Run | DpSlam | Demo | Info | Eval | Plot | Simulate | Optimize | PrintConfig
+Command = Run | DpSlam | Demo | Info | Eval | Plot | Simulate | Optimize | Bench | PrintConfig
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -370,6 +459,7 @@ def parse(words: Sequence[str]) -> Command:
         | Annotated[Plot, tyro.conf.subcommand("plot")]
         | Annotated[Simulate, tyro.conf.subcommand("simulate")]
         | Annotated[Optimize, tyro.conf.subcommand("optimize")]
+        | Annotated[Bench, tyro.conf.subcommand("bench")]
         | Annotated[PrintConfig, tyro.conf.subcommand("config", default=PrintConfig(settings=settings))]
     )
     parsed: Command = tyro.cli(commands, args=words, prog="iceg", description=_DESCRIPTION)
@@ -444,6 +534,19 @@ def _run_dp_slam(path: Path, directory: Path, config: DpSlamConfig, *, overwrite
         raise KeyboardInterrupt(_what_was_kept(directory, before)) from None
     print(f"{len(log)} scans in {result.summary['seconds']:.1f} s, {config.particles} particles at most")
     print(f"Results are in {directory}: map.png, map.pgm, map.yaml, trajectory.tum, config.toml and summary.json")
+
+
+def _tell_outcome(outcome: "Outcome", done: int, of: int) -> None:
+    from iceg.evaluation.bench.summary import error_of
+
+    head = f"[{done}/{of}] {outcome.cell.name}"
+    if outcome.error is not None:
+        print(f"{head}: failed: {outcome.error}", file=sys.stderr, flush=True)
+        return
+    error = error_of(outcome)
+    shown = "" if error is None else f"{error:.4f} m, "
+    again = ", from before" if outcome.is_reused else ""
+    print(f"{head}: {shown}{outcome.figures['scans_per_cpu_s']:.0f} scans/CPU s{again}", flush=True)
 
 
 def _tell_warnings(log: "Log") -> None:

@@ -59,6 +59,20 @@ def parse_settings(cls: type[Settings], text: str, where: str) -> Settings:
         table = tomllib.loads(text)
     except tomllib.TOMLDecodeError as err:
         raise ConfigError(f"{where}: not valid TOML: {err}") from err
+    return build_settings(cls, table, where=where)
+
+
+def build_settings(cls: type[Settings], table: Mapping[str, Any], where: str) -> Settings:
+    """Settings from the tables of a TOML file already read.
+
+    Args:
+        cls: the dataclass of all settings.
+        table: keys and values, nested as the settings are.
+        where: the name of its source, for messages.
+
+    Raises:
+        ConfigError: an unknown key, a wrong type or a value out of range.
+    """
     return _Reader(where=where, known=tuple(_dotted_keys(cls))).build(cls, table, "")
 
 

@@ -44,6 +44,20 @@ class BenchLog:
         return judge(folder, self.known)
 
 
+def known_beside(log: Path) -> dict[str, str]:
+    """The best that is known of a log, by the names of the files beside it: `NAME.relations.csv` and its kin.
+
+    Returns:
+        Kind and path of the first of relations, truth and reference that exists; empty when there is none.
+    """
+    name = log.name.partition(".")[0]
+    for ending, _ in _JUDGES:
+        file = log.with_name(f"{name}.{ending}")
+        if file.exists():
+            return {ending.partition(".")[0]: str(file)}
+    return {}
+
+
 def find_logs(data: Path | None) -> list[BenchLog]:
     """The embedded log and those of the public ones that are at hand.
 
@@ -60,6 +74,6 @@ def find_logs(data: Path | None) -> list[BenchLog]:
     for name in _PUBLIC:
         path = data / f"{name}.clf.gz"
         if path.exists():
-            beside = (data / f"{name}.{ending}" for ending, _ in _JUDGES)
-            logs.append(BenchLog(name=name, path=path, known=next((file for file in beside if file.exists()), None)))
+            known = next(iter(known_beside(path).values()), None)
+            logs.append(BenchLog(name=name, path=path, known=None if known is None else Path(known)))
     return logs

@@ -22,7 +22,8 @@ MODES: dict[str, tuple[str, ...]] = {
 }
 """Flags of each mode: as it comes; the local reference may still hold what was seen before while the drift is small;
 recent key scans only."""
-_ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+"""Environment of a process that is to stay on one core."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,7 +49,7 @@ def run_in_fresh_process(log: Path, folder: Path, flags: Sequence[str] = ()) -> 
     """
     command = [sys.executable, "-m", "iceg", "run", str(log), "-o", str(folder), "--overwrite", *flags]
     before, started = _cpu_of_children(), time.perf_counter()
-    done = subprocess.run(command, env=os.environ | _ONE_CORE, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, env=os.environ | ONE_CORE, capture_output=True, text=True, check=False)
     wall, cpu = time.perf_counter() - started, _cpu_of_children() - before
     if done.returncode != 0:
         raise EvaluationError(f"{' '.join(command[2:])} failed: {' '.join(done.stderr.split())}")
