@@ -44,7 +44,16 @@ def _track(truth: NDArray[np.float64], every: int, noise: float = 0.0) -> Track:
                 overlap=1.0,
                 weak_directions=np.zeros((0, 3)),
             )
-        keys.append(KeyScan(index=index, scan=scan, motion=still, match=match, T_track_robot=truth[index]))
+        keys.append(
+            KeyScan(
+                index=index,
+                scan=scan,
+                motion=still,
+                match=match,
+                anchor=max(0, len(keys) - 1),
+                T_track_robot=truth[index],
+            )
+        )
     n = len(truth)
     return Track(
         keys=keys,

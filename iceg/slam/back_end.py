@@ -18,6 +18,9 @@ from iceg.slam.track import Track
 
 _UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
 """Covariance of a step between key scans that neither odometry nor a match has seen."""
+_PERSISTENCE = 2.0
+"""Factor on odometry's standard deviations: its errors persist from one key scan to the next (slip, wear, lag), those
+of matches against one local map cancel, and the graph takes both for independent."""
 _NEAR_DISTANCE, _NEAR_TURN = 0.4, 0.12
 """A closure no farther than this from the estimate [m, rad] is believed at once."""
 _JUMP_DISTANCE2, _USUAL_DISTANCE2 = 25.0, 3.0
@@ -71,11 +74,11 @@ class BackEnd:
         known = []
         match = None if isinstance(current.match, NoMatch) else current.match
         if motion is not None:
-            covariance = motion.covariance if match is None else self._believed(motion, match)
+            covariance = motion.covariance if match is None else self._believed(motion, match, key)
             self.graph.add_odometry(key - 1, key, motion.T_key_robot, covariance)
             known.append(covariance)
         if match is not None:
-            self.graph.add_match(key - 1, key, match)
+            self.graph.add_match(current.anchor, key, match)
             known.append(match.covariance)
         if not known:
             self.graph.add_odometry(key - 1, key, step, _UNKNOWN_MOTION)
@@ -85,9 +88,11 @@ class BackEnd:
         if self._is_search_due():
             self._search(key)
 
-    def _believed(self, motion: OdometryMotion, match: RelativePose) -> NDArray[np.float64]:
+    def _believed(self, motion: OdometryMotion, match: RelativePose, key: int) -> NDArray[np.float64]:
         """Covariance of odometry; widened where the match contradicts it, as after a jump or a slip."""
-        offset = between(match.T_ref_cur, motion.T_key_robot)
+        keys = self._track.keys
+        T_track_match = compose(keys[keys[key].anchor].T_track_robot, match.T_ref_cur)
+        offset = between(between(keys[key - 1].T_track_robot, T_track_match), motion.T_key_robot)
         distance2 = float(offset @ np.linalg.solve(match.covariance + motion.covariance, offset))
         if distance2 <= _JUMP_DISTANCE2:
             return motion.covariance
@@ -207,4 +212,4 @@ def _motion(track: Track, key: int, steps: NDArray[np.float64], noise: OdometryM
     motion = noise.start()
     for step in steps[track.keys[key - 1].index : track.keys[key].index]:
         motion = noise.extend(motion, step)
-    return motion
+    return replace(motion, covariance=motion.covariance * _PERSISTENCE**2)

@@ -18,7 +18,7 @@ from iceg.ice.verification import Agreement
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.track import KeyScan, Track
 
-_ODOMETRY_SPEAKS = 0.5
+_ODOMETRY_SPEAKS = 4.0
 """Ratio of variances (match over odometry) from which on a direction is shared with odometry."""
 
 
@@ -96,7 +96,9 @@ class FrontEnd:
 
     def _start(self, index: int, scan: Scan) -> None:
         first = NoMatch(reason="first scan")
-        self.keys.append(KeyScan(index=index, scan=scan, motion=self._motion, match=first, T_track_robot=np.zeros(3)))
+        self.keys.append(
+            KeyScan(index=index, scan=scan, motion=self._motion, match=first, anchor=0, T_track_robot=np.zeros(3))
+        )
         self._in_reference = [0]
         self._reference = self._prepared([0])
 
@@ -143,14 +145,17 @@ class FrontEnd:
         return support.fit >= _JUMP_FIT and support.view >= _JUMP_VIEW
 
     def _match(self, scan: Scan) -> RelativePose | NoMatch:
-        """Match with covariance from the tracked pose, expressed in the last key scan's frame."""
+        """Match with covariance from the tracked pose, expressed in the track frame."""
         if _is_blind(scan):
             return NoMatch(reason="the laser is covered")
-        T_track_key = self.keys[-1].T_track_robot
-        guess = compose(T_track_key, self._T_key_robot)
+        guess = compose(self.keys[-1].T_track_robot, self._T_key_robot)
         reference = self._trial if self._on_trial else self._reference
-        match = self._matcher.match(reference, scan, guess, self._motion.covariance)
-        return match if isinstance(match, NoMatch) else replace(match, T_ref_cur=between(T_track_key, match.T_ref_cur))
+        match: RelativePose | NoMatch = self._matcher.match(reference, scan, guess, self._motion.covariance)
+        return match
+
+    def _anchor(self) -> int:
+        """The key scan that stands for the reference: the newest in it."""
+        return (self._trial_keys if self._on_trial else self._in_reference)[-1]
 
     def _fuse(self, match: RelativePose) -> NDArray[np.float64]:
         """Where the match is weaker than odometry since the key scan, odometry speaks, and only there.
@@ -174,10 +179,22 @@ class FrontEnd:
 
     def _add_key(self, index: int, scan: Scan) -> None:
         match = self._match(scan)
+        anchor = self._anchor()
+        T_track_key = self.keys[-1].T_track_robot
         if not isinstance(match, NoMatch):
-            self._T_key_robot = self._fuse(match)
-        T_track_robot = compose(self.keys[-1].T_track_robot, self._T_key_robot)
-        self.keys.append(KeyScan(index=index, scan=scan, motion=self._motion, match=match, T_track_robot=T_track_robot))
+            T_track_match = match.T_ref_cur
+            self._T_key_robot = self._fuse(replace(match, T_ref_cur=between(T_track_key, T_track_match)))
+            match = replace(match, T_ref_cur=between(self.keys[anchor].T_track_robot, T_track_match))
+        self.keys.append(
+            KeyScan(
+                index=index,
+                scan=scan,
+                motion=self._motion,
+                match=match,
+                anchor=anchor,
+                T_track_robot=compose(T_track_key, self._T_key_robot),
+            )
+        )
         self._motion = self._odometry.start()
         self._T_key_robot = np.zeros(3)
         self._extend_reference(isinstance(match, NoMatch))

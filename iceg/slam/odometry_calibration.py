@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import nnls
 
-from graph.measurement import NoMatch
+from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse, wrap_angle
-from iceg.slam.track import Track
+from iceg.slam.track import KeyScan, Track
 
 # Standard deviations of the parameters before any data: what is usual among robots.
 _HEADING_PRIOR = np.array([0.05, 0.05, 0.7])
@@ -133,13 +133,18 @@ class _Samples:
         travelled = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
         turned = np.concatenate([[0.0], np.cumsum(np.abs(steps[:, 2]))])
         return cls(
-            matched=np.array([match.T_ref_cur for _, _, match in pairs]),
+            matched=np.array([_step(track, previous, key.anchor, match) for previous, key, match in pairs]),
             motions=between(odometry[starts], odometry[ends]),
             variances=np.array([np.diag(match.covariance) for _, _, match in pairs]),
             distance=travelled[ends] - travelled[starts],
             turn=turned[ends] - turned[starts],
             speed_change=speed[ends] - speed[starts],
         )
+
+
+def _step(track: Track, previous: KeyScan, anchor: int, match: RelativePose) -> NDArray[np.float64]:
+    """The match as a step from the previous key scan."""
+    return between(previous.T_track_robot, compose(track.keys[anchor].T_track_robot, match.T_ref_cur))
 
 
 def _robust_fit(
