@@ -15,6 +15,7 @@ from frontends.scan import Scan
 from graph.measurement import NoMatch
 from graph.se2 import wrap_angle
 from iceg.config import MatcherName
+from iceg.evaluation.bench.tables import Row
 from iceg.evaluation.consistency import Consistency, consistency, nees, relative_pose_errors
 from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.scan_pairs import ScanPair, errors_against
@@ -186,7 +187,7 @@ def basin(
     return Basin(translations=np.array(translations), rotations=np.array(rotations), success=np.array(success))
 
 
-def summary_row(name: str, near: Trials, far: Trials) -> dict[str, float | str]:
+def summary_row(name: str, near: Trials, far: Trials) -> Row:
     """One matcher's line of a table.
 
     Args:
