@@ -378,6 +378,37 @@ class Bench:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Ablation:
+    """What each stage of a run gains, and what calibrated covariances buy: tables for logs with a reference."""
+
+    logs: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]],
+        tyro.conf.arg(
+            metavar="LOG",
+            help="Logs with NAME.relations.csv, .truth.csv or .reference.csv beside them; left out: the embedded log "
+            "and the public ones.",
+        ),
+    ] = ()
+    output: Annotated[
+        Path, tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for the tables as CSV, made if missing.")
+    ] = Path("ablation-output")
+    data: Annotated[
+        Path | None, tyro.conf.arg(metavar="DIR", help="Folder of public logs; left out: $ICEG_DATA, else none.")
+    ] = None
+
+    def __call__(self) -> None:
+        """Run, print log by log, keep."""
+        from iceg.evaluation.ablation import logs_to_judge, write_tables
+        from iceg.evaluation.bench.tables import format_markdown
+        from iceg.show.progress import compile_note
+
+        data = self.data or (Path(os.environ["ICEG_DATA"]) if os.environ.get("ICEG_DATA") else None)
+        with compile_note():
+            for name, rows in write_tables(logs_to_judge(self.logs, data), self.output):
+                print(f"\n{name.capitalize()}\n{format_markdown(rows)}", flush=True)
+
+
+@dataclass(frozen=True, kw_only=True)
 class PrintConfig:
     """Print all settings with their documentation, as a file for --config."""
 
@@ -391,7 +422,7 @@ class PrintConfig:
         print(format_config(self.settings), end="")
 
 
-Command = Run | DpSlam | Demo | Info | Eval | Plot | Simulate | Optimize | Bench | PrintConfig
+Command = Run | DpSlam | Demo | Info | Eval | Plot | Simulate | Optimize | Bench | Ablation | PrintConfig
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -460,6 +491,7 @@ def parse(words: Sequence[str]) -> Command:
         | Annotated[Simulate, tyro.conf.subcommand("simulate")]
         | Annotated[Optimize, tyro.conf.subcommand("optimize")]
         | Annotated[Bench, tyro.conf.subcommand("bench")]
+        | Annotated[Ablation, tyro.conf.subcommand("ablation")]
         | Annotated[PrintConfig, tyro.conf.subcommand("config", default=PrintConfig(settings=settings))]
     )
     parsed: Command = tyro.cli(commands, args=words, prog="iceg", description=_DESCRIPTION)
