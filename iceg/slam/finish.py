@@ -97,6 +97,7 @@ def finish(
     return Finished(poses=poses, factors=[*chain, *loops], attempts=attempts, rounds=rounds)
 
 
+_ELSEWHERE_DISTANCE, _ELSEWHERE_TURN = 0.25, 0.08
 _AROUND = (-4, -2, 0, 2, 4)
 """Key scans around a doubtful one that are searched, too."""
 _BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
@@ -139,12 +140,19 @@ def _second_look(
     pairs = pairs[:: max(1, -(-len(pairs) // config.doubts))]
     candidates = [closer.candidate(old, new, poses, deviations) for old, new in pairs]
     wide = [closer.match(candidate, poses) for candidate in candidates]
-    accepted = [attempt for attempt in wide if attempt.accepted]
+    accepted = [attempt for attempt in wide if attempt.accepted and _is_elsewhere(attempt, poses)]
     return [
         attempt
         for attempt in accepted
         if sum(say_the_same(attempt, other, poses) for other in accepted) + 1 >= closures.confirmations
     ]
+
+
+def _is_elsewhere(attempt: Attempt, poses: NDArray[np.float64]) -> bool:
+    """Whether a closure would move the passes against each other, not only confirm how they lie."""
+    assert attempt.match is not None
+    x, y, turn = between(between(poses[attempt.key_old], poses[attempt.key_new]), attempt.match.T_ref_cur).tolist()
+    return bool(x * x + y * y > _ELSEWHERE_DISTANCE**2 or abs(turn) > _ELSEWHERE_TURN)
 
 
 def _spaced_keys(track: Track, config: FinishConfig) -> list[int]:
