@@ -79,12 +79,12 @@ class OdometryModel:
             The motion up to the next odometry pose.
         """
         x, y, heading = T_prev_cur.tolist()
-        own = self._increment_covariance(T_prev_cur)
+        distance, turn = math.hypot(x, y), abs(heading)
         return OdometryMotion(
             T_key_robot=compose(motion.T_key_robot, T_prev_cur),
-            covariance=compose_covariance(motion.covariance, T_prev_cur, own),
-            distance=motion.distance + math.hypot(x, y),
-            turn=motion.turn + abs(heading),
+            covariance=self._carried(motion.covariance, x, y, heading, distance, turn),
+            distance=motion.distance + distance,
+            turn=motion.turn + turn,
         )
 
     def covariance(self, increments: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -106,23 +106,27 @@ class OdometryModel:
     def _floor(self) -> NDArray[np.float64]:
         return np.diag((self.position_floor**2, self.position_floor**2, self.heading_floor**2))
 
-    def _increment_covariance(self, T_prev_cur: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What one increment adds, in the tangent space at its end; plain floats of `_increment_covariances`."""
-        x, y, heading = T_prev_cur.tolist()
+    def _carried(
+        self, covariance: NDArray[np.float64], x: float, y: float, heading: float, distance: float, turn: float
+    ) -> NDArray[np.float64]:
+        """A covariance carried over one increment, plus what that adds; plain floats, for the loop over scans.
+
+        The same as `compose_covariance` with `_increment_covariances`: A C Aᵀ + own, A the adjoint of the increment's
+        inverse.
+        """
+        (xx, xy, xh), (_, yy, yh), (_, _, hh) = covariance.tolist()
         c, s = math.cos(heading), math.sin(heading)
-        u, v = c * x + s * y, c * y - s * x
-        distance, turn = math.hypot(x, y), abs(heading)
+        u, v = c * x + s * y, c * y - s * x  # the direction of travel, seen from the end
+        # C Aᵀ's columns for the rows (c, s, -v) and (-s, c, u) of A
+        ax, ay, ah = c * xx + s * xy - v * xh, c * xy + s * yy - v * yh, c * xh + s * yh - v * hh
+        bx, by, bh = c * xy - s * xx + u * xh, c * yy - s * xy + u * yh, c * yh - s * xh + u * hh
         stretch = (self.along_per_metre**2 - self.across_per_metre**2) / distance if distance > 0.0 else 0.0
         any_direction = self.across_per_metre**2 * distance + self.position_per_radian**2 * turn
-        mixed = stretch * u * v
         turned = self.heading_per_metre**2 * distance + self.heading_per_radian**2 * turn
-        return np.array(
-            (
-                (any_direction + stretch * u * u, mixed, 0.0),
-                (mixed, any_direction + stretch * v * v, 0.0),
-                (0.0, 0.0, turned),
-            )
-        )
+        new_xy = c * bx + s * by - v * bh + stretch * u * v
+        new_xx = c * ax + s * ay - v * ah + any_direction + stretch * u * u
+        new_yy = c * by - s * bx + u * bh + any_direction + stretch * v * v
+        return np.array(((new_xx, new_xy, ah), (new_xy, new_yy, bh), (ah, bh, hh + turned)))
 
     def _increment_covariances(self, T_prev_cur: NDArray[np.float64]) -> NDArray[np.float64]:
         """(..., 3, 3) of (..., 3) increments: along the direction of travel one variance, across it another."""
