@@ -19,6 +19,7 @@ from iceg.evaluation.bench.runs import ONE_CORE
 from iceg.evaluation.errors import EvaluationError
 
 _CONNECT_TIMEOUT = 15
+_INTERRUPTED = 130
 
 
 def run_here(cells: Sequence[Cell], workers: int, time_limit_s: float | None = None) -> Iterator[Outcome]:
@@ -33,8 +34,8 @@ def run_here(cells: Sequence[Cell], workers: int, time_limit_s: float | None = N
         Outcomes in the order in which they are complete.
     """
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_die_quietly) as pool:
-        futures = {pool.submit(attempt, cell, time_limit_s): cell for cell in cells}
+    with ProcessPoolExecutor(workers, mp_context=context, initializer=_end_on_interrupt) as pool:
+        futures = {pool.submit(_attempt_in_pool, cell, time_limit_s): cell for cell in cells}
         try:
             for future in as_completed(futures):
                 error = future.exception()
@@ -118,6 +119,15 @@ def _reason(done: subprocess.CompletedProcess[str]) -> str:
     return lines[-1] if lines else f"ended with code {done.returncode}"
 
 
-def _die_quietly() -> None:
+def _end_on_interrupt() -> None:
     """Let Ctrl-C end a worker without a traceback."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+        signal.signal(signal.SIGINT, lambda *_: sys.exit(_INTERRUPTED))
+
+
+def _attempt_in_pool(cell: Cell, time_limit_s: float | None) -> Outcome:
+    """`attempt`; when interrupted its files are removed and the worker ends, lest it go on with the next cell."""
+    try:
+        return attempt(cell, time_limit_s)
+    except SystemExit:
+        os._exit(_INTERRUPTED)

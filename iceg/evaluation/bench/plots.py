@@ -7,6 +7,7 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 
 from iceg.evaluation.bench.outcome import Outcome
 from iceg.evaluation.bench.summary import by_method_and_log, error_of
@@ -59,7 +60,10 @@ def _figure(
         axes.set_title(log)
         axes.set_xlabel(label_of([outcome for group in here for outcome in group]))
         axes.set_xscale("log")
-        axes.grid(axis="x", which="both", alpha=0.25)
+        axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.xaxis.set_major_formatter("{x:g}")
+        axes.xaxis.set_minor_locator(NullLocator())
+        axes.grid(axis="x", alpha=0.25)
         axes.set_yticks(range(len(methods)), methods)
         axes.set_ylim(len(methods) - 0.5, -0.5)
     return figure
