@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 _DESCRIPTION = "2D laser SLAM for recorded logs. 'iceg COMMAND --help' tells more; 'iceg --version' the version."
 _FAILED, _USAGE, _INTERRUPTED = 1, 2, 130
+_MANY_CARRIED = 0.02
+"""More than this share of scans without a match is worth a warning."""
 
 _ConfigFile = Annotated[
     Path | None, tyro.conf.arg(metavar="FILE", help="TOML file of settings; flags given here override it.")
@@ -594,7 +596,22 @@ def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, di
     print(f"{len(result.log)} scans in {seconds:.1f} s{speed}, everything included")
     matched = f", {100 * progress.accepted / progress.tried:.1f} % of the matches accepted" if progress.tried else ""
     print(f"{len(result.key_scans)} key poses, {len(result.landmarks)} landmarks{matched}")
+    _tell_doubts(result)
     print(f"Results are in {directory}: map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more")
+
+
+def _tell_doubts(result: "SlamResult") -> None:
+    """Say where the map may be wrong, and where only odometry carried it."""
+    carried, lost = result.summary["scans_carried_by_odometry"], result.summary["lost_at_scans"]
+    if lost:
+        places = ", ".join(str(scan) for scan in lost[:8]) + (f" and {len(lost) - 8} more" if len(lost) > 8 else "")
+        print(
+            f"warning: from scan {places} on nothing matched what was known before; "
+            "unless odometry is good there, or a loop closes later, what follows may be displaced",
+            file=sys.stderr,
+        )
+    if carried > _MANY_CARRIED * len(result.log):
+        print(f"warning: odometry alone carried {carried} of {len(result.log)} scans", file=sys.stderr)
 
 
 def _written_at(directory: Path) -> int | None:
