@@ -7,6 +7,8 @@ import pytest
 from nbclient import NotebookClient
 
 NOTEBOOKS = sorted((Path(__file__).parent.parent / "notebooks").glob("*.ipynb"))
+LONG = {"paper_experiments"}
+"""Executed by a test of their own."""
 
 
 def read(path: Path) -> nbformat.NotebookNode:
@@ -21,7 +23,7 @@ def test_a_notebook_carries_no_outputs(path: Path) -> None:
         assert cell.get("execution_count") is None, cell.source
 
 
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", [path for path in NOTEBOOKS if path.stem not in LONG], ids=lambda path: path.stem)
 def test_a_notebook_runs_and_its_claims_hold(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ICEG_DATA", raising=False)  # the embedded log is enough here; all public ones take minutes
     notebook = read(path)
