@@ -15,7 +15,6 @@ from graph.measurement import NoMatch, RelativePose
 from graph.se2 import between, compose
 from iceg.evaluation import paper
 from iceg.evaluation.basin import (
-    Trials,
     basin,
     named_matcher,
     run_trials,
@@ -123,6 +122,8 @@ def test_what_is_refused_is_not_what_is_wrong(pairs: list[ScanPair]) -> None:
     wrong = run_trials(Stubborn(pairs, reach=0.5), pairs, starts, 1.0, 0.1)
     assert (wrong.success, wrong.refused, wrong.wrong) == (0.0, 0.0, 1.0)
     assert np.isnan(wrong.median_error_m)
+    unsure = replace(wrong, covariances=1e4 * wrong.covariances)
+    assert (unsure.success, unsure.wrong) == (0.0, 0.0)
     row = summary_row("stubborn", wrong, wrong)
     assert row["wrong far [%]"] == 100.0
 
@@ -134,12 +135,7 @@ def test_an_honest_matcher_has_a_nees_of_three(pairs: list[ScanPair]) -> None:
     assert honest.mean_low < honest.mean < honest.mean_high
     assert trials.median_error_m == pytest.approx(0.018, rel=0.3)
     assert trials.median_error_rad == pytest.approx(0.6745 * 0.005, rel=0.3)
-    proud = Trials(
-        errors=trials.errors,
-        covariances=trials.covariances / 100,
-        succeeded=trials.succeeded,
-        milliseconds=trials.milliseconds,
-    )
+    proud = replace(trials, covariances=trials.covariances / 100)
     assert proud.consistency().mean == pytest.approx(100 * honest.mean)
 
 

@@ -22,6 +22,8 @@ from iceg.evaluation.scan_pairs import ScanPair, errors_against
 
 SUCCESS_M, SUCCESS_RAD = 0.15, radians(3.0)
 """A match within these of the true pose has succeeded."""
+_CERTAINLY_OUTSIDE = 16.27
+"""99.9 % of the chi-square distribution with three degrees of freedom."""
 _LEAST_SIGMA_M, _LEAST_SIGMA_RAD = 0.05, radians(2.0)
 
 
@@ -53,8 +55,12 @@ class Trials:
 
     @property
     def wrong(self) -> float:
-        """Share that it returned although they are wrong."""
-        return 1.0 - self.success - self.refused
+        """Share that it got wrong without knowing: off by more than that, and outside their own 99.9 % region.
+
+        A match that slid along a corridor and says so, by a covariance as long as its error, is not among them.
+        """
+        off = ~self.succeeded & np.isfinite(self.errors[:, 0])
+        return float((nees(self.errors[off], self.covariances[off]) > _CERTAINLY_OUTSIDE).sum()) / len(off)
 
     @property
     def median_ms(self) -> float:
