@@ -63,7 +63,9 @@ class LoopClosureConfig:
     pass_gap: int = 12
     """Key scans between two passes."""
     max_passes: int = 3
-    """Most earlier passes tried for one key scan."""
+    """Most earlier passes tried for one key scan …"""
+    max_pieces: int = 8
+    """… and most pieces of passes after much drift."""
     reference_half: int = 7
     """Key scans of the earlier pass on either side that make up the reference."""
     min_overlap: float = 0.4
@@ -81,11 +83,11 @@ class LoopClosureConfig:
     """The path's covariance since the last closure is trusted only after this factor on its standard deviations."""
     drift_floor: float = 0.1
     """Smallest standard deviation of a search [m]."""
-    max_drift: float = 5.0
+    max_drift: float = 8.0
     """Largest standard deviation of a search [m]."""
     turn_floor: float = 0.03
     """Smallest standard deviation of a search in heading [rad]."""
-    max_turn: float = 0.6
+    max_turn: float = 0.8
     """Largest standard deviation of a search in heading [rad]."""
     confirmations: int = 3
     """A closure far from the estimate waits until so many say the same."""

@@ -143,18 +143,21 @@ class LoopCloser:
             drift: how uncertain paths are.
 
         Returns:
-            One candidate per pass, the key pose whose view lies nearest.
+            One candidate per pass, the key pose whose view lies nearest; after much drift, when the nearest need not be
+            the right one, one for each piece of every pass.
         """
         config = self.config
         if not (config.enabled or config.revisits):
             return []
-        reach = config.radius + 2.0 * self._search_deviations(drift.between(0, key_new, poses))[0]
+        widest = float(self._search_deviations(drift.between(0, key_new, poses))[0])
+        is_adrift = widest > 2 * _NEAR_DEVIATIONS[0]
+        piece = 2 * config.reference_half if is_adrift else len(poses)
         found = []
-        for distance, key in self._passes(key_new, poses, reach):
+        for distance, key in self._passes(key_new, poses, config.radius + 2.0 * widest, piece):
             deviations = self._search_deviations(drift.between(key, key_new, poses))
             if distance < config.radius + 2.0 * deviations[0]:
                 found.append(_candidate(key, key_new, poses, deviations))
-        return found[: config.max_passes]
+        return found[: config.max_pieces if is_adrift else config.max_passes]
 
     def candidate(
         self, key_old: int, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64]
@@ -164,11 +167,11 @@ class LoopCloser:
 
     def neighbours(self, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> list[Candidate]:
         """The same among optimised poses, all known to within `deviations` [m, m, rad]."""
-        passes = self._passes(key_new, poses, self.config.radius)
+        passes = self._passes(key_new, poses, self.config.radius, len(poses))
         return [_candidate(key, key_new, poses, deviations) for _, key in passes[: self.config.max_passes]]
 
-    def _passes(self, key_new: int, poses: NDArray[np.float64], reach: float) -> list[tuple[float, int]]:
-        """Distance of the views and key pose of each earlier pass within reach, nearest first."""
+    def _passes(self, key_new: int, poses: NDArray[np.float64], reach: float, piece: int) -> list[tuple[float, int]]:
+        """Distance of the views and key pose of each piece of an earlier pass within reach, nearest first."""
         config = self.config
         known = poses[: key_new + 1]
         views = known[:, :2] + config.view_distance * np.column_stack([np.cos(known[:, 2]), np.sin(known[:, 2])])
@@ -178,7 +181,8 @@ class LoopCloser:
         if not len(near):
             return []
         passes = np.split(near, np.flatnonzero(np.diff(near) > config.pass_gap) + 1)
-        nearest = [int(p[far[p].argmin()]) for p in passes]
+        pieces = [part for p in passes for part in np.array_split(p, -(-len(p) // piece))]
+        nearest = [int(p[far[p].argmin()]) for p in pieces]
         return sorted((float(far[key]), self._anchor(key, key_new)) for key in nearest)
 
     def _anchor(self, key: int, key_new: int) -> int:
