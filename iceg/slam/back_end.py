@@ -45,7 +45,10 @@ class Solution:
 
 
 class BackEnd:
-    """Adds one key scan after the other to the graph and looks for places seen before."""
+    """Adds one key scan after the other to the graph and looks for places seen before.
+
+    The graph is solved when a closure enters: until then the path from the last one is the chain of its steps.
+    """
 
     def __init__(self, track: Track, closer: LoopCloser, graph_config: PoseGraphConfig) -> None:
         self._track = track
@@ -118,7 +121,6 @@ class BackEnd:
 
     def _search(self, key: int) -> None:
         self._since_search[:] = 0.0
-        self._poses[key] = self.graph.update()
         poses = self._poses[: key + 1]
         inserted = False
         for candidate in self._closer.candidates(key, poses, self._drift):
