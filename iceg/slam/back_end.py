@@ -21,6 +21,8 @@ _UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
 _PERSISTENCE = 2.0
 """Factor on odometry's standard deviations: its errors persist from one key scan to the next (slip, wear, lag), those
 of matches against one local map cancel, and the graph takes both for independent."""
+_SMALL_MOVE, _SMALL_TURN, _REFRESH_AFTER = 0.02, 0.005, 15
+"""A closure that moves the newest pose by less [m, rad] leaves the others where they are, but not so many in a row."""
 _NEAR_DISTANCE, _NEAR_TURN = 0.4, 0.12
 """A closure no farther than this from the estimate [m, rad] is believed at once."""
 _JUMP_DISTANCE2, _USUAL_DISTANCE2 = 25.0, 3.0
@@ -61,6 +63,7 @@ class BackEnd:
         self.odometry_jumps = 0
         self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
         self._since_search = np.zeros(2)
+        self._closures_since_refresh = 0
         self._drift = Drift(len(track.keys))
 
     def add(self, key: int, motion: OdometryMotion | None) -> None:
@@ -131,9 +134,19 @@ class BackEnd:
             if attempt.accepted:
                 inserted |= self._insert(len(self.attempts) - 1, poses)
         if inserted:
-            self.graph.update()
-            self._poses[: key + 1] = self.graph.all_poses()
+            self._take_over(key, self.graph.update())
             self._drift.close(key)
+
+    def _take_over(self, key: int, newest: NDArray[np.float64]) -> None:
+        """Take the solved poses: all of them after a real correction, so that the cost does not grow with the run."""
+        x, y, turn = between(self._poses[key], newest).tolist()
+        self._closures_since_refresh += 1
+        is_small = x * x + y * y < _SMALL_MOVE**2 and abs(turn) < _SMALL_TURN
+        if is_small and self._closures_since_refresh < _REFRESH_AFTER:
+            self._poses[key] = newest
+            return
+        self._poses[: key + 1] = self.graph.all_poses()
+        self._closures_since_refresh = 0
 
     def _judge(self, attempt: Attempt, candidate: Candidate) -> Attempt:
         """Reject a closure that the path since the last one cannot explain."""
