@@ -10,6 +10,9 @@ kernel leaves it. Taking w Ω away from the information (Woodbury) gives the pre
 with aₖ, vₖ the eigenvalues and vectors of A; at full weight rᵀ (C − P)⁻¹ r, the studentised residual of regression
 (Cook and Weisberg, *Residuals and Influence in Regression*, 1982). 1 − w aₖ is the redundancy: the share of what is
 known along vₖ that comes from elsewhere. Where it is nothing, nothing can be said.
+
+An error that a factor shares with its neighbours, as matches to one reference do, is not seen: the rest agrees with it.
+There the figure is a lower bound (docs/ablation.md compares it with the truth).
 """
 
 from collections.abc import Sequence
