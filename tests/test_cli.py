@@ -284,7 +284,8 @@ def pipeline(monkeypatch: pytest.MonkeyPatch) -> Callable[[Pipeline], None]:
     return install
 
 
-def by_odometry(log: Log, config: Config, progress: ProgressCallback) -> Any:
+def by_odometry(log: Log, config: Config, progress: ProgressCallback, *, closures: object = ()) -> Any:
+    del closures
     for scan in range(len(log)):
         progress(Progress(scans=scan + 1, tried=scan, accepted=scan // 2))
     return SimpleNamespace(
@@ -295,7 +296,7 @@ def by_odometry(log: Log, config: Config, progress: ProgressCallback) -> Any:
         key_poses=log.odometry,
         covariances=np.broadcast_to(1e-4 * np.eye(3), (len(log), 3, 3)),
         landmarks=[],
-        summary={},
+        summary={"scans_carried_by_odometry": 0, "lost_at_scans": []},
     )
 
 
@@ -319,7 +320,7 @@ def test_run_writes_its_folder_and_refuses_to_overwrite_it(
 def test_an_interrupted_run_says_what_was_kept(
     tmp_path: Path, pipeline: Callable[[Pipeline], None], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def interrupted(*_: object) -> Any:
+    def interrupted(*_: object, **__: object) -> Any:
         raise KeyboardInterrupt
 
     out = tmp_path / "out"
@@ -342,7 +343,7 @@ def test_an_interrupted_run_says_what_was_kept(
 def test_ctrl_c_ends_the_process_with_one_line(tmp_path: Path) -> None:
     code = (
         "import sys, time, types\n"
-        "def run(*_):\n"
+        "def run(*_, **__):\n"
         "    print('running', flush=True)\n"
         "    time.sleep(60)\n"
         "pipeline = types.ModuleType('iceg.slam.pipeline')\n"
