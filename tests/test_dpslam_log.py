@@ -226,3 +226,10 @@ def test_reads_the_public_log(data_dir: Path) -> None:
     assert 8.0 < log.geometry.range_max < 8.1825
     assert_allclose(log.odometry[0], [-2.424026, 4.800517, 2.590948])
     assert 0.05 < np.isnan(log.ranges).mean() < 0.08
+
+
+def test_the_only_laser_is_the_front_one(tmp_path: Path) -> None:
+    path = tmp_path / "a.log"
+    path.write_text("Odometry 0 0 0\nLaser 3 1 1 1\n")
+    with pytest.raises(LogError, match="no laser is called 'rear'"):
+        read_log(path, laser="rear")

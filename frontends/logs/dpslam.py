@@ -56,6 +56,7 @@ def is_dpslam(head: bytes) -> bool:
 def read_dpslam(
     path: Path | str,
     *,
+    laser: str = "front",
     range_min: float | None = None,
     range_max: float | None = None,
     T_robot_laser: ArrayLike | None = None,
@@ -70,6 +71,7 @@ def read_dpslam(
 
     Args:
         path: the log.
+        laser: "front": these logs know no other.
         range_min: shortest return [m]; None for 2 cm.
         range_max: longest return [m]; None to derive it from the log.
         T_robot_laser: (3,) where the laser sits, which the format does not say; None for the authors' own robot.
@@ -79,6 +81,8 @@ def read_dpslam(
         LogError: the file cannot be read, a line is malformed, or there is no scan in it.
     """
     path = Path(path)
+    if laser != "front":
+        raise LogError(f"{path}: no laser is called '{laser}': a DP-SLAM log holds one, expected 'front'")
     records = _collect(path, skip_bad_lines=skip_bad_lines)
     odometry, kept = _poses(path, records, skip_bad_lines=skip_bad_lines)
     readings = [records.ranges[index] for index in kept]
