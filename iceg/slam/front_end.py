@@ -134,9 +134,9 @@ class FrontEnd:
     ) -> bool:
         """A pose far from the guess (odometry jumped, or the robot was carried) must explain all that is seen."""
         x, y, turn = between(guess, found).tolist()
-        sigma_x, sigma_y, sigma_turn = np.sqrt(np.diag(self._motion.covariance)).tolist()
-        is_near = math.hypot(x, y) < max(_JUMP_DISTANCE, _JUMP_SIGMAS * max(sigma_x, sigma_y))
-        if is_near and abs(turn) < max(_JUMP_TURN, _JUMP_SIGMAS * sigma_turn):
+        (xx, _, _), (_, yy, _), (_, _, hh) = self._motion.covariance.tolist()
+        is_near = math.hypot(x, y) < max(_JUMP_DISTANCE, _JUMP_SIGMAS * math.sqrt(max(xx, yy)))
+        if is_near and abs(turn) < max(_JUMP_TURN, _JUMP_SIGMAS * math.sqrt(hh)):
             return True
         agreement = getattr(self._matcher, "agreement", None)
         if agreement is None:
@@ -165,6 +165,9 @@ class FrontEnd:
         if not self._has_odometry:
             return match.T_ref_cur
         odometry = self._motion.covariance
+        # The sum of the ratios bounds the largest: most matches need no more.
+        if float(np.sum(np.linalg.inv(odometry) * match.covariance)) <= _ODOMETRY_SPEAKS:
+            return match.T_ref_cur
         ratios, directions = eigh(match.covariance, odometry)
         share = np.where(ratios > _ODOMETRY_SPEAKS, ratios / (1.0 + ratios), 0.0)
         if not share.any():
@@ -232,10 +235,10 @@ class FrontEnd:
 
 def _is_blind(scan: Scan) -> bool:
     """Whether nearly all beams end at once, or none returns: something covers the laser."""
-    returns = scan.ranges[np.isfinite(scan.ranges)]
-    if len(returns) < _FEWEST_RETURNS * len(scan.ranges):
-        return True
-    return bool(np.count_nonzero(returns < _BLIND_RANGE) > _BLIND_SHARE * len(returns))
+    # Comparisons with NaN are false.
+    returns = np.count_nonzero(scan.ranges >= 0.0)
+    close = np.count_nonzero(scan.ranges < _BLIND_RANGE)
+    return bool(returns < _FEWEST_RETURNS * len(scan.ranges) or close > _BLIND_SHARE * returns)
 
 
 def track_log(
