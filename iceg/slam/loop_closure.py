@@ -218,7 +218,7 @@ class LoopCloser:
         support = self._support(reference, candidate.key_new, found.T_ref_cur)
         return replace(
             attempt,
-            match=found,
+            match=replace(found, covariance=found.covariance * self.config.covariance_factor),
             accepted=self._is_supported(support),
             reason=_describe(support),
             overlap=support.overlap,
