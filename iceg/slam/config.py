@@ -69,7 +69,7 @@ class LoopClosureConfig:
     reference_half: int = 7
     """Key scans of the earlier pass on either side that make up the reference."""
     covariance_factor: float = 3.0
-    """Neighbouring closures share scans and local maps, so that they err alike: their covariances are widened by this."""
+    """Neighbouring closures share scans and local maps and err alike: their covariances are widened by this."""
     min_overlap: float = 0.4
     """Least share of the beams of a key scan and its neighbours that fall on the earlier pass …"""
     min_fit: float = 0.8
