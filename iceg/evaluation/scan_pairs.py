@@ -35,7 +35,7 @@ def shared_view(pair: ScanPair) -> float:
     if not (len(reference) and len(current)):
         return 0.0
     there, back = cKDTree(reference).query(current)[0], cKDTree(current).query(reference)[0]
-    return float(min((there < _SEEN_BY_BOTH_M).mean(), (back < _SEEN_BY_BOTH_M).mean()))
+    return float(min(np.mean(np.asarray(there) < _SEEN_BY_BOTH_M), np.mean(np.asarray(back) < _SEEN_BY_BOTH_M)))
 
 
 def simulated_pairs(

@@ -113,12 +113,25 @@ class IceMatcher:
             refined = refine_on_points(
                 scan_points, reference, T_ref_guess, config, wide=False, prior_weight=_TRACKING_PRIOR
             )
-            if refined.inliers >= config.credible * len(scan_points):
-                window = search_window(T_ref_guess, covariance_guess, self.config.hypotheses)
-                if window.contains(refined.T_ref_cur):
-                    return refined.T_ref_cur
+            if refined.inliers >= config.credible * len(scan_points) and self._is_near(
+                refined.T_ref_cur, T_ref_guess, covariance_guess
+            ):
+                return refined.T_ref_cur
         found = self._find(reference, scan, T_ref_guess, covariance_guess)
         return found if isinstance(found, NoMatch) else found.T_ref_cur
+
+    def _is_near(
+        self,
+        T_ref_cur: NDArray[np.float64],
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> bool:
+        """Whether a pose lies in the search window; the smallest window answers for nearly all scans."""
+        config = self.config.hypotheses
+        (x, y, heading), (x0, y0, heading0) = T_ref_cur.tolist(), T_ref_guess.tolist()
+        if (x - x0) ** 2 + (y - y0) ** 2 < config.min_window**2 and abs(heading - heading0) < config.min_turn:
+            return True
+        return search_window(T_ref_guess, covariance_guess, config).contains(T_ref_cur)
 
     def match(
         self,

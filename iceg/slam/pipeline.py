@@ -106,7 +106,7 @@ def run(
         covariances = solution.graph.marginal_covariances()
     trajectory = track.trajectory(solution.poses)
     with clock.stage("feature_map"):
-        landmarks = _landmarks(track, solution.poses, config)
+        landmarks = _landmarks(track, solution.poses, matcher, config)
     with clock.stage("grid"):
         grid = render_grid(trajectory, log.ranges, log.geometry, config.grid)
     return SlamResult(
@@ -186,8 +186,11 @@ def _finish(
     return replace(solution, graph=graph, poses=finished.poses, attempts=attempts), finished.rounds
 
 
-def _landmarks(track: Track, key_poses: NDArray[np.float64], config: Config) -> Landmarks:
-    features = (extract_features(key.scan, config.ice.features, config.ice.segments) for key in track.keys)
+def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, config: Config) -> Landmarks:
+    if isinstance(matcher, IceMatcher):
+        features = (matcher.observe(key.scan).features.unpack() for key in track.keys)
+    else:
+        features = (extract_features(key.scan, config.ice.features, config.ice.segments) for key in track.keys)
     feature_map = build_feature_map(key_poses, features, (key.scan for key in track.keys), config.feature_map)
     return feature_map.record()
 
