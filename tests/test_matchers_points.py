@@ -38,6 +38,7 @@ NAMES = ("icp", "plicp", "idc", "mbicp", "wsm", "qwsm")
 EXACT = Laser(range_std=0.0, range_std_per_metre=0.0, quantisation=0.0, mixed_share=0.0)
 LOOSE = np.diag([0.2**2, 0.2**2, 0.3**2])
 
+
 def point_matcher(name: str) -> PointMatcher[Any, Any]:
     matcher = make_matcher(name)
     assert isinstance(matcher, PointMatcher)
@@ -216,9 +217,7 @@ def test_what_is_not_credible_is_refused_with_a_reason(name: str) -> None:
     scan, _ = scans_of(pairs, 0)
     reference = matcher.prepare([scan], np.zeros((1, 3)))
     nothing = Scan(ranges=np.full(181, np.nan, np.float32), geometry=scan.geometry)
-    clutter = Scan(
-        ranges=np.random.default_rng(3).uniform(0.5, 15.0, 181).astype(np.float32), geometry=scan.geometry
-    )
+    clutter = Scan(ranges=np.random.default_rng(3).uniform(0.5, 15.0, 181).astype(np.float32), geometry=scan.geometry)
     empty = matcher.match(reference, nothing, np.zeros(3), LOOSE)
     foreign = matcher.match(reference, clutter, np.zeros(3), LOOSE)
     far = matcher.match(reference, scan, np.array([40.0, 0.0, 0.0]), LOOSE)

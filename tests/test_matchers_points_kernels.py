@@ -31,9 +31,7 @@ def metric_square(delta: NDArray[np.float64], p: NDArray[np.float64], length: fl
     return np.asarray((delta**2).sum(axis=-1) - cross**2 / (p @ p + length**2))
 
 
-def slow_closest(
-    p: NDArray[np.float64], xy: NDArray[np.float64], linked: NDArray[np.bool_], length: float
-) -> float:
+def slow_closest(p: NDArray[np.float64], xy: NDArray[np.float64], linked: NDArray[np.bool_], length: float) -> float:
     """Least squared distance over all points and 20001 samples of every linked piece."""
     least = float(metric_square(xy - p, p, length).min())
     shares = np.linspace(0.0, 1.0, 20001)[:, None]

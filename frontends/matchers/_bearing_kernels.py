@@ -435,9 +435,7 @@ def _associate(
     """Closest point of every moved point; squared distance inf where there is none. Indices serve as hints."""
     limit2 = max_distance * max_distance
     for i in range(len(moved)):
-        x, y, d2, j = closest(
-            moved[i, 0], moved[i, 1], xy, bearings, linked, length2, window, limit2, indices[i]
-        )
+        x, y, d2, j = closest(moved[i, 0], moved[i, 1], xy, bearings, linked, length2, window, limit2, indices[i])
         indices[i] = j
         targets[i, 0], targets[i, 1] = x, y
         squares[i] = d2 if j >= 0 else math.inf
@@ -479,9 +477,7 @@ def _associate_lines(
     no_links = np.zeros(n, np.bool_)
     for i in range(len(moved)):
         x, y = moved[i]
-        _, _, _, j = closest(
-            x, y, xy, bearings, no_links, math.inf, math.pi, max_distance * max_distance, first[i]
-        )
+        _, _, _, j = closest(x, y, xy, bearings, no_links, math.inf, math.pi, max_distance * max_distance, first[i])
         squares[i] = math.inf
         first[i] = j
         if j < 0:

@@ -276,9 +276,7 @@ def weighted_agreement(
 
 
 @njit(cache=True)
-def _wall_direction(
-    xy: NDArray[np.float64], linked: NDArray[np.bool_], i: int, neighbours: int
-) -> tuple[float, float]:
+def _wall_direction(xy: NDArray[np.float64], linked: NDArray[np.bool_], i: int, neighbours: int) -> tuple[float, float]:
     """Unit vector along the line through a point and its linked neighbours; 0, 0 where it has none."""
     n = len(xy)
     first, last = i, i
@@ -336,8 +334,16 @@ def _associate(
         if mutual and j >= 0:
             qx, qy = xy[j, 0] - pose[0], xy[j, 1] - pose[1]
             back, _ = nearest(
-                c * qx + s * qy, c * qy - s * qx, points, own_boxes, own_children, own_leaves, own_order, stack,
-                d2 + 1e-12, i,
+                c * qx + s * qy,
+                c * qy - s * qx,
+                points,
+                own_boxes,
+                own_children,
+                own_leaves,
+                own_order,
+                stack,
+                d2 + 1e-12,
+                i,
             )
             if back >= 0 and back != i:
                 pairs[i] = -1

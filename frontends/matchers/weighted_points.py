@@ -96,9 +96,7 @@ def merged(scans: list[WeightedPoints], T_ref_lasers: NDArray[np.float64], reach
     begin = 0
     for scan, T_last_laser in zip(scans, between(T_ref_lasers[-1], T_ref_lasers), strict=True):
         rows = slice(begin, begin + len(scan))
-        kernels.place(
-            scan.tree.xy, scan.noise, scan.tangents, T_last_laser, xy[rows], noise[rows], tangents[rows]
-        )
+        kernels.place(scan.tree.xy, scan.noise, scan.tangents, T_last_laser, xy[rows], noise[rows], tangents[rows])
         begin = rows.stop
     spreads = np.concatenate([scan.spreads for scan in scans])
     near = np.einsum("ij,ij->i", xy, xy) <= reach**2
