@@ -13,9 +13,9 @@ class SlamConfigError(IcegError):
 class KeyScanConfig:
     """When a scan becomes a key scan, and which of them make up the local reference."""
 
-    distance: float = 0.3
+    distance: float = 0.35
     """A new key scan after driving this far [m]."""
-    angle: float = 0.3
+    angle: float = 0.4
     """A new key scan after turning this far [rad]."""
     window: int = 25
     """Key scans in the local reference."""
