@@ -9,6 +9,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from frontends.logs import LogError, describe_log, read_log
+from frontends.logs.readers import recognise
 
 LOGS = {
     "intel": (13631, 180, 508.0, 0.028),
@@ -62,7 +63,13 @@ def test_readings_beyond_forty_metres_on_request(data_dir: Path) -> None:
     assert 40.0 < np.nanmax(log.ranges) < 49.95
 
 
-@pytest.mark.parametrize("name", ["dpslam-loop5.log.gz", "ros1-laserscan.bag", "usarsim-scan-pairs.txt.gz"])
-def test_other_formats_are_not_taken_for_carmen(data_dir: Path, name: str) -> None:
+def test_a_format_that_is_not_known_is_refused(data_dir: Path) -> None:
     with pytest.raises(LogError, match="expected a log of one of the formats"):
-        read_log(data_dir / name)
+        read_log(data_dir / "ros1-laserscan.bag")
+
+
+@pytest.mark.parametrize(
+    ("name", "log_format"), [("dpslam-loop5.log.gz", "dpslam"), ("usarsim-scan-pairs.txt.gz", "usarsim")]
+)
+def test_other_formats_are_not_taken_for_carmen(data_dir: Path, name: str, log_format: str) -> None:
+    assert recognise(data_dir / name) == log_format

@@ -1,6 +1,7 @@
 """The notebook of the paper's experiments in its quick form: it runs, its claims hold, and it shows what it says."""
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import nbformat
@@ -18,7 +19,14 @@ def read() -> nbformat.NotebookNode:
 
 
 @pytest.fixture(scope="module")
-def executed() -> nbformat.NotebookNode:
+def executed() -> Iterator[nbformat.NotebookNode]:
+    # A backend chosen for the tests would keep the notebook from showing its figures.
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("MPLBACKEND", raising=False)
+        yield _execute()
+
+
+def _execute() -> nbformat.NotebookNode:
     client = NotebookClient(
         read(), timeout=500, kernel_name="python3", resources={"metadata": {"path": str(PATH.parent)}}
     )
