@@ -374,7 +374,7 @@ def test_same_input_same_bytes() -> None:
         (np.zeros((2, 2)), np.zeros((2, 181)), r"\(2, 2\), expected \(n, 3\)"),
         (np.zeros((2, 3)), np.zeros((2, 180)), r"\(2, 180\), expected \(2, 181\)"),
         (np.array([[0, 0, 0], [0, np.nan, 0]]), np.zeros((2, 181)), r"pose 1 .* expected finite"),
-        (np.array([[0, 0, 0], [1e6, 0, 0]]), np.ones((2, 181)), r"1000\d\d\d m x .* max_cells = 50000000"),
+        (np.array([[0, 0, 0], [1e6, 0, 0]]), np.ones((2, 181)), r"1000\d\d\d m x .* max_cells = 150000000"),
     ],
 )
 def test_what_cannot_be_rendered_says_why(poses: F64, ranges: F64, message: str) -> None:

@@ -76,6 +76,21 @@ def test_closures_at_true_poses_are_found_and_right(track: Track, true_poses: ND
     assert np.quantile(deviations, 0.9) < 4.0, "a closure that slides along a corridor says so in its covariance"
 
 
+def test_after_much_drift_the_wide_search_finds_the_place(track: Track, true_poses: NDArray[np.float64]) -> None:
+    closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
+    right, found = 0, 0
+    for key in range(200, len(track.keys), 12):
+        for near in closer.neighbours(key, true_poses, np.array([0.1, 0.1, 0.03]))[:1]:
+            astray = compose(near.T_old_new, np.array([1.5, -1.2, 0.3]))
+            attempt = closer.match(replace(near, T_old_new=astray, deviations=np.array([1.0, 1.0, 0.2])), true_poses)
+            if attempt.accepted and attempt.match is not None:
+                error = between(near.T_old_new, attempt.match.T_ref_cur)
+                found += 1
+                right += bool(np.hypot(error[0], error[1]) < 0.3 and abs(error[2]) < 0.05)
+    assert found >= 5
+    assert right >= 0.8 * found
+
+
 def test_a_place_never_seen_is_not_closed(track: Track, true_poses: NDArray[np.float64]) -> None:
     closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
     rng = np.random.default_rng(0)

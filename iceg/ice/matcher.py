@@ -247,6 +247,23 @@ class IceMatcher:
             scores.append(refined.support * (seen + _EVEN_ODDS) / (seen + contradicted + _EVEN_ODDS))
         return leading[int(np.argmax(scores))]
 
+    def alternatives(
+        self,
+        reference: LocalMap,
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> list[NDArray[np.float64]]:
+        """Distinct polished poses in the window, the best first: where several fit, the place is ambiguous."""
+        window = search_window(T_ref_guess, covariance_guess, self.config.hypotheses)
+        hypotheses, ranking = self.rank(reference, self.observe(scan), window)
+        leading = distinct(hypotheses, ranking.order, self.config.hypotheses.alternatives)
+        least = self.config.refinement.min_inliers * len(self._points(scan))
+        polished = [self.refine(reference, scan, hypotheses[index]) for index in leading]
+        credible = sorted((r for r in polished if r.inliers >= least), key=lambda r: -r.inliers)
+        poses = np.array([r.T_ref_cur for r in credible]).reshape(-1, 3)
+        return [poses[index] for index in distinct(poses, np.arange(len(poses)), len(poses))]
+
     def rank(
         self, reference: LocalMap, observation: Observation, window: SearchWindow
     ) -> tuple[NDArray[np.float64], Ranking]:

@@ -41,7 +41,7 @@ class GridConfig:
     """Skip scans until the robot has moved this far since the last one used [m]; every scan when min_turn is 0 too."""
     min_turn: float = 0.0
     """Use a scan nevertheless once the robot has turned this much [rad]; 0: the turn does not matter."""
-    max_cells: int = 50_000_000
+    max_cells: int = 150_000_000
     """Refuse grids larger than this (a diverged trajectory fills the memory)."""
 
     def __post_init__(self) -> None:
