@@ -14,6 +14,7 @@ from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.config import FrontEndConfig, KeyScanConfig
 from iceg.slam.front_end import FrontEnd, track_log
+from iceg.slam.map_matcher import MapMatcher
 
 _GEOMETRY = ScanGeometry(bearings=np.linspace(-1.5, 1.5, 31), range_min=0.1, range_max=20.0)
 _CONFIG = FrontEndConfig(key_scans=KeyScanConfig(distance=0.55, angle=0.5))
@@ -70,11 +71,8 @@ def _straight(n: int) -> NDArray[np.float64]:
 
 
 def _follow(front_end: FrontEnd, odometry: NDArray[np.float64]) -> NDArray[np.float64]:
-    poses = []
-    for index, T_odom_robot in enumerate(odometry):
-        key, T_key_scan = front_end.add(index, _scan(index + 1), T_odom_robot)
-        poses.append(compose(front_end.keys[key].T_track_robot, T_key_scan))
-    return np.array(poses)
+    steps = between(odometry[:-1], odometry[1:])
+    return np.array([front_end.add(i, _scan(i + 1), step) for i, step in enumerate([np.zeros(3), *steps])])
 
 
 def test_matches_carry_the_robot_whatever_odometry_says() -> None:
@@ -122,9 +120,9 @@ def test_unmatched_key_scans_stay_out_of_the_reference_until_the_robot_is_lost()
 def test_a_covered_laser_is_not_matched_and_not_lost() -> None:
     truth = _straight(60)
     front_end = FrontEnd(TruthMatcher(np.vstack([np.zeros(3), truth])), OdometryModel(), _CONFIG)
-    for index, T_odom_robot in enumerate(truth):
+    for index in range(60):
         covered = 20 <= index < 45
-        front_end.add(index, _scan(index + 1, value=0.1 if covered else 5.0), T_odom_robot)
+        front_end.add(index, _scan(index + 1, value=0.1 if covered else 5.0), np.array([0.1, 0.0, 0.0]))
     assert front_end.failures == 25
     assert not front_end.lost
 
@@ -133,10 +131,7 @@ def test_without_odometry_the_velocity_is_taken_as_constant() -> None:
     truth = _straight(40)
     fails = frozenset(range(20, 25))
     front_end = FrontEnd(TruthMatcher(np.vstack([np.zeros(3), truth]), fails), None, _CONFIG)
-    poses = [
-        compose(front_end.keys[key].T_track_robot, T_key_scan)
-        for key, T_key_scan in (front_end.add(index, _scan(index + 1), None) for index in range(40))
-    ]
+    poses = [front_end.add(index, _scan(index + 1), None) for index in range(40)]
     np.testing.assert_allclose(np.array(poses), truth, atol=1e-6)
 
 
@@ -206,3 +201,7 @@ def test_every_scan_is_tied_to_the_key_scan_before_it(room: tuple[Log, NDArray[n
     indices = np.array([key.index for key in track.keys])
     np.testing.assert_array_equal(track.key_of_scan, np.searchsorted(indices, np.arange(120), side="right") - 1)
     np.testing.assert_array_equal(track.T_key_scan[indices], np.zeros((len(indices), 3)))
+
+
+def test_ice_offers_all_that_the_pipeline_can_use() -> None:
+    assert isinstance(IceMatcher(), MapMatcher)

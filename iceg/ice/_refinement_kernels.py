@@ -1,6 +1,6 @@
 """Compiled loops that fit the points of a scan to a local map, and weigh the poses around the optimum."""
 
-from math import cos, exp, floor, log, sin, sqrt
+from math import cos, exp, log, sin, sqrt
 
 import numpy as np
 from numba import njit
@@ -13,6 +13,7 @@ Bool = NDArray[np.bool_]
 _SHRINK = 0.6
 _FEWEST = 5
 _STILL_M, _STILL_RAD = 2e-4, 1e-4
+_NEARLY_M, _NEARLY_RAD = 0.02, 0.01
 _FAR = 10.0
 _LAGS = 12
 
@@ -27,14 +28,14 @@ def _partner(
     nearest: I32,
     x0: float,
     y0: float,
-    cell: float,
+    cells_per_metre: float,
     facing: float,
 ) -> int:
     """Index of the surfel nearest to (x, y), -1 where none is near or it faces another way than (mx, my)."""
-    u, v = floor((x - x0) / cell), floor((y - y0) / cell)
-    if u < 0 or v < 0 or u >= nearest.shape[1] or v >= nearest.shape[0]:
+    u, v = (x - x0) * cells_per_metre, (y - y0) * cells_per_metre
+    if not (u >= 0.0 and v >= 0.0 and u < nearest.shape[1] and v < nearest.shape[0]):
         return -1
-    k = nearest[v, u]
+    k = nearest[np.uint32(v), np.uint32(u)]
     if k >= 0 and mx * surfels[k, 2] + my * surfels[k, 3] < facing and (mx != 0.0 or my != 0.0):
         return -1
     return int(k)
@@ -101,10 +102,9 @@ def refine(
     pose[:] = start
     inliers, used = 0, 0
     squares, weights = 0.0, 0.0
-    x0, y0 = origin[0], origin[1]
+    x0, y0, cells_per_metre = origin[0], origin[1], 1.0 / cell
     width = max(scale, first_scale)
-    last = iterations == 0
-    for it in range(max(1, iterations)):
+    for _ in range(max(1, iterations)):
         c, s = cos(pose[2]), sin(pose[2])
         inverse_width2 = 1.0 / (width * width)
         h00, h01, h02, h11, h12, h22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -116,7 +116,7 @@ def refine(
             ry = s * points[i, 0] + c * points[i, 1]
             nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
             x, y = pose[0] + rx, pose[1] + ry
-            k = _partner(x, y, nx, ny, surfels, nearest, x0, y0, cell, facing)
+            k = _partner(x, y, nx, ny, surfels, nearest, x0, y0, cells_per_metre, facing)
             if k < 0:
                 continue
             mx, my = surfels[k, 2], surfels[k, 3]
@@ -141,7 +141,7 @@ def refine(
         hessian[0, 0], hessian[0, 1], hessian[0, 2] = h00, h01, h02
         hessian[1, 0], hessian[1, 1], hessian[1, 2] = h01, h11, h12
         hessian[2, 0], hessian[2, 1], hessian[2, 2] = h02, h12, h22
-        if used < _FEWEST or last:
+        if used < _FEWEST or iterations == 0:
             break
         gradient[0] = g0 + prior_weight * (pose[0] - start[0])
         gradient[1] = g1 + prior_weight * (pose[1] - start[1])
@@ -151,9 +151,11 @@ def refine(
         pose[0] += step[0]
         pose[1] += step[1]
         pose[2] += step[2]
-        still = abs(step[0]) < _STILL_M and abs(step[1]) < _STILL_M and abs(step[2]) < _STILL_RAD
-        last = it >= 3 and still and width <= scale
-        width = max(scale, width * _SHRINK)
+        moved, turned = max(abs(step[0]), abs(step[1])), abs(step[2])
+        if moved < _STILL_M and turned < _STILL_RAD and width <= scale:
+            break
+        # A start this good needs no wide weights.
+        width = scale if moved < _NEARLY_M and turned < _NEARLY_RAD else max(scale, width * _SHRINK)
     return inliers, used, weights, sqrt(squares / max(weights, 1e-9))
 
 
@@ -181,7 +183,7 @@ def dependence(
         x = pose[0] + c * points[i, 0] - s * points[i, 1]
         y = pose[1] + s * points[i, 0] + c * points[i, 1]
         nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
-        k = _partner(x, y, nx, ny, surfels, nearest, origin[0], origin[1], cell, facing)
+        k = _partner(x, y, nx, ny, surfels, nearest, origin[0], origin[1], 1.0 / cell, facing)
         residuals[i] = 0.0
         if k < 0:
             continue
@@ -275,7 +277,7 @@ def score_grid(
     half0, half1, half2 = costs.shape[0] // 2, costs.shape[1] // 2, costs.shape[2] // 2
     inverse_scale2 = 1.0 / (scale * scale)
     stride = len(points) / n_picks
-    x00, y00 = origin[0], origin[1]
+    x00, y00, cells_per_metre = origin[0], origin[1], 1.0 / cell
     c0, s0 = cos(pose[2]), sin(pose[2])
     best = np.inf
     for i0 in range(-half0, half0 + 1):
@@ -294,7 +296,7 @@ def score_grid(
                     x = x0 + c * points[i, 0] - s * points[i, 1]
                     y = y0 + s * points[i, 0] + c * points[i, 1]
                     nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
-                    k = _partner(x, y, nx, ny, surfels, nearest, x00, y00, cell, facing)
+                    k = _partner(x, y, nx, ny, surfels, nearest, x00, y00, cells_per_metre, facing)
                     factor = _FAR
                     if k >= 0:
                         r = surfels[k, 2] * (x - surfels[k, 0]) + surfels[k, 3] * (y - surfels[k, 1])

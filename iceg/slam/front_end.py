@@ -7,15 +7,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import eigh
 
-from frontends.matcher import Matcher
+from frontends.matcher import Matcher, TrackingMatcher
 from frontends.scan import Log, Scan
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
-from graph.se2 import between, compose
-from iceg.ice.verification import Agreement
+from graph.se2 import between, compose, wrap_angle
 from iceg.slam.config import FrontEndConfig
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.track import KeyScan, Track
 
 _ODOMETRY_SPEAKS = 4.0
@@ -45,54 +44,49 @@ class FrontEnd:
     def __init__(self, matcher: Matcher, odometry: OdometryModel | None, config: FrontEndConfig) -> None:
         """Start with no scan yet; `odometry` is None for a log without."""
         self._matcher = matcher
+        self._map_matcher = matcher if isinstance(matcher, MapMatcher) else None
+        self._track = matcher.track if isinstance(matcher, TrackingMatcher) else _tracking_by_match(matcher)
         self._has_odometry = odometry is not None
         self._odometry = odometry or _UNKNOWN_ODOMETRY
         self._config = config
-        self._track = _tracking_of(matcher)
         self.keys: list[KeyScan] = []
         self._reference: Any = None
         self._in_reference: list[int] = []
         self._trial: Any = None
         self._trial_keys: list[int] = []
         self._on_trial = False
+        self._is_blind = False
         self._motion = self._odometry.start()
-        self._T_key_robot = np.zeros(3)
-        self._last_odometry: NDArray[np.float64] | None = None
+        self._T_track_robot = np.zeros(3)
         self._last_step = np.zeros(3)
         self.failures = 0
         self.lost: list[int] = []
 
-    def add(self, index: int, scan: Scan, T_odom_robot: NDArray[np.float64] | None) -> tuple[int, NDArray[np.float64]]:
+    def add(self, index: int, scan: Scan, T_prev_cur: NDArray[np.float64] | None) -> NDArray[np.float64]:
         """Track one more scan.
 
         Args:
             index: which scan of the log it is.
             scan: the scan.
-            T_odom_robot: (3,) odometry at the scan; None in a log without, where the velocity is taken as constant.
+            T_prev_cur: (3,) odometry since the scan before; None in a log without, where the velocity is taken as
+                constant.
 
         Returns:
-            The key scan it is tied to and its pose in that key scan's frame.
+            (3,) its pose in the front end's own frame. The scan is tied to the newest of `keys`, which may be itself.
         """
+        self._is_blind = _is_blind(scan)
         if not self.keys:
-            self._last_odometry = T_odom_robot
             self._start(index, scan)
-            return 0, np.zeros(3)
-        step = self._step(T_odom_robot)
+            return self._T_track_robot
+        step = self._last_step if T_prev_cur is None else T_prev_cur
         self._motion = self._odometry.extend(self._motion, step)
-        T_key_before = self._T_key_robot
-        self._follow(scan, compose(self._T_key_robot, step))
-        self._last_step = between(T_key_before, self._T_key_robot)
+        T_track_before = self._T_track_robot
+        self._follow(scan, compose(T_track_before, step))
+        if T_prev_cur is None:
+            self._last_step = between(T_track_before, self._T_track_robot)
         if self._is_key():
             self._add_key(index, scan)
-            return len(self.keys) - 1, np.zeros(3)
-        return len(self.keys) - 1, self._T_key_robot
-
-    def _step(self, T_odom_robot: NDArray[np.float64] | None) -> NDArray[np.float64]:
-        if T_odom_robot is None or self._last_odometry is None:
-            return self._last_step
-        step = between(self._last_odometry, T_odom_robot)
-        self._last_odometry = T_odom_robot
-        return step
+        return self._T_track_robot
 
     def _start(self, index: int, scan: Scan) -> None:
         first = NoMatch(reason="first scan")
@@ -102,23 +96,20 @@ class FrontEnd:
         self._in_reference = [0]
         self._reference = self._prepared([0])
 
-    def _follow(self, scan: Scan, T_key_guess: NDArray[np.float64]) -> None:
-        """Pose of a scan in the last key scan's frame; odometry carries it where nothing credible is found."""
-        T_track_key = self.keys[-1].T_track_robot
-        guess = compose(T_track_key, T_key_guess)
+    def _follow(self, scan: Scan, guess: NDArray[np.float64]) -> None:
+        """Pose of a scan in the track frame; odometry carries it where nothing credible is found."""
         found = self._find(self._reference, scan, guess)
         self._on_trial = isinstance(found, NoMatch) and self._trial is not None
         if self._on_trial:
             found = self._find(self._trial, scan, guess)
         if isinstance(found, NoMatch):
             self.failures += 1
-            self._T_key_robot = T_key_guess
-        else:
-            self._T_key_robot = between(T_track_key, found)
+            found = guess
+        self._T_track_robot = found
 
     def _find(self, reference: Any, scan: Scan, guess: NDArray[np.float64]) -> NDArray[np.float64] | NoMatch:  # noqa: ANN401
         """Pose of a scan against one reference, in the track frame."""
-        if _is_blind(scan):
+        if self._is_blind:
             return NoMatch(reason="the laser is covered")
         found = self._track(reference, scan, guess, self._motion.covariance)
         if isinstance(found, NoMatch) or self._is_plausible(reference, scan, guess, found):
@@ -133,31 +124,28 @@ class FrontEnd:
         found: NDArray[np.float64],
     ) -> bool:
         """A pose far from the guess (odometry jumped, or the robot was carried) must explain all that is seen."""
-        x, y, turn = between(guess, found).tolist()
+        distance, turn = _apart(guess, found)
+        if distance < _JUMP_DISTANCE and turn < _JUMP_TURN:
+            return True
         (xx, _, _), (_, yy, _), (_, _, hh) = self._motion.covariance.tolist()
-        is_near = math.hypot(x, y) < max(_JUMP_DISTANCE, _JUMP_SIGMAS * math.sqrt(max(xx, yy)))
-        if is_near and abs(turn) < max(_JUMP_TURN, _JUMP_SIGMAS * math.sqrt(hh)):
+        is_near = distance < max(_JUMP_DISTANCE, _JUMP_SIGMAS * math.sqrt(max(xx, yy)))
+        if (is_near and turn < max(_JUMP_TURN, _JUMP_SIGMAS * math.sqrt(hh))) or self._map_matcher is None:
             return True
-        agreement = getattr(self._matcher, "agreement", None)
-        if agreement is None:
-            return True
-        support: Agreement = agreement(reference, scan, found)
+        support = self._map_matcher.agreement(reference, scan, found)
         return support.fit >= _JUMP_FIT and support.view >= _JUMP_VIEW
 
     def _match(self, scan: Scan) -> RelativePose | NoMatch:
         """Match with covariance from the tracked pose, expressed in the track frame."""
-        if _is_blind(scan):
+        if self._is_blind:
             return NoMatch(reason="the laser is covered")
-        guess = compose(self.keys[-1].T_track_robot, self._T_key_robot)
         reference = self._trial if self._on_trial else self._reference
-        match: RelativePose | NoMatch = self._matcher.match(reference, scan, guess, self._motion.covariance)
-        return match
+        return self._matcher.match(reference, scan, self._T_track_robot, self._motion.covariance)
 
     def _anchor(self) -> int:
         """The key scan that stands for the reference: the newest in it."""
         return (self._trial_keys if self._on_trial else self._in_reference)[-1]
 
-    def _fuse(self, match: RelativePose) -> NDArray[np.float64]:
+    def _fuse(self, match: RelativePose, T_track_key: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where the match is weaker than odometry since the key scan, odometry speaks, and only there.
 
         Elsewhere it would pull every match a little towards its own bias, and the local map with it.
@@ -168,25 +156,26 @@ class FrontEnd:
         # The sum of the ratios bounds the largest: most matches need no more.
         if float(np.sum(np.linalg.inv(odometry) * match.covariance)) <= _ODOMETRY_SPEAKS:
             return match.T_ref_cur
-        ratios, directions = eigh(match.covariance, odometry)
+        whiten = np.linalg.inv(np.linalg.cholesky(odometry))
+        ratios, axes = np.linalg.eigh(whiten @ match.covariance @ whiten.T)
         share = np.where(ratios > _ODOMETRY_SPEAKS, ratios / (1.0 + ratios), 0.0)
         if not share.any():
             return match.T_ref_cur
-        offset = between(match.T_ref_cur, self._motion.T_key_robot)
+        offset = between(match.T_ref_cur, compose(T_track_key, self._motion.T_key_robot))
+        directions = whiten.T @ axes
         return compose(match.T_ref_cur, odometry @ directions @ (share * (directions.T @ offset)))
 
     def _is_key(self) -> bool:
-        x, y, heading = self._T_key_robot.tolist()
+        distance, turn = _apart(self.keys[-1].T_track_robot, self._T_track_robot)
         limits = self._config.key_scans
-        return x * x + y * y > limits.distance**2 or abs(heading) > limits.angle
+        return distance > limits.distance or turn > limits.angle
 
     def _add_key(self, index: int, scan: Scan) -> None:
         match = self._match(scan)
         anchor = self._anchor()
-        T_track_key = self.keys[-1].T_track_robot
         if not isinstance(match, NoMatch):
             T_track_match = match.T_ref_cur
-            self._T_key_robot = self._fuse(replace(match, T_ref_cur=between(T_track_key, T_track_match)))
+            self._T_track_robot = self._fuse(match, self.keys[-1].T_track_robot)
             match = replace(match, T_ref_cur=between(self.keys[anchor].T_track_robot, T_track_match))
         self.keys.append(
             KeyScan(
@@ -195,11 +184,10 @@ class FrontEnd:
                 motion=self._motion,
                 match=match,
                 anchor=anchor,
-                T_track_robot=compose(T_track_key, self._T_key_robot),
+                T_track_robot=self._T_track_robot,
             )
         )
         self._motion = self._odometry.start()
-        self._T_key_robot = np.zeros(3)
         self._extend_reference(isinstance(match, NoMatch))
 
     def _extend_reference(self, is_unmatched: bool) -> None:
@@ -209,7 +197,7 @@ class FrontEnd:
         carried away.
         """
         newest = len(self.keys) - 1
-        if _is_blind(self.keys[-1].scan):
+        if self._is_blind:
             return
         if is_unmatched or self._on_trial:
             self._trial_keys.append(newest)
@@ -220,13 +208,12 @@ class FrontEnd:
                 self._trial, self._trial_keys = None, []
             return
         self._trial, self._trial_keys = None, []
-        extend = getattr(self._matcher, "extend", None)
         self._in_reference.append(newest)
-        if extend is None or newest % self._config.key_scans.rebuild == 0:
+        if self._map_matcher is None or newest % self._config.key_scans.rebuild == 0:
             self._in_reference = self._in_reference[-self._config.key_scans.window :]
             self._reference = self._prepared(self._in_reference)
         else:
-            extend(self._reference, self.keys[-1].scan, self.keys[-1].T_track_robot)
+            self._map_matcher.extend(self._reference, self.keys[-1].scan, self.keys[-1].T_track_robot)
 
     def _prepared(self, members: list[int]) -> Any:  # noqa: ANN401
         keys = [self.keys[member] for member in members]
@@ -267,29 +254,39 @@ def track_log(
     front_end = FrontEnd(matcher, noise if log.has_odometry else None, config)
     odometry = log.odometry if corrected_odometry is None else corrected_odometry
     n = len(log) if n_scans is None else min(n_scans, len(log))
-    key_of_scan, T_key_scan = np.empty(n, np.int64), np.empty((n, 3))
+    steps = [None] * n if not log.has_odometry else [np.zeros(3), *between(odometry[: n - 1], odometry[1:n])]
+    key_of_scan, T_track_scan = np.empty(n, np.int64), np.empty((n, 3))
     for index in range(n):
-        T_odom_robot = odometry[index] if log.has_odometry else None
-        key_of_scan[index], T_key_scan[index] = front_end.add(index, log.scan(index), T_odom_robot)
+        T_track_scan[index] = front_end.add(index, log.scan(index), steps[index])
+        key_of_scan[index] = len(front_end.keys) - 1
         if progress is not None:
             progress(index + 1, front_end.failures)
+    T_track_keys = np.array([key.T_track_robot for key in front_end.keys])
     return Track(
         keys=front_end.keys,
         key_of_scan=key_of_scan,
-        T_key_scan=T_key_scan,
+        T_key_scan=between(T_track_keys[key_of_scan], T_track_scan),
         failures=front_end.failures,
         lost=front_end.lost,
     )
 
 
-def _tracking_of(matcher: Matcher) -> Callable[..., NDArray[np.float64] | NoMatch]:
-    """The matcher's own quick tracking, or its full matching where it has none."""
-    track: Callable[..., NDArray[np.float64] | NoMatch] | None = getattr(matcher, "track", None)
-    if track is not None:
-        return track
+def _apart(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> tuple[float, float]:
+    """Distance [m] and angle [rad] between two poses; plain floats, for the loop over scans."""
+    (x, y, heading), (x_c, y_c, heading_c) = T_a_b.tolist(), T_a_c.tolist()
+    return math.hypot(x_c - x, y_c - y), abs(wrap_angle(heading_c - heading))
 
-    def pose_of_match(*arguments: Any) -> NDArray[np.float64] | NoMatch:  # noqa: ANN401
-        match = matcher.match(*arguments)
+
+def _tracking_by_match(matcher: Matcher) -> Callable[..., NDArray[np.float64] | NoMatch]:
+    """The full matching of a matcher that has no quick tracking of its own."""
+
+    def track(
+        reference: Any,  # noqa: ANN401
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> NDArray[np.float64] | NoMatch:
+        match = matcher.match(reference, scan, T_ref_guess, covariance_guess)
         return match if isinstance(match, NoMatch) else match.T_ref_cur
 
-    return pose_of_match
+    return track

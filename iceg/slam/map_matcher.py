@@ -1,0 +1,33 @@
+"""What the pipeline asks of a matcher beyond matching, when it wants maps that grow and places that can be doubted."""
+
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.matcher import TrackingMatcher
+from frontends.scan import Scan
+from iceg.ice.verification import Agreement
+
+
+@runtime_checkable
+class MapMatcher(TrackingMatcher, Protocol):
+    """A matcher whose references can be extended, and whose matches can be questioned; `IceMatcher` is one."""
+
+    def extend(self, reference: Any, scan: Scan, T_ref_scan: NDArray[np.float64]) -> None:  # noqa: ANN401
+        """Add one more scan to a reference, at the (3,) pose given."""
+        ...
+
+    def agreement(self, reference: Any, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:  # noqa: ANN401
+        """Compare a scan with a reference at a given (3,) pose, both ways."""
+        ...
+
+    def alternatives(
+        self,
+        reference: Any,  # noqa: ANN401
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> list[NDArray[np.float64]]:
+        """Distinct (3,) poses around the guess that fit, the best first: with several the place is ambiguous."""
+        ...
