@@ -7,13 +7,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
-from scipy.special import chdtri
 
 from graph.errors import GraphError
 from graph.factors import Factor, FactorKind
 from graph.gnc import gnc_tls
+from graph.noise import largest_squared_norm
 from graph.problem import Problem
 from graph.se2 import compose, inverse
 from graph.start import GrownStart, grown_start
@@ -137,7 +135,7 @@ def optimize(
     )
     stages.append(_stage("robust" if robust.is_robust else "plain", robust, poses, descent.poses, descent.iterations))
     poses = descent.poses
-    gate = float(chdtri(3, 1.0 - settings.inlier_probability))
+    gate = largest_squared_norm(settings.inlier_probability)
     if not settings.gnc:
         at = robust.evaluate(poses)
         return _result(poses, stages, at.weights, at.weights > 0.5, at.squared, gate)
@@ -253,15 +251,32 @@ def _suspects(factors: Sequence[Factor], problem: Problem, kinds: tuple[FactorKi
     """(m,) factors that may be false, but for those that alone tie a part of the graph to the rest."""
     suspects = np.array([factor.kind in kinds for factor in factors], dtype=bool)
     first, second = np.where(problem.i < 0, problem.n_poses, problem.i), problem.j  # the map is a node of its own
-    known = ~suspects
-    links = coo_array((np.ones(known.sum()), (first[known], second[known])), shape=(problem.n_poses + 1,) * 2)
-    n_parts, part = connected_components(links, directed=False)
-    for factor in np.flatnonzero(suspects) if n_parts > 1 else ():
-        one, other = part[first[factor]], part[second[factor]]
-        if one != other:
-            part[part == other] = one
+    parts = _Parts(problem.n_poses + 1)
+    for factor in np.flatnonzero(~suspects).tolist():
+        parts.join(int(first[factor]), int(second[factor]))
+    for factor in np.flatnonzero(suspects).tolist():
+        if parts.join(int(first[factor]), int(second[factor])):
             suspects[factor] = False
     return suspects
+
+
+class _Parts:
+    """Which poses hang together (disjoint sets)."""
+
+    def __init__(self, n: int) -> None:
+        self._parent = list(range(n))
+
+    def join(self, a: int, b: int) -> bool:
+        """Tie two poses; whether that joins parts that were separate."""
+        a, b = self._root(a), self._root(b)
+        self._parent[b] = a
+        return a != b
+
+    def _root(self, a: int) -> int:
+        while self._parent[a] != a:
+            self._parent[a] = self._parent[self._parent[a]]
+            a = self._parent[a]
+        return a
 
 
 def _best_grown_start(problem: Problem, suspects: NDArray[np.bool_], chained: NDArray[np.float64]) -> GrownStart:

@@ -10,12 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtri
 
 from graph import _consistency_kernels as kernels
 from graph.errors import GraphError
 from graph.factors import Factor
-from graph.noise import information_of
+from graph.noise import information_of, largest_squared_norm
 from graph.se2 import adjoint, between, compose, inverse
 
 _UNTIED_SIGMA = 1e3  # [m, rad] of a step of the chain that no factor measures
@@ -135,7 +134,7 @@ def pairwise_consistency(
             between(inverse(T_map_j), inverse(poses[ends[:, 1]])),
             carry @ covariance @ np.swapaxes(carry, -1, -2),
             cumulative,
-            float(chdtri(3, 1.0 - probability)),
+            largest_squared_norm(probability),
         )
     )
 

@@ -59,6 +59,19 @@ def information_of(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(0.5 * (inverse + np.swapaxes(inverse, -1, -2)), dtype=np.float64)
 
 
+def largest_squared_norm(probability: float) -> float:
+    """What the squared, whitened norm of a true (3,) error stays below with this probability: the χ² quantile.
+
+    Bisection on the closed form of the distribution with three degrees of freedom; importing a library for it takes
+    longer than solving the graph.
+    """
+    lower, upper = 0.0, 1500.0
+    while lower < (middle := 0.5 * (lower + upper)) < upper:
+        beyond = math.erfc(math.sqrt(0.5 * middle)) + math.sqrt(2.0 * middle / math.pi) * math.exp(-0.5 * middle)
+        lower, upper = (middle, upper) if beyond > 1.0 - probability else (lower, middle)
+    return middle
+
+
 def _check_symmetric(covariance: NDArray[np.float64], asymmetry: float, trace: float) -> None:
     if not math.isfinite(trace) or not math.isfinite(asymmetry):
         raise GraphError(f"a covariance needs finite numbers, found {covariance.tolist()}")

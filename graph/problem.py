@@ -4,10 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
+import gtsam
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array
-from scipy.sparse.linalg import splu
 
 from graph import _linear_kernels as linear
 from graph import _sparse_kernels as sparse
@@ -342,10 +341,13 @@ class _System:
 
 
 def _elimination_order(i: NDArray[np.int64], j: NDArray[np.int64], n: int) -> NDArray[np.int64]:
-    """(n,) place of each pose in the order of elimination: minimum degree."""
-    diagonal = np.arange(n)
-    rows, columns = np.concatenate([i, j, diagonal]), np.concatenate([j, i, diagonal])
-    dominant = np.concatenate([np.full(2 * len(i), -1.0), np.full(n, 4.0 * len(i) + 1.0)])
-    matrix = csc_array((dominant, (rows, columns)), shape=(n, n))
-    order = splu(matrix, permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True}).perm_c
-    return np.asarray(order, dtype=np.int64)
+    """(n,) place of each pose in the order of elimination: column approximate minimum degree, by GTSAM."""
+    graph = gtsam.SymbolicFactorGraph()
+    for first, second in zip(i.tolist(), j.tolist(), strict=True):
+        graph.push_factor(first, second)
+    for pose in range(n):
+        graph.push_factor(pose)
+    ordering = gtsam.Ordering.ColamdSymbolicFactorGraph(graph)
+    row_of = np.empty(n, np.int64)
+    row_of[[ordering.at(row) for row in range(n)]] = np.arange(n)
+    return row_of

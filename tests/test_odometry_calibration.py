@@ -146,3 +146,14 @@ def test_a_short_track_changes_nothing() -> None:
 def test_a_single_scan_stays_where_it_is() -> None:
     one = np.array([[1.0, 2.0, 3.0]])
     np.testing.assert_array_equal(OdometryCalibration(noise=OdometryModel()).apply(one), one)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_the_variance_fit_is_non_negative_least_squares(seed: int) -> None:
+    from scipy.optimize import nnls
+
+    from iceg.slam.odometry_calibration import _non_negative_fit
+
+    rng = np.random.default_rng(seed)
+    rows, values = rng.uniform(0.0, 1.0, (40, 3)), rng.normal(size=40)
+    np.testing.assert_allclose(_non_negative_fit(rows, values), nnls(rows, values)[0], atol=1e-12)

@@ -1,10 +1,10 @@
 """What this robot's odometry does wrong, learnt from the log's own matches: bias, time shift, laser mount, noise."""
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import nnls
 
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
@@ -192,8 +192,21 @@ def _variance_fit(
     limit = (_LARGEST_EXCESS * _robust_deviation(residual)) ** 2
     excess = np.minimum(residual**2, limit) - np.minimum(variance, 0.5 * np.median(residual**2))
     weights = 1.0 / np.maximum(rows[:, 1] + rows[:, 2], 0.05)
-    solution, _ = nnls(rows * weights[:, None], excess * weights)
-    return np.asarray(solution, dtype=np.float64)
+    return _non_negative_fit(rows * weights[:, None], excess * weights)
+
+
+def _non_negative_fit(rows: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Least squares with coefficients ≥ 0: the best of the fits on some of the columns; for a few of these."""
+    n = rows.shape[1]
+    best, least = np.zeros(n), float(values @ values)
+    for size in range(1, n + 1):
+        for columns in map(list, combinations(range(n), size)):
+            fit = np.linalg.lstsq(rows[:, columns], values)[0]
+            error = float(np.sum((rows[:, columns] @ fit - values) ** 2))
+            if error < least and (fit >= 0.0).all():
+                best, least = np.zeros(n), error
+                best[columns] = fit
+    return best
 
 
 def _shifted(values: NDArray[np.float64], shift: float) -> NDArray[np.float64]:
