@@ -63,13 +63,18 @@ def write_g2o(
         ids: (n,) vertex ids; 0 … n−1 when left out.
     """
     names = list(range(len(poses))) if ids is None else ids.tolist()
-    lines = [f"VERTEX_SE2 {name} {_numbers(pose)}" for name, pose in zip(names, poses, strict=True)]
+    lines = [
+        f"VERTEX_SE2 {name} {x!r} {y!r} {heading!r}"
+        for name, (x, y, heading) in zip(names, poses.tolist(), strict=True)
+    ]
     kept = list(factors)
     informations = information_of(np.array([factor.covariance for factor in kept]).reshape(-1, 3, 3))
-    for factor, information in zip(kept, informations, strict=True):
+    rows, columns = _UPPER
+    edges = np.hstack([np.array([factor.T_i_j for factor in kept]).reshape(-1, 3), informations[:, rows, columns]])
+    for factor, edge in zip(kept, edges.tolist(), strict=True):
         seen = names[factor.j]
         head = f"EDGE_PRIOR_SE2 {seen}" if factor.i is None else f"EDGE_SE2 {names[factor.i]} {seen}"
-        lines.append(f"{head} {_numbers(factor.T_i_j)} {_numbers(information[_UPPER])} # {_remark(factor)}")
+        lines.append(f"{head} {' '.join(map(repr, edge))} # {_remark(factor)}")
     _write_atomically(Path(path), "\n".join(lines) + "\n")
 
 
@@ -231,10 +236,6 @@ def _ids_of_edges(edges: Iterable[_Edge]) -> set[int]:
 
 def _remark(factor: Factor) -> str:
     return factor.kind if factor.kernel is None else f"{factor.kind} {factor.kernel.name} {factor.kernel.width!r}"
-
-
-def _numbers(values: NDArray[np.float64]) -> str:
-    return " ".join(map(repr, values.tolist()))
 
 
 def _id(word: str, where: str) -> int:

@@ -299,18 +299,19 @@ def test_evidence_is_clamped_and_the_map_changes_its_mind() -> None:
     geometry = laser()
     wall = np.full(181, 3.0, np.float32)
     poses = np.zeros((40, 3))
-    standing = render_grid(poses, np.tile(wall, (40, 1)), geometry)
+    every_scan = GridConfig(min_travel=0.0, min_turn=0.0)
+    standing = render_grid(poses, np.tile(wall, (40, 1)), geometry, every_scan)
     assert at(standing, 3.01, 0.0) == pytest.approx(LIMIT, rel=1e-4)
     assert standing.log_odds.min() == pytest.approx(-LIMIT, rel=1e-4)
     gone = np.concatenate([np.tile(wall, (30, 1)), np.full((12, 181), 5.0, np.float32)])
-    grid = render_grid(np.zeros((42, 3)), gone, geometry)
+    grid = render_grid(np.zeros((42, 3)), gone, geometry, every_scan)
     assert grid.classes()[grid.cell(np.array([3.01, 0.0]))] == FREE
 
 
 def test_binary_the_latest_observation_decides() -> None:
     geometry = laser()
     ranges = np.stack([np.full(181, reach, np.float32) for reach in (3.0, 3.0, 3.0, 5.0, 4.0)])
-    grid = render_grid(np.zeros((5, 3)), ranges, geometry, GridConfig(mode="binary"))
+    grid = render_grid(np.zeros((5, 3)), ranges, geometry, GridConfig(mode="binary", min_travel=0.0, min_turn=0.0))
     np.testing.assert_allclose(np.unique(grid.log_odds), [-LIMIT, 0.0, LIMIT], rtol=1e-6)
     classes = {reach: grid.classes()[grid.cell(np.array([reach + 0.01, 0.0]))] for reach in (3.0, 4.0, 4.5, 5.0)}
     assert classes == {3.0: FREE, 4.0: OCCUPIED, 5.0: OCCUPIED, 4.5: FREE}
@@ -422,3 +423,11 @@ def test_a_real_log_on_its_true_trajectory(data_dir: Path) -> None:
     x, y, heading = truth[800]
     rotation = np.array([[math.cos(heading), -math.sin(heading)], [math.sin(heading), math.cos(heading)]])
     assert thick[grid.cell(points @ rotation.T + [x, y])].mean() > 0.9
+
+
+def test_a_robot_that_stands_gathers_no_evidence() -> None:
+    geometry = laser()
+    wall = np.full(181, 3.0, np.float32)
+    once = render_grid(ORIGIN, wall[None], geometry)
+    long = render_grid(np.zeros((40, 3)), np.tile(wall, (40, 1)), geometry)
+    np.testing.assert_array_equal(long.log_odds, once.log_odds)

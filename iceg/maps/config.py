@@ -37,9 +37,10 @@ class GridConfig:
     """Full opening angle of a beam's cone [rad], at most the spacing of the beams; None: that spacing, they touch."""
     min_incidence: float = 0.2
     """Neighbouring returns lie on one surface unless it would be seen flatter than this [rad]."""
-    min_travel: float = 0.0
-    """Skip scans until the robot has moved this far since the last one used [m]; every scan when min_turn is 0 too."""
-    min_turn: float = 0.0
+    min_travel: float = 0.1
+    """Skip scans until the robot has moved this far since the last one used [m]; every scan when min_turn is 0 too. A
+    robot that stands sees the same again and again: that is no new evidence, and a person beside it no wall."""
+    min_turn: float = 0.1
     """Use a scan nevertheless once the robot has turned this much [rad]; 0: the turn does not matter."""
     max_cells: int = 150_000_000
     """Refuse grids larger than this (a diverged trajectory fills the memory)."""

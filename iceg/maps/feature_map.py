@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Scan
+from graph.se2 import wrap_angle
 from iceg.ice.features import KIND_NAMES, Features
 from iceg.maps import _landmark_kernels as kernels
 from iceg.maps.atomic import write_atomically
@@ -219,34 +220,71 @@ def write_geojson(landmarks: Landmarks, path: Path) -> None:
         landmarks: valid ones, or a record with expired ones.
         path: the file.
     """
-    lines = ",\n".join(json.dumps(_geojson_feature(landmarks, n), allow_nan=False) for n in range(len(landmarks)))
+    lines = json.dumps(_geojson_features(landmarks), allow_nan=False)[1:-1].replace('}, {"type"', '},\n{"type"')
     head = '{"type": "FeatureCollection", "frame": "map", "units": {"length": "m", "angle": "rad"}, "features": [\n'
     write_atomically(path, f"{head}{lines}\n]}}\n".encode())
 
 
-def _geojson_feature(landmarks: Landmarks, n: int) -> dict[str, Any]:
-    directions = [round(float(d), 6) for d in landmarks.directions[n] if math.isfinite(d)]
-    variances = [float(f"{v:.6g}") for v in landmarks.direction_variances[n] if math.isfinite(v)]
-    opening = abs(math.remainder(directions[0] - directions[1], 2.0 * math.pi)) if len(directions) == 2 else None
-    expired_at = int(landmarks.expired_at[n])
-    return {
-        "type": "Feature",
-        "id": int(landmarks.ids[n]),
-        "geometry": {"type": "Point", "coordinates": [round(float(c), 6) for c in landmarks.positions[n]]},
-        "properties": {
-            "kind": KIND_NAMES[landmarks.kinds[n]],
-            "directions": directions,
-            "direction_variances": variances,
-            "opening_angle": None if opening is None else round(opening, 6),
-            "covariance": [[float(f"{c:.6g}") for c in row] for row in landmarks.covariances[n]],
-            "anchor": int(landmarks.anchors[n]),
-            "first_seen": int(landmarks.first_seen[n]),
-            "last_seen": int(landmarks.last_seen[n]),
-            "seen": int(landmarks.seen[n]),
-            "missed": int(landmarks.missed[n]),
-            "expired_at": expired_at if expired_at >= 0 else None,
-        },
-    }
+def _geojson_features(landmarks: Landmarks) -> list[dict[str, Any]]:
+    """One GeoJSON feature for each landmark; lengths and angles to a millionth, variances to six digits."""
+    between_walls = np.abs(wrap_angle(landmarks.directions[:, 0] - landmarks.directions[:, 1]))
+    columns = (
+        landmarks.ids,
+        np.round(landmarks.positions, 6),
+        landmarks.kinds,
+        np.round(landmarks.directions, 6),
+        _six_digits(landmarks.direction_variances),
+        np.round(between_walls, 6),
+        _six_digits(landmarks.covariances),
+        landmarks.anchors,
+        landmarks.first_seen,
+        landmarks.last_seen,
+        landmarks.seen,
+        landmarks.missed,
+        landmarks.expired_at,
+    )
+    return [
+        {
+            "type": "Feature",
+            "id": identity,
+            "geometry": {"type": "Point", "coordinates": position},
+            "properties": {
+                "kind": KIND_NAMES[kind],
+                "directions": [direction for direction in directions if math.isfinite(direction)],
+                "direction_variances": [variance for variance in variances if math.isfinite(variance)],
+                "opening_angle": opening if math.isfinite(opening) else None,
+                "covariance": covariance,
+                "anchor": anchor,
+                "first_seen": first_seen,
+                "last_seen": last_seen,
+                "seen": seen,
+                "missed": missed,
+                "expired_at": expired_at if expired_at >= 0 else None,
+            },
+        }
+        for (
+            identity,
+            position,
+            kind,
+            directions,
+            variances,
+            opening,
+            covariance,
+            anchor,
+            first_seen,
+            last_seen,
+            seen,
+            missed,
+            expired_at,
+        ) in zip(*(column.tolist() for column in columns), strict=True)
+    ]
+
+
+def _six_digits(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Numbers rounded to six significant digits."""
+    known = np.where(np.isfinite(values) & (values != 0.0), values, 1.0)
+    scale = 10.0 ** (5.0 - np.floor(np.log10(np.abs(known))))
+    return np.asarray(np.round(values * scale) / scale)
 
 
 def _frames(key_poses: NDArray[np.float64]) -> NDArray[np.float64]:
