@@ -13,8 +13,9 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.config import FrontEndConfig, KeyScanConfig
-from iceg.slam.front_end import FrontEnd, track_log
+from iceg.slam.front_end import FrontEnd
 from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.tracking import track_log
 
 _GEOMETRY = ScanGeometry(bearings=np.linspace(-1.5, 1.5, 31), range_min=0.1, range_max=20.0)
 _CONFIG = FrontEndConfig(key_scans=KeyScanConfig(distance=0.55, angle=0.5))

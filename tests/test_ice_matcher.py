@@ -14,7 +14,7 @@ from iceg.ice.hypotheses import SearchWindow
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.config import FrontEndConfig
-from iceg.slam.front_end import track_log
+from iceg.slam.tracking import track_log
 
 F64 = NDArray[np.float64]
 LOOSE = np.diag([0.1, 0.1, 0.05])

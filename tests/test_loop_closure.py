@@ -15,9 +15,9 @@ from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import BackEnd, solve_track
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.finish import finish
-from iceg.slam.front_end import track_log
 from iceg.slam.loop_closure import Attempt, Candidate, Drift, LoopCloser
 from iceg.slam.track import Track
+from iceg.slam.tracking import track_log
 
 
 @pytest.fixture(scope="module")

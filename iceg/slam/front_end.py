@@ -9,13 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.matcher import Matcher, TrackingMatcher
-from frontends.scan import Log, Scan
+from frontends.scan import Scan
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, wrap_angle
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.map_matcher import MapMatcher
-from iceg.slam.track import KeyScan, Track
+from iceg.slam.track import KeyScan
 
 _ODOMETRY_SPEAKS = 4.0
 """Ratio of variances (match over odometry) from which on a direction is shared with odometry."""
@@ -61,6 +61,11 @@ class FrontEnd:
         self._last_step = np.zeros(3)
         self.failures = 0
         self.lost: list[int] = []
+
+    def trust(self, odometry: OdometryModel) -> None:
+        """Believe the odometry so much from the next step on."""
+        if self._has_odometry:
+            self._odometry = odometry
 
     def add(self, index: int, scan: Scan, T_prev_cur: NDArray[np.float64] | None) -> NDArray[np.float64]:
         """Track one more scan.
@@ -226,49 +231,6 @@ def _is_blind(scan: Scan) -> bool:
     returns = np.count_nonzero(scan.ranges >= 0.0)
     close = np.count_nonzero(scan.ranges < _BLIND_RANGE)
     return bool(returns < _FEWEST_RETURNS * len(scan.ranges) or close > _BLIND_SHARE * returns)
-
-
-def track_log(
-    log: Log,
-    matcher: Matcher,
-    noise: OdometryModel,
-    config: FrontEndConfig,
-    progress: Callable[[int, int], None] | None = None,
-    corrected_odometry: NDArray[np.float64] | None = None,
-    n_scans: int | None = None,
-) -> Track:
-    """Run the front end over a whole log.
-
-    Args:
-        log: the log.
-        matcher: ICE or any other.
-        noise: of the odometry.
-        config: key scans and local reference.
-        progress: called with the number of scans done and of failures so far.
-        corrected_odometry: (n_scans, 3) to predict with; the log's own when left out.
-        n_scans: stop after so many.
-
-    Returns:
-        The track.
-    """
-    front_end = FrontEnd(matcher, noise if log.has_odometry else None, config)
-    odometry = log.odometry if corrected_odometry is None else corrected_odometry
-    n = len(log) if n_scans is None else min(n_scans, len(log))
-    steps = [None] * n if not log.has_odometry else [np.zeros(3), *between(odometry[: n - 1], odometry[1:n])]
-    key_of_scan, T_track_scan = np.empty(n, np.int64), np.empty((n, 3))
-    for index in range(n):
-        T_track_scan[index] = front_end.add(index, log.scan(index), steps[index])
-        key_of_scan[index] = len(front_end.keys) - 1
-        if progress is not None:
-            progress(index + 1, front_end.failures)
-    T_track_keys = np.array([key.T_track_robot for key in front_end.keys])
-    return Track(
-        keys=front_end.keys,
-        key_of_scan=key_of_scan,
-        T_key_scan=between(T_track_keys[key_of_scan], T_track_scan),
-        failures=front_end.failures,
-        lost=front_end.lost,
-    )
 
 
 def _apart(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> tuple[float, float]:

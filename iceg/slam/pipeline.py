@@ -14,7 +14,6 @@ from frontends.matchers import make_matcher
 from frontends.scan import Log
 from graph.factors import Factor
 from graph.pose_graph import PoseGraph
-from graph.se2 import between
 from iceg.config import Config
 from iceg.ice.features import extract_features
 from iceg.ice.matcher import IceMatcher
@@ -23,7 +22,6 @@ from iceg.maps.grid import OccupancyGrid, render_grid
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.closure import Closure
 from iceg.slam.finish import Round, finish
-from iceg.slam.front_end import track_log
 from iceg.slam.manual_closures import (
     ManualClosure,
     add_by_hand,
@@ -34,6 +32,7 @@ from iceg.slam.manual_closures import (
 from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.progress import Progress, ProgressCallback
 from iceg.slam.track import Track
+from iceg.slam.tracking import track_calibrating
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,10 +90,8 @@ def run(
     check_manual_closures(closures, len(log))
     matcher = matcher or (IceMatcher(config.ice) if config.matcher == "ice" else make_matcher(config.matcher))
     clock = _StageClock()
-    with clock.stage("calibration"):
-        first = _calibrate(log, matcher, config)
     with clock.stage("front_end"):
-        track = _track(log, matcher, first, config, progress)
+        track, first = _track(log, matcher, config, progress)
     with clock.stage("graph"):
         calibration = _recalibrate(track, log, first, config)
         by_hand = manual_factors(closures, track)
@@ -137,19 +134,6 @@ class _StageClock:
         self.seconds[name] = round(time.perf_counter() - started, 4)
 
 
-def _calibrate(log: Log, matcher: Matcher, config: Config) -> OdometryCalibration:
-    """Track the first part of the log to learn what its odometry does wrong."""
-    nothing_known = OdometryCalibration(noise=config.odometry)
-    if not (log.has_odometry and config.front_end.calibrate_odometry) or len(log) < 2:
-        return nothing_known
-    steps = between(log.odometry[:-1], log.odometry[1:])
-    path, turn = np.cumsum(np.hypot(steps[:, 0], steps[:, 1])), np.cumsum(np.abs(steps[:, 2]))
-    enough = (path > config.front_end.calibration_path) & (turn > config.front_end.calibration_turn)
-    n_scans = min(int(np.argmax(enough)) + 1 if enough.any() else len(log), config.front_end.calibration_scans)
-    track = track_log(log, matcher, config.odometry, config.front_end, n_scans=n_scans)
-    return calibrate_odometry(track, log.odometry[:n_scans])
-
-
 def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Config) -> OdometryCalibration:
     """The same from all of the log, for the graph's odometry factors."""
     if not (log.has_odometry and config.front_end.calibrate_odometry):
@@ -158,14 +142,13 @@ def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Con
 
 
 def _track(
-    log: Log, matcher: Matcher, calibration: OdometryCalibration, config: Config, progress: ProgressCallback | None
-) -> Track:
+    log: Log, matcher: Matcher, config: Config, progress: ProgressCallback | None
+) -> tuple[Track, OdometryCalibration]:
     def report(scans: int, failures: int) -> None:
         if progress is not None:
             progress(Progress(scans=scans, tried=scans - 1, accepted=scans - 1 - failures))
 
-    odometry = calibration.apply(log.odometry) if log.has_odometry else None
-    return track_log(log, matcher, calibration.noise, config.front_end, report, corrected_odometry=odometry)
+    return track_calibrating(log, matcher, config.odometry, config.front_end, report)
 
 
 def _solve(track: Track, log: Log, matcher: Matcher, calibration: OdometryCalibration, config: Config) -> Solution:
