@@ -2,12 +2,13 @@
 
 import math
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graph.errors import GraphError
-from graph.se2 import compose, compose_covariance, inverse
+from graph.se2 import compose_covariance, inverse
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -68,21 +69,24 @@ class OdometryModel:
         """No motion yet: the robot stands at the key pose."""
         return OdometryMotion(T_key_robot=np.zeros(3), covariance=self._floor())
 
-    def extend(self, motion: OdometryMotion, T_prev_cur: NDArray[np.float64]) -> OdometryMotion:
-        """The motion with one increment more; for the loop over scans.
+    def extend(self, motion: OdometryMotion, increments: NDArray[np.float64]) -> OdometryMotion:
+        """The motion with more increments; for the loop over scans.
 
         Args:
             motion: since the key pose.
-            T_prev_cur: (3,) from the last odometry pose to the next.
+            increments: (3,) from the last odometry pose to the next, or (n, 3) of them.
 
         Returns:
-            The motion up to the next odometry pose.
+            The motion up to the last odometry pose.
         """
-        x, y, heading = T_prev_cur.tolist()
-        distance, turn = math.hypot(x, y), abs(heading)
+        # Imported here, because settings hold this class and must be there at once.
+        from graph import _odometry_kernels as kernels
+
+        pose, covariance = motion.T_key_robot.copy(), motion.covariance.copy()
+        distance, turn = kernels.carry(pose, covariance, increments.reshape(-1, 3), self._variances)
         return OdometryMotion(
-            T_key_robot=compose(motion.T_key_robot, T_prev_cur),
-            covariance=self._carried(motion.covariance, x, y, heading, distance, turn),
+            T_key_robot=pose,
+            covariance=covariance,
             distance=motion.distance + distance,
             turn=motion.turn + turn,
         )
@@ -106,27 +110,17 @@ class OdometryModel:
     def _floor(self) -> NDArray[np.float64]:
         return np.diag((self.position_floor**2, self.position_floor**2, self.heading_floor**2))
 
-    def _carried(
-        self, covariance: NDArray[np.float64], x: float, y: float, heading: float, distance: float, turn: float
-    ) -> NDArray[np.float64]:
-        """A covariance carried over one increment, plus what that adds; plain floats, for the loop over scans.
-
-        The same as `compose_covariance` with `_increment_covariances`: A C Aᵀ + own, A the adjoint of the increment's
-        inverse.
-        """
-        (xx, xy, xh), (_, yy, yh), (_, _, hh) = covariance.tolist()
-        c, s = math.cos(heading), math.sin(heading)
-        u, v = c * x + s * y, c * y - s * x  # the direction of travel, seen from the end
-        # C Aᵀ's columns for the rows (c, s, -v) and (-s, c, u) of A
-        ax, ay, ah = c * xx + s * xy - v * xh, c * xy + s * yy - v * yh, c * xh + s * yh - v * hh
-        bx, by, bh = c * xy - s * xx + u * xh, c * yy - s * xy + u * yh, c * yh - s * xh + u * hh
-        stretch = (self.along_per_metre**2 - self.across_per_metre**2) / distance if distance > 0.0 else 0.0
-        any_direction = self.across_per_metre**2 * distance + self.position_per_radian**2 * turn
-        turned = self.heading_per_metre**2 * distance + self.heading_per_radian**2 * turn
-        new_xy = c * bx + s * by - v * bh + stretch * u * v
-        new_xx = c * ax + s * ay - v * ah + any_direction + stretch * u * u
-        new_yy = c * by - s * bx + u * bh + any_direction + stretch * v * v
-        return np.array(((new_xx, new_xy, ah), (new_xy, new_yy, bh), (ah, bh, hh + turned)))
+    @cached_property
+    def _variances(self) -> NDArray[np.float64]:
+        return np.array(
+            (
+                self.along_per_metre**2,
+                self.across_per_metre**2,
+                self.position_per_radian**2,
+                self.heading_per_metre**2,
+                self.heading_per_radian**2,
+            )
+        )
 
     def _increment_covariances(self, T_prev_cur: NDArray[np.float64]) -> NDArray[np.float64]:
         """(..., 3, 3) of (..., 3) increments: along the direction of travel one variance, across it another."""

@@ -128,6 +128,16 @@ def _normal(sums: F64, first: int, last: int, rx: float, ry: float) -> tuple[flo
 
 
 @njit(cache=True)
+def count_returns(ranges: F32, near: float) -> tuple[int, int]:
+    """How many beams returned, and how many of these from nearer than `near` [m]."""
+    returns, close = 0, 0
+    for b in range(len(ranges)):
+        returns += ranges[b] >= 0.0
+        close += ranges[b] < near
+    return returns, close
+
+
+@njit(cache=True)
 def range_noise(points: F64, beams: I32) -> float:
     """Standard deviation of the points across the surfaces they lie on [m].
 

@@ -70,6 +70,17 @@ def add_surfels(
 
 
 @njit(cache=True)
+def widen_box(points: F64, pose: F64, lower: F64, upper: F64) -> None:
+    """Widen the box from `lower` to `upper`, (2,) each, around (n, 2) points seen from a pose."""
+    c, s = cos(pose[2]), sin(pose[2])
+    for i in range(len(points)):
+        x = pose[0] + c * points[i, 0] - s * points[i, 1]
+        y = pose[1] + s * points[i, 0] + c * points[i, 1]
+        lower[0], lower[1] = min(lower[0], x), min(lower[1], y)
+        upper[0], upper[1] = max(upper[0], x), max(upper[1], y)
+
+
+@njit(cache=True)
 def mean_surfels(sums: F64, count: int, surfels: F64) -> None:
     """Turn sums into surfels: mean x, y and unit normal."""
     for k in range(count):

@@ -1,12 +1,12 @@
 """The reference of ICE matching: surfels, nearest-surfel fields and features of several key scans in one frame."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.se2 import transform_points
 from iceg.ice import _hypothesis_kernels as hypothesis_kernels
 from iceg.ice import _surfel_kernels as surfel_kernels
 from iceg.ice.config import FeatureConfig, LocalMapConfig
@@ -63,8 +63,33 @@ class LocalMap:
 
     def add(self, scan_points: ScanPoints, features: FeatureRows, T_ref_scan: NDArray[np.float64]) -> None:
         """Add the points and features of one scan taken at `T_ref_scan`."""
+        self.add_all([scan_points], [features], T_ref_scan[None])
+
+    def add_all(
+        self, scan_points: Sequence[ScanPoints], features: Sequence[FeatureRows], T_ref_scans: NDArray[np.float64]
+    ) -> None:
+        """Add the points and features of scans taken at `T_ref_scans`, (n, 3)."""
         start = self._surfel_count
-        self._reserve(start + len(scan_points))
+        for points, rows, T_ref_scan in zip(scan_points, features, T_ref_scans, strict=True):
+            self._add_points(points, T_ref_scan)
+            self._add_features(rows, T_ref_scan)
+        end = self._surfel_count
+        surfel_kernels.mean_surfels(self._sums, end, self._surfels)
+        for field, is_thin in ((self.fine, False), (self.coarse, True)):
+            surfel_kernels.stamp_field(
+                self._surfels,
+                start,
+                end,
+                field.origin,
+                field.cell,
+                field.radius,
+                field.nearest,
+                field.distance2,
+                is_thin,
+            )
+
+    def _add_points(self, scan_points: ScanPoints, T_ref_scan: NDArray[np.float64]) -> None:
+        self._reserve(self._surfel_count + len(scan_points))
         self._surfel_count = surfel_kernels.add_surfels(
             scan_points.points,
             scan_points.normals,
@@ -73,17 +98,10 @@ class LocalMap:
             self._config.cell,
             self._table,
             self._sums,
-            start,
+            self._surfel_count,
         )
-        end = self._surfel_count
-        surfel_kernels.mean_surfels(self._sums, end, self._surfels)
-        fine, coarse = self.fine, self.coarse
-        surfel_kernels.stamp_field(
-            self._surfels, start, end, fine.origin, fine.cell, fine.radius, fine.nearest, fine.distance2, False
-        )
-        surfel_kernels.stamp_field(
-            self._surfels, start, end, coarse.origin, coarse.cell, coarse.radius, coarse.nearest, coarse.distance2, True
-        )
+
+    def _add_features(self, features: FeatureRows, T_ref_scan: NDArray[np.float64]) -> None:
         self._feature_count = hypothesis_kernels.merge_features(
             features.kinds,
             features.rows,
@@ -134,10 +152,7 @@ def box_around(
     center = np.asarray(T_ref_scans[-1, :2])
     lower, upper = center.copy(), center.copy()
     for p_robot, T_ref_scan in zip(points, T_ref_scans, strict=True):
-        if len(p_robot):
-            p_ref = transform_points(T_ref_scan, p_robot)
-            np.minimum(lower, p_ref.min(axis=0), out=lower)
-            np.maximum(upper, p_ref.max(axis=0), out=upper)
+        surfel_kernels.widen_box(p_robot, T_ref_scan, lower, upper)
     # On whole metres, so that the cells of every reference lie alike.
     return np.floor(np.maximum(lower, center - reach) - margin), np.ceil(np.minimum(upper, center + reach) + margin)
 

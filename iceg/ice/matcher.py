@@ -87,11 +87,11 @@ class IceMatcher:
 
     def prepare(self, scans: list[Scan], T_ref_scans: NDArray[np.float64]) -> LocalMap:
         """Build a local map from scans placed in one frame, (n, 3) poses; it reaches around the last of them."""
-        points = [self.observe(scan).points.points for scan in scans]
+        seen = [self.observe(scan) for scan in scans]
+        points = [observation.points.points for observation in seen]
         lower, upper = box_around(points, T_ref_scans, self.config.local_map.reach, _ROOM_TO_GROW)
         local_map = LocalMap(lower, upper, self.config.local_map, self.config.features)
-        for scan, T_ref_scan in zip(scans, T_ref_scans, strict=True):
-            self.extend(local_map, scan, T_ref_scan)
+        local_map.add_all([one.reference_points for one in seen], [one.features for one in seen], T_ref_scans)
         return local_map
 
     def extend(self, reference: LocalMap, scan: Scan, T_ref_scan: NDArray[np.float64]) -> None:

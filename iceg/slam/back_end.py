@@ -224,7 +224,5 @@ def solve_track(
 
 
 def _motion(track: Track, key: int, steps: NDArray[np.float64], noise: OdometryModel) -> OdometryMotion:
-    motion = noise.start()
-    for step in steps[track.keys[key - 1].index : track.keys[key].index]:
-        motion = noise.extend(motion, step)
+    motion = noise.extend(noise.start(), steps[track.keys[key - 1].index : track.keys[key].index])
     return replace(motion, covariance=motion.covariance * _PERSISTENCE**2)

@@ -13,6 +13,7 @@ from frontends.scan import Scan
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, wrap_angle
+from iceg.ice._point_kernels import count_returns
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.track import KeyScan
@@ -227,9 +228,7 @@ class FrontEnd:
 
 def _is_blind(scan: Scan) -> bool:
     """Whether nearly all beams end at once, or none returns: something covers the laser."""
-    # Comparisons with NaN are false.
-    returns = np.count_nonzero(scan.ranges >= 0.0)
-    close = np.count_nonzero(scan.ranges < _BLIND_RANGE)
+    returns, close = count_returns(scan.ranges, _BLIND_RANGE)
     return bool(returns < _FEWEST_RETURNS * len(scan.ranges) or close > _BLIND_SHARE * returns)
 
 
