@@ -175,7 +175,7 @@ class CovarianceConfig:
     independence: float = 0.55
     """Share of the points that count as independent where neighbouring residuals are uncorrelated (correlation
     lessens it further); calibrated against simulated truth."""
-    points: int = 90
+    points: int = 60
     """Points of the scan used for the scores."""
     max_step: float = 0.15
     """Largest spacing of the score grid; two of them on each side bound the window [m, rad]."""
