@@ -5,7 +5,7 @@ normal. A *field* stores for every cell of a regular grid which surfel is neares
 look-up.
 """
 
-from math import atan2, cos, floor, hypot, sin
+from math import atan2, ceil, cos, floor, hypot, sin, sqrt
 
 import numpy as np
 from numba import njit
@@ -112,28 +112,34 @@ def stamp_field(
         cell: width of its cells [m].
         radius: how far a surfel is noted [m].
         nearest: (ny, nx) changed in place.
-        distance2: (ny, nx) squared distance from the centre of the cell [m²], changed in place.
+        distance2: (ny, nx) squared distance from the centre of the cell [m²], radius² where none is near; changed in
+            place.
         thin: leave out a surfel whose own cell already holds one closer than a cell's width.
     """
     ny, nx = nearest.shape
-    span = int(radius / cell) + 1
-    reach2 = radius * radius
+    reach = radius / cell
+    cell2 = np.float32(cell * cell)
     for k in range(start, end):
         x = (surfels[k, 0] - origin[0]) / cell - 0.5
         y = (surfels[k, 1] - origin[1]) / cell - 0.5
         u, v = floor(x + 0.5), floor(y + 0.5)
         if u < 0 or v < 0 or u >= nx or v >= ny:
             continue
-        if thin and nearest[v, u] >= 0 and distance2[v, u] < _CROWDED * cell * cell:
+        if thin and distance2[v, u] < _CROWDED * cell2:
             continue
-        for b in range(max(0, v - span), min(ny, v + span + 1)):
-            dy = (b - y) * cell
-            for a in range(max(0, u - span), min(nx, u + span + 1)):
-                dx = (a - x) * cell
-                d2 = dx * dx + dy * dy
-                if d2 <= reach2 and (nearest[b, a] < 0 or d2 < distance2[b, a]):
-                    distance2[b, a] = d2
-                    nearest[b, a] = k
+        name = np.int32(k)
+        for b in range(max(0, ceil(y - reach)), min(ny, floor(y + reach) + 1)):
+            half = sqrt(reach * reach - (b - y) * (b - y))
+            first, last = max(0, ceil(x - half)), min(nx, floor(x + half) + 1)
+            # A row at a time and without branches: the compiler takes several cells at once.
+            dx, dy2 = np.float32(first - x), np.float32((b - y) * (b - y))
+            distances, names = distance2[b, first:last], nearest[b, first:last]
+            for a in range(distances.size):
+                along = dx + np.float32(a)
+                d2 = (along * along + dy2) * cell2
+                is_nearer = d2 < distances[a]
+                distances[a] = d2 if is_nearer else distances[a]
+                names[a] = name if is_nearer else names[a]
 
 
 @njit(cache=True)
