@@ -194,10 +194,11 @@ class IceMatcher:
         n_points = len(self._points(scan))
         best = self._polished_guess(reference, scan, window) if self.config.refinement.enabled else None
         if best is not None:
-            trusted = window.translation <= self.config.hypotheses.trusted_window
-            if not trusted:
-                trusted = _STILL.contains(between(window.T_ref_guess, best.T_ref_cur))
+            is_still = _STILL.contains(between(window.T_ref_guess, best.T_ref_cur))
+            trusted = is_still or window.translation <= self.config.hypotheses.trusted_window
             if trusted and best.inliers >= self.config.refinement.credible * n_points:
+                return best
+            if is_still and self._explains(reference, scan, best):
                 return best
             best = best if trusted else None
         best = self._best_hypothesis(reference, scan, window, best)
@@ -205,6 +206,16 @@ class IceMatcher:
             wide = widened(window, self.config.hypotheses)
             best = self._best_hypothesis(reference, scan, wide, best)
         return best or self._judge(reference, scan, window.T_ref_guess)
+
+    def _explains(self, reference: LocalMap, scan: Scan, refined: Refined) -> bool:
+        """Whether beams and map agree both ways, though the scan sees much that is new."""
+        if (
+            refined.used < _NEW_GROUND * len(self._points(scan))
+            or refined.inliers < self.config.refinement.credible * refined.used
+        ):
+            return False
+        seen, contradicted = view(scan, reference, refined.T_ref_cur)
+        return seen >= _OLD_GROUND * (seen + contradicted)
 
     def _polished_guess(self, reference: LocalMap, scan: Scan, window: SearchWindow) -> Refined | None:
         """The guess polished on points, None if that leaves the window.
