@@ -14,6 +14,23 @@ Ints = NDArray[np.int64]
 
 
 @njit(cache=True)
+def multiplied(column_starts: Ints, rows: Ints, upper: Floats, diagonal: Floats, x: Floats) -> Floats:
+    """(n, 3) product of the symmetric matrix with these strictly upper blocks and diagonal, and x."""
+    y = np.zeros_like(x)
+    for k in range(len(diagonal)):
+        for a in range(3):
+            for b in range(3):
+                y[k, a] += diagonal[k, a, b] * x[k, b]
+        for p in range(column_starts[k], column_starts[k + 1]):
+            i = rows[p]
+            for a in range(3):
+                for b in range(3):
+                    y[i, a] += upper[p, a, b] * x[k, b]
+                    y[k, b] += upper[p, a, b] * x[i, a]
+    return y
+
+
+@njit(cache=True)
 def factor_structure(n: int, column_starts: Ints, rows: Ints) -> tuple[Ints, Ints, Ints, Ints, Ints]:
     """Where L has blocks: its columns, and the same by rows with the place of each block.
 

@@ -195,6 +195,18 @@ class Problem:
             poses=here, error_before=error_before, error_after=error, iterations=iterations, converged=converged
         )
 
+    def linearized(self, poses: NDArray[np.float64]) -> "Linearization":
+        """The normal equations at (n, 3) poses, their Cholesky factor computed.
+
+        Raises:
+            GraphError: the factors do not determine every pose.
+        """
+        at = self.evaluate(poses)
+        system = self._structure.assemble(self, poses, at.residuals, at.weights)
+        if not system.factorize(0.0):
+            raise GraphError("the factors do not determine every pose")
+        return Linearization(system, self._structure.row_of)
+
     @property
     def _structure(self) -> "_Structure":
         """Worked out when first needed: factors that are only evaluated need none."""
@@ -245,6 +257,30 @@ class Problem:
         if not system.factorize(0.0):
             raise GraphError("the factors do not determine every pose")
         return system.inverse()
+
+
+class Linearization:
+    """H x = −g at given poses: what another method needs to add its own terms to a graph.
+
+    All arrays are (n, 3), one row for each pose in the tangent space at it.
+    """
+
+    def __init__(self, system: "_System", row_of: NDArray[np.int64]) -> None:
+        self._system, self._row_of = system, row_of
+        self._pose_of = np.argsort(row_of)
+
+    @property
+    def gradient(self) -> NDArray[np.float64]:
+        """The derivative g of the error."""
+        return np.asarray(self._system.gradient[self._row_of])
+
+    def times(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """H x."""
+        return np.asarray(self._system.times(x[self._pose_of])[self._row_of])
+
+    def solve(self, b: NDArray[np.float64]) -> NDArray[np.float64]:
+        """H⁻¹ b."""
+        return np.asarray(self._system.solved(b[self._pose_of])[self._row_of])
 
 
 class _Structure:
@@ -329,9 +365,18 @@ class _System:
         """(n, 3) −(H + damping · diag(H))⁻¹ g in the order of elimination; None if it is not positive definite."""
         if not self.factorize(damping):
             return None
-        starts, rows = self._structure.factor[:2]
-        step = sparse.solve_factored(starts, rows, self._values, self._roots, -self.gradient)
+        step = self.solved(-self.gradient)
         return step if np.isfinite(step).all() else None
+
+    def solved(self, b: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 3) H⁻¹ b in the order of elimination, after `factorize`."""
+        starts, rows = self._structure.factor[:2]
+        return np.asarray(sparse.solve_factored(starts, rows, self._values, self._roots, b))
+
+    def times(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(n, 3) H x in the order of elimination."""
+        structure = self._structure
+        return np.asarray(sparse.multiplied(structure.column_starts, structure.rows, self.upper, self.diagonal, x))
 
     def inverse(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Blocks of H⁻¹ below the diagonal, where its factor has blocks, and on it, after `factorize`."""

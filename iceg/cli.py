@@ -596,8 +596,19 @@ def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, di
     print(f"{len(result.log)} scans in {seconds:.1f} s{speed}, everything included")
     matched = f", {100 * progress.accepted / progress.tried:.1f} % of the matches accepted" if progress.tried else ""
     print(f"{len(result.key_scans)} key poses, {len(result.landmarks)} landmarks{matched}")
+    _tell_finish(result)
     _tell_doubts(result)
     print(f"Results are in {directory}: map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more")
+
+
+def _tell_finish(result: "SlamResult") -> None:
+    """What the offline finish did."""
+    rounds = result.summary["finish"]
+    if not rounds:
+        return
+    joint = f", {1000 * rounds[-1]['mean_move']:.0f} mm by poses and map together" if rounds[-1]["residual"] else ""
+    rematched = f"{1000 * sum(done['mean_move'] for done in rounds if done['stage'] != 'joint'):.0f} mm by factors"
+    print(f"finish: {rounds[-1]['closures']} closures in force; key poses moved by {rematched}{joint}")
 
 
 def _tell_doubts(result: "SlamResult") -> None:

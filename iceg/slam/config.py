@@ -100,6 +100,47 @@ class LoopClosureConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class JointRefinementConfig:
+    """Poses and map refined together: the points of all key scans on the pieces of wall they share."""
+
+    enabled: bool = True
+    """Off leaves the poses where matches and odometry put them."""
+    steps: int = 3
+    """Most Gauss-Newton steps; the points are grouped into pieces of wall anew before each."""
+    tolerance: float = 0.002
+    """A step that moves the key poses by less than this on average is the last [m]."""
+    cell: float = 0.1
+    """Points in one cell that face the same way are grouped together [m] …"""
+    half_length: float = 0.25
+    """… with those no farther than this along the wall [m] …"""
+    half_width: float = 0.15
+    """… nor than this across it: so far may two passes lie apart [m] …"""
+    facing: float = 0.9
+    """… and no less alike in their facing (cosine)."""
+    scale: float = 0.04
+    """Width of the Cauchy weight of a point [m]."""
+    independence: float = 0.15
+    """Share of the points that count as independent: neighbouring ones err alike."""
+    reach: float = 25.0
+    """Points farther than this from the robot are left out [m]."""
+    scans_per_key: int = 4
+    """Scans of each key pose that take part: the key scan and some of those on the way to the next."""
+    max_points: int = 500_000
+    """Only every so many beams are used, so that there are no more points than this."""
+
+    def __post_init__(self) -> None:
+        if not min(self.cell, self.half_length, self.half_width, self.scale, self.independence) > 0.0:
+            raise SlamConfigError(
+                "joint refinement: cell, half_length, half_width, scale and independence must be positive"
+            )
+        if self.max_points < 1 or self.scans_per_key < 1:
+            raise SlamConfigError(
+                f"joint refinement: max_points {self.max_points} and scans_per_key {self.scans_per_key} "
+                "must be at least 1"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
 class FinishConfig:
     """The offline finish after the log has been read to its end."""
 
@@ -109,10 +150,10 @@ class FinishConfig:
     """Most rounds of matching again and optimising."""
     tolerance: float = 0.002
     """A round that moves no key pose farther than this is the last [m]."""
-    spacing: float = 0.6
+    spacing: float = 1.5
     """Match again after this much path [m] …"""
-    spacing_angle: float = 1.0
-    """… or turning [rad]."""
+    spacing_angle: float = 2.0
+    """… or turning [rad]; in between, the joint refinement holds the passes together."""
     max_passes: int = 4
     """Most earlier passes a key scan is matched against."""
     search_distance: float = 0.08
@@ -129,3 +170,5 @@ class FinishConfig:
     """… and this in heading [rad] …"""
     doubts: int = 120
     """… but no more than so many of them."""
+    joint: JointRefinementConfig = field(default_factory=JointRefinementConfig)
+    """In the end, poses and map together."""

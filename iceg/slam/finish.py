@@ -1,33 +1,54 @@
-"""The offline finish: optimise all factors at once, match again between optimised neighbours, until nothing moves."""
+"""The offline finish: all factors at once, matches again between optimised neighbours, then poses and map together."""
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontends.matcher import Matcher
+from frontends.scan import Scan
 from graph.batch import BatchConfig, optimize
 from graph.factors import Factor, RobustKernel
-from graph.se2 import between
+from graph.se2 import between, compose, inverse
 from iceg.slam.config import FinishConfig, LoopClosureConfig
+from iceg.slam.joint_refinement import key_clouds, refine_jointly
 from iceg.slam.loop_closure import Attempt, LoopCloser, say_the_same
 from iceg.slam.track import Track
+
+Stage = Literal["solve", "rematch", "joint"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Round:
-    """What one round of the finish did.
+    """What one stage or round of the finish did.
 
     Attributes:
-        closures: accepted in it.
-        error: half the sum of squared whitened residuals after it.
+        stage: "solve" of the graph as it was found, "rematch" of key scans to their neighbours, or "joint" refinement
+            of poses and map.
+        closures: in force after it.
+        fresh: of these, between key poses that no closure joined before.
+        error_before: half the sum of squared whitened residuals of its factors at the start …
+        error: … and after it.
         largest_move: of a key pose [m].
+        mean_move: of the key poses [m].
+        residual_before: root mean square distance of the points from the walls before a joint refinement [m] …
+        residual: … and after it.
+        seconds: spent.
     """
 
+    stage: Stage
     closures: int
+    fresh: int = 0
+    error_before: float
     error: float
     largest_move: float
+    mean_move: float
+    residual_before: float | None = None
+    residual: float | None = None
+    seconds: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,6 +77,7 @@ def finish(
     config: FinishConfig,
     progress: Callable[[int], None] | None = None,
     kept: Sequence[Factor] = (),
+    scan_of: Callable[[int], Scan] | None = None,
 ) -> Finished:
     """Make the trajectory as good as the data allows.
 
@@ -68,6 +90,7 @@ def finish(
         config: rounds and tolerances.
         progress: called with the number of rounds done.
         kept: those of the factors that are closures beyond doubt, as those added by hand.
+        scan_of: the scans of the log by index, so that those between key scans take part in the joint refinement.
 
     Returns:
         The final poses and factors.
@@ -77,24 +100,35 @@ def finish(
     chain = [factor for factor in factors if factor.kind != "closure" or factor in kept]
     doubtful = [factor for factor in factors if factor.kind == "closure" and factor not in kept]
     loops = [replace(factor, kernel=kernel) for factor in doubtful]
-    poses, rounds = _solve([*chain, *loops], poses, [], len(loops))
+    clock = _Clock()
+    poses, done = _solve("solve", chain, loops, poses, clock)
+    rounds = [done]
     attempts: list[Attempt] = []
     for count in range(config.rounds if closures.enabled or closures.revisits else 0):
+        joined = {(factor.i, factor.j) for factor in loops}
         attempts = _rematch(closer, track, poses, config)
         loops = [_closure_factor(attempt, kernel) for attempt in attempts if attempt.accepted]
         found = _second_look(closer, attempts, poses, closures, config)
+        before = poses
         if found:
             # Without a kernel first: they are far off, and a robust kernel would let the graph ignore them.
             pull = [_closure_factor(attempt, None) for attempt in found]
-            poses, rounds = _solve([*chain, *loops, *pull], poses, rounds, len(loops) + len(pull))
+            poses, _ = _solve("rematch", chain, [*loops, *pull], poses, clock)
             attempts = _rematch(closer, track, poses, config)
             loops = [_closure_factor(attempt, kernel) for attempt in attempts if attempt.accepted]
-        poses, rounds = _solve([*chain, *loops], poses, rounds, len(loops))
+        poses, done = _solve("rematch", chain, loops, poses, clock)
+        largest, mean = _moves(before, poses)
+        fresh = sum((factor.i, factor.j) not in joined for factor in loops)
+        rounds.append(replace(done, fresh=fresh, largest_move=largest, mean_move=mean))
         if progress is not None:
             progress(count + 1)
-        if rounds[-1].largest_move < config.tolerance:
+        if largest < config.tolerance:
             break
-    return Finished(poses=poses, factors=[*chain, *loops], attempts=attempts, rounds=rounds)
+    factors = [*chain, *loops]
+    if config.joint.enabled:
+        factors, poses, done = _joint(factors, poses, track, config, scan_of, clock)
+        rounds.append(replace(done, closures=len(loops)))
+    return Finished(poses=poses, factors=factors, attempts=attempts, rounds=rounds)
 
 
 _ELSEWHERE_DISTANCE, _ELSEWHERE_TURN = 0.25, 0.08
@@ -103,13 +137,76 @@ _AROUND = (-4, -2, 0, 2, 4)
 _BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
 
 
+class _Clock:
+    """Seconds from one stage to the next."""
+
+    def __init__(self) -> None:
+        self._last = time.perf_counter()
+
+    def lap(self) -> float:
+        last, self._last = self._last, time.perf_counter()
+        return round(self._last - last, 4)
+
+
 def _solve(
-    factors: list[Factor], poses: NDArray[np.float64], rounds: list[Round], n_closures: int
-) -> tuple[NDArray[np.float64], list[Round]]:
-    result = optimize(factors, poses, _BATCH)
-    move = float(np.hypot(*between(poses, result.poses)[:, :2].T).max())
-    done = Round(closures=n_closures, error=result.error_after, largest_move=move)
-    return result.poses, [*rounds, done]
+    stage: Stage, chain: list[Factor], loops: list[Factor], poses: NDArray[np.float64], clock: _Clock
+) -> tuple[NDArray[np.float64], Round]:
+    result = optimize([*chain, *loops], poses, _BATCH)
+    largest, mean = _moves(poses, result.poses)
+    return result.poses, Round(
+        stage=stage,
+        closures=len(loops),
+        error_before=result.error_before,
+        error=result.error_after,
+        largest_move=largest,
+        mean_move=mean,
+        seconds=clock.lap(),
+    )
+
+
+def _moves(before: NDArray[np.float64], after: NDArray[np.float64]) -> tuple[float, float]:
+    """Largest and mean distance [m] between two estimates of the key poses."""
+    distances = np.hypot(*(after - before)[:, :2].T)
+    return float(distances.max()), float(distances.mean())
+
+
+def _joint(
+    factors: list[Factor],
+    poses: NDArray[np.float64],
+    track: Track,
+    config: FinishConfig,
+    scan_of: Callable[[int], Scan] | None,
+    clock: _Clock,
+) -> tuple[list[Factor], NDArray[np.float64], Round]:
+    """Refine poses and map together; the factors go along, so that the graph's optimum is the refined trajectory."""
+    refined = refine_jointly(factors, poses, key_clouds(track, scan_of, config.joint), config.joint)
+    carried = [_carried(factor, poses, refined.poses) for factor in factors]
+    largest, mean = _moves(poses, refined.poses)
+    return (
+        carried,
+        refined.poses,
+        Round(
+            stage="joint",
+            closures=0,
+            error_before=refined.error_before,
+            error=refined.error,
+            largest_move=largest,
+            mean_move=mean,
+            residual_before=refined.residual_before,
+            residual=refined.residual,
+            seconds=clock.lap(),
+        ),
+    )
+
+
+def _carried(factor: Factor, before: NDArray[np.float64], after: NDArray[np.float64]) -> Factor:
+    """The factor with the residual at the new poses that it had at the old ones."""
+    if factor.i is None:
+        return factor
+    correction = compose(
+        between(after[factor.i], after[factor.j]), inverse(between(before[factor.i], before[factor.j]))
+    )
+    return replace(factor, T_i_j=compose(correction, factor.T_i_j))
 
 
 def _rematch(closer: LoopCloser, track: Track, poses: NDArray[np.float64], config: FinishConfig) -> list[Attempt]:

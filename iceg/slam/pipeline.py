@@ -98,7 +98,7 @@ def run(
         solution = _solve(track, log, matcher, calibration, config)
         solution = add_by_hand(solution, by_hand, config.graph)
     with clock.stage("finish"):
-        solution, rounds = _finish(solution, track, matcher, config, by_hand)
+        solution, rounds = _finish(solution, track, log, matcher, config, by_hand)
     with clock.stage("covariances"):
         covariances = solution.graph.marginal_covariances()
     trajectory = track.trajectory(solution.poses)
@@ -157,13 +157,15 @@ def _solve(track: Track, log: Log, matcher: Matcher, calibration: OdometryCalibr
 
 
 def _finish(
-    solution: Solution, track: Track, matcher: Matcher, config: Config, by_hand: list[Factor]
+    solution: Solution, track: Track, log: Log, matcher: Matcher, config: Config, by_hand: list[Factor]
 ) -> tuple[Solution, list[Round]]:
     """The offline finish; its closures join the record, those it dropped stay in it with the reason."""
     if not config.finish.enabled or len(track.keys) < 2:
         return solution, []
     factors = list(solution.graph.factors)
-    finished = finish(factors, solution.poses, track, matcher, config.loops, config.finish, kept=by_hand)
+    finished = finish(
+        factors, solution.poses, track, matcher, config.loops, config.finish, kept=by_hand, scan_of=log.scan
+    )
     graph = PoseGraph.from_factors(finished.factors, finished.poses, config.graph)
     attempts = finished.attempts or solution.attempts
     return replace(solution, graph=graph, poses=finished.poses, attempts=attempts), finished.rounds

@@ -1,0 +1,295 @@
+"""Joint refinement of poses and map: the points of all key scans on the walls they share, every pose at once.
+
+Matches tell how two key scans lie to each other, and the graph takes them for independent; yet all of them rest on
+the same points. Here the points speak for themselves: pieces of wall are unknowns beside the poses (bundle adjustment),
+every scan that sees a piece holds its line, and the line holds them together, along the path as across its passes.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import Scan
+from graph.factors import Factor
+from graph.problem import Linearization, Problem
+from graph.se2 import compose, expmap, inverse
+from iceg.ice.points import extract_points
+from iceg.slam import _joint_kernels as kernels
+from iceg.slam.config import JointRefinementConfig
+from iceg.slam.track import Track
+
+_LEAST_NOISE = 0.004
+"""The residuals of points are never taken to be smaller than this [m]."""
+_LINE_ROUNDS = 3
+_THINNEST = 4
+"""Rather than keep less than one in so many beams, fewer scans take part."""
+_TOLERANCE, _MOST_PRODUCTS = 0.02, 60
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointRefinement:
+    """What the joint refinement did.
+
+    Attributes:
+        poses: (k, 3) T_map_robot of the key poses.
+        pieces: of wall.
+        steps: taken.
+        error_before: half the sum of squared whitened residuals of the graph's factors at the start …
+        error: … and in the end.
+        residual_before: weighted root mean square distance of the points from the walls at the start [m] …
+        residual: … and in the end [m].
+        on_walls_before: share of the points on their piece of wall (mean Cauchy weight) at the start …
+        on_walls: … and in the end.
+    """
+
+    poses: NDArray[np.float64]
+    pieces: int
+    steps: int
+    error_before: float
+    error: float
+    residual_before: float
+    residual: float
+    on_walls_before: float
+    on_walls: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clouds:
+    """The points of scans that hang on key poses.
+
+    Attributes:
+        points: (n, 2) robot frames of the scans [m].
+        normals: (n, 2) of the surfaces they lie on; 0, 0 where unknown.
+        starts: (m + 1,) scan j has the points from starts[j] to starts[j + 1].
+        key_of_scan: (m,) the key pose of each scan, increasing; each key pose has at least one.
+        T_key_scan: (m, 3).
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    starts: NDArray[np.int64]
+    key_of_scan: NDArray[np.int64]
+    T_key_scan: NDArray[np.float64]
+
+    @property
+    def key_starts(self) -> NDArray[np.int64]:
+        """(k + 1,) first point of each key pose."""
+        first = np.flatnonzero(np.diff(self.key_of_scan, prepend=-1))
+        return np.append(self.starts[first], self.starts[-1])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Walls:
+    """Pieces of wall at given poses, and how the points lie on them."""
+
+    placed: NDArray[np.float64]
+    piece_of: NDArray[np.int64]
+    lines: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    on_walls: float
+    residual: float
+
+
+def refine_jointly(
+    factors: Sequence[Factor],
+    poses: NDArray[np.float64],
+    clouds: Clouds,
+    config: JointRefinementConfig,
+) -> JointRefinement:
+    """Gauss-Newton on the distances of all points from the walls they share, plus the graph's factors.
+
+    Args:
+        factors: of the graph.
+        poses: (k, 3) its optimum, T_map_robot of the key poses.
+        clouds: the points of each.
+        config: pieces of wall and steps.
+
+    Returns:
+        The refined poses, the first where it was; all as given if the points lie no better on the walls then.
+    """
+    problem = Problem.of(factors, len(poses))
+    first = walls = _walls(clouds, poses, config)
+    refined, steps = poses, 0
+    while steps < config.steps and len(walls.lines):
+        step = _step(clouds, walls, problem.linearized(refined), refined, config)
+        refined, steps = compose(refined, expmap(step)), steps + 1
+        if steps == config.steps or np.hypot(step[:, 0], step[:, 1]).mean() < config.tolerance:
+            break
+        walls = _walls(clouds, refined, config)
+    # Judged on the pieces of the start: grouping anew changes the figures by chance.
+    last = _walls(clouds, refined, config, pieces=(first.piece_of, len(first.lines)))
+    if last.on_walls < first.on_walls:
+        refined, last = poses, first
+    # As a whole the map may move, held by the prior alone: put the first pose back.
+    refined = compose(compose(poses[0], inverse(refined[0])), refined) if steps else poses
+    return JointRefinement(
+        poses=refined,
+        pieces=len(first.lines),
+        steps=steps,
+        error_before=float(problem.evaluate(poses).losses.sum()),
+        error=float(problem.evaluate(refined).losses.sum()),
+        residual_before=first.residual,
+        residual=last.residual,
+        on_walls_before=first.on_walls,
+        on_walls=last.on_walls,
+    )
+
+
+def key_clouds(track: Track, scan_of: Callable[[int], Scan] | None, config: JointRefinementConfig) -> Clouds:
+    """The points of each key scan, and of some scans between it and the next, which hang on it rigidly.
+
+    Args:
+        track: what the front end found.
+        scan_of: the scans of the log by index; None leaves key scans alone.
+        config: how many scans and points.
+
+    Returns:
+        The points; those beyond reach have no normal.
+    """
+    n_keys, n_beams = len(track.keys), track.keys[0].scan.geometry.n_beams
+    affordable = max(1, _THINNEST * config.max_points // (n_keys * n_beams))
+    per_key = min(config.scans_per_key, affordable) if scan_of else 1
+    members = [_members(track, key, per_key) for key in range(n_keys)]
+    scans = [index for some in members for index in some]
+    every = max(1, -(-len(scans) * n_beams // config.max_points))
+    points, normals = [], []
+    for key, some in zip(track.keys, members, strict=True):
+        for offset, index in enumerate(some):
+            scan = key.scan if scan_of is None or index == key.index else scan_of(index)
+            extracted = extract_points(scan)
+            points.append(extracted.points[offset % every :: every].copy())
+            normals.append(extracted.normals[offset % every :: every].copy())
+    key_of_scan = np.repeat(np.arange(len(members)), [len(some) for some in members])
+    T_key_scan = track.T_key_scan[scans]
+    T_key_scan[np.diff(key_of_scan, prepend=-1) > 0] = 0.0
+    all_points, all_normals = np.concatenate(points), np.concatenate(normals)
+    all_normals[np.hypot(all_points[:, 0], all_points[:, 1]) > config.reach] = 0.0
+    return Clouds(
+        points=all_points,
+        normals=all_normals,
+        starts=np.cumsum([0, *(len(some) for some in points)]).astype(np.int64),
+        key_of_scan=key_of_scan,
+        T_key_scan=T_key_scan,
+    )
+
+
+def _members(track: Track, key: int, most: int) -> list[int]:
+    """Indices of a key scan and of up to `most` - 1 scans tied to it, evenly spread."""
+    index = track.keys[key].index
+    first, last = np.searchsorted(track.key_of_scan, (key, key + 1))
+    others = np.arange(max(index + 1, int(first)), int(last))
+    chosen = others[np.linspace(0, len(others) - 1, min(most - 1, len(others))).round().astype(int)]
+    return [index, *chosen.tolist()]
+
+
+def _walls(
+    clouds: Clouds,
+    poses: NDArray[np.float64],
+    config: JointRefinementConfig,
+    pieces: tuple[NDArray[np.int64], int] | None = None,
+) -> _Walls:
+    """Pieces of wall with the scans at (k, 3) poses; grouped anew unless given."""
+    n = len(clouds.points)
+    placed, turned = np.empty((n, 2)), np.empty((n, 2))
+    T_map_scans = compose(poses[clouds.key_of_scan], clouds.T_key_scan)
+    kernels.place(T_map_scans, clouds.starts, clouds.points, clouds.normals, placed, turned)
+    piece_of, n_pieces = pieces or _pieces(placed, turned, config)
+    lines, residuals, weights = np.empty((n_pieces, 4)), np.empty(n), np.empty(n)
+    total, squares = kernels.fit_lines(placed, turned, piece_of, config.scale, _LINE_ROUNDS, lines, residuals, weights)
+    return _Walls(
+        placed=placed,
+        piece_of=piece_of,
+        lines=lines,
+        residuals=residuals,
+        weights=weights,
+        on_walls=total / max(1, int(np.count_nonzero(piece_of >= 0))),
+        residual=float(np.sqrt(squares / max(total, 1e-9))),
+    )
+
+
+def _pieces(
+    placed: NDArray[np.float64], turned: NDArray[np.float64], config: JointRefinementConfig
+) -> tuple[NDArray[np.int64], int]:
+    """(n,) piece of each point, -1 without a normal, and their number; the surfel with most points begins the first."""
+    if len(placed) == 0:
+        return np.empty(0, np.int64), 0
+    size = 1 << max(10, (2 * len(placed)).bit_length())
+    keys, surfel_at = np.full(size, -1), np.empty(size, np.int64)
+    member = np.empty(len(placed), np.int64)
+    surfels = kernels.surfels(placed, turned, config.cell, keys, surfel_at, member)
+    order = np.argsort(-surfels[:, 4], kind="stable")
+    piece = np.empty(len(surfels) + 1, np.int64)
+    n_pieces = kernels.group(
+        surfels,
+        order,
+        config.cell,
+        config.half_length,
+        config.half_width,
+        config.facing,
+        keys,
+        surfel_at,
+        piece[:-1],
+    )
+    piece[-1] = -1
+    return piece[member], n_pieces
+
+
+def _step(
+    clouds: Clouds,
+    walls: _Walls,
+    graph: Linearization,
+    poses: NDArray[np.float64],
+    config: JointRefinementConfig,
+) -> NDArray[np.float64]:
+    """(k, 3) Gauss-Newton step of points and factors together, in the tangent space at each pose."""
+    k, n = len(poses), len(clouds.points)
+    diagonal, gradient = np.zeros((k, 3, 3)), np.zeros((k, 3))
+    pose_of, line_of, blocks = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((n, 3, 2))
+    count = kernels.normal_equations(
+        poses,
+        clouds.key_starts,
+        walls.placed,
+        walls.piece_of,
+        walls.lines,
+        walls.residuals,
+        walls.weights,
+        diagonal,
+        gradient,
+        pose_of,
+        line_of,
+        blocks,
+    )
+    pose_of, line_of, blocks = pose_of[:count], line_of[:count], blocks[:count]
+    precision = config.independence / max(walls.residual, _LEAST_NOISE) ** 2
+
+    def times(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        of_points = kernels.product(diagonal, pose_of, line_of, blocks, len(walls.lines), x)
+        return np.asarray(precision * of_points + graph.times(x))
+
+    return _conjugate_gradients(times, graph, -(precision * gradient + graph.gradient))
+
+
+def _conjugate_gradients(
+    times: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    graph: Linearization,
+    right: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Solve A x = right; the graph alone, which has nearly the same soft directions, is the preconditioner."""
+    x = np.zeros_like(right)
+    left = right
+    direction = scaled = graph.solve(left)
+    size = first = float(np.vdot(left, scaled))
+    for _ in range(_MOST_PRODUCTS):
+        if size <= _TOLERANCE**2 * first:
+            break
+        product = times(direction)
+        length = size / float(np.vdot(direction, product))
+        x = x + length * direction
+        left = left - length * product
+        scaled = graph.solve(left)
+        before, size = size, float(np.vdot(left, scaled))
+        direction = scaled + (size / before) * direction
+    return x

@@ -1,0 +1,360 @@
+"""Joint refinement of poses and map: its kernels against dense twins, and what it does to a simulated office."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from frontends.matcher import Matcher
+from frontends.simulator.simulation import Simulation, simulate
+from graph.batch import optimize
+from graph.config import PoseGraphConfig
+from graph.factors import Factor
+from graph.odometry import OdometryModel
+from graph.problem import Problem
+from graph.se2 import between, compose, expmap, transform_points
+from iceg.evaluation.trajectory import trajectory_errors
+from iceg.ice.matcher import IceMatcher
+from iceg.slam import _joint_kernels as kernels
+from iceg.slam.back_end import Solution, solve_track
+from iceg.slam.config import FinishConfig, FrontEndConfig, JointRefinementConfig, LoopClosureConfig, SlamConfigError
+from iceg.slam.finish import Finished, finish
+from iceg.slam.joint_refinement import Clouds, key_clouds, refine_jointly
+from iceg.slam.track import Track
+from iceg.slam.tracking import track_log
+
+Array = NDArray[np.float64]
+
+ROOM = np.array([[-4.0, -3.0], [5.0, -3.0], [5.0, 3.0], [-4.0, 3.0]])
+"""Corners, counter-clockwise."""
+
+
+def room_points(pose: Array, n: int, noise: float, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Points on the walls of the room and their normals inwards, in the frame of a pose."""
+    side = rng.integers(0, 4, n)
+    along = rng.uniform(0.0, 1.0, n)[:, None]
+    starts, ends = ROOM[side], ROOM[(side + 1) % 4]
+    tangents = (ends - starts) / np.linalg.norm(ends - starts, axis=1)[:, None]
+    inwards = np.column_stack([-tangents[:, 1], tangents[:, 0]])
+    points = starts + along * (ends - starts) + noise * rng.normal(size=(n, 1)) * inwards
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    to_robot = np.array([[c, s], [-s, c]])
+    return (points - pose[:2]) @ to_robot.T, inwards @ to_robot.T
+
+
+def room_clouds(poses: Array, n: int = 60, noise: float = 0.01, seed: int = 0) -> Clouds:
+    rng = np.random.default_rng(seed)
+    scans = [room_points(pose, n, noise, rng) for pose in poses]
+    return Clouds(
+        points=np.concatenate([points for points, _ in scans]),
+        normals=np.concatenate([normals for _, normals in scans]),
+        starts=n * np.arange(len(poses) + 1),
+        key_of_scan=np.arange(len(poses)),
+        T_key_scan=np.zeros((len(poses), 3)),
+    )
+
+
+def chain(poses: Array, deviations: tuple[float, float, float], seed: int = 0) -> list[Factor]:
+    """A prior and noisy odometry."""
+    rng, covariance = np.random.default_rng(seed), np.diag(deviations) ** 2
+    factors = [Factor(kind="prior", i=None, j=0, T_i_j=poses[0], covariance=1e-8 * np.eye(3))]
+    for j in range(1, len(poses)):
+        T_i_j = compose(between(poses[j - 1], poses[j]), expmap(np.array(deviations) * rng.normal(size=3)))
+        factors.append(Factor(kind="odometry", i=j - 1, j=j, T_i_j=T_i_j, covariance=covariance))
+    return factors
+
+
+def drive(n: int = 12) -> Array:
+    rng = np.random.default_rng(5)
+    return np.column_stack([np.linspace(-2.0, 3.0, n), rng.uniform(-1.0, 1.0, n), rng.uniform(-3.0, 3.0, n)])
+
+
+def placed_in_map(clouds: Clouds, poses: Array) -> tuple[Array, Array]:
+    n = len(clouds.points)
+    placed, turned = np.empty((n, 2)), np.empty((n, 2))
+    kernels.place(poses, clouds.starts, clouds.points, clouds.normals, placed, turned)
+    return placed, turned
+
+
+def grouped(placed: Array, turned: Array, config: JointRefinementConfig) -> NDArray[np.int64]:
+    keys, surfel_at, member = np.full(4096, -1), np.empty(4096, np.int64), np.empty(len(placed), np.int64)
+    surfels = kernels.surfels(placed, turned, config.cell, keys, surfel_at, member)
+    piece = np.empty(len(surfels), np.int64)
+    order = np.argsort(-surfels[:, 4], kind="stable")
+    kernels.group(
+        surfels,
+        order,
+        config.cell,
+        config.half_length,
+        config.half_width,
+        config.facing,
+        keys,
+        surfel_at,
+        piece,
+    )
+    return np.where(member >= 0, piece[member], -1)
+
+
+def grouped_slowly(placed: Array, turned: Array, config: JointRefinementConfig) -> list[int]:
+    """The same with lists and dictionaries."""
+    corner = placed.min(axis=0) - 100.0
+    surfels: list[list[int]] = []
+    in_cell: dict[tuple[int, int], list[int]] = {}
+    for i, (point, normal) in enumerate(zip(placed, turned, strict=True)):
+        if not normal.any():
+            continue
+        u, v = np.floor((point - corner) / config.cell).astype(int).tolist()
+        here = in_cell.setdefault((u, v), [])
+        for k in here:
+            if turned[surfels[k]].sum(axis=0) @ normal >= 0.8 * len(surfels[k]):
+                surfels[k].append(i)
+                break
+        else:
+            here.append(len(surfels))
+            surfels.append([i])
+    means = np.array([placed[some].mean(axis=0) for some in surfels])
+    normals = np.array([turned[some].sum(axis=0) for some in surfels])
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    piece_of = [-1] * len(placed)
+    taken = np.zeros(len(surfels), bool)
+    pieces = 0
+    for first in sorted(range(len(surfels)), key=lambda k: -len(surfels[k])):
+        if taken[first]:
+            continue
+        apart = means - means[first]
+        across = np.abs(apart @ normals[first])
+        along = np.abs(apart @ np.array([-normals[first, 1], normals[first, 0]]))
+        near = (across < config.half_width) & (along < config.half_length) & (normals @ normals[first] >= config.facing)
+        near[first] = True
+        for member in np.flatnonzero(near & ~taken):
+            for i in surfels[member]:
+                piece_of[i] = pieces
+        taken |= near
+        pieces += 1
+    return piece_of
+
+
+def test_pieces_of_wall() -> None:
+    poses, config = drive(), JointRefinementConfig()
+    clouds = room_clouds(poses, noise=0.03)
+    clouds.normals[::7] = 0.0
+    placed, turned = placed_in_map(clouds, poses)
+    np.testing.assert_allclose(placed[60:120], transform_points(poses[1], clouds.points[60:120]), atol=1e-12)
+    found = grouped(placed, turned, config)
+    assert found.tolist() == grouped_slowly(placed, turned, config)
+    assert (found[::7] == -1).all()
+    # No piece goes round a corner.
+    for piece in range(found.max() + 1):
+        facing = turned[found == piece]
+        assert (facing @ facing[0] > 0.5).all()
+
+
+@pytest.mark.parametrize(("apart", "together"), [(0.1, True), (0.3, False)])
+def test_two_passes_over_one_wall(apart: float, together: bool) -> None:
+    x = np.arange(0.005, 0.2, 0.01)
+    placed = np.vstack([np.column_stack([x, np.zeros_like(x)]), np.column_stack([x, np.full_like(x, apart)])])
+    turned = np.tile([0.0, 1.0], (len(placed), 1))
+    piece = grouped(placed, turned, JointRefinementConfig())
+    assert bool(piece[0] == piece[-1]) is together
+    # The two faces of a thin wall are never one.
+    turned[len(x) :] = [0.0, -1.0]
+    piece = grouped(placed, turned, JointRefinementConfig())
+    assert piece[0] != piece[-1]
+
+
+def system_of(clouds: Clouds, poses: Array) -> tuple[Array, Array, NDArray[np.int64], Array, Array, Array]:
+    """H and gradient of the kernel as one dense matrix, and what they were made from."""
+    placed, turned = placed_in_map(clouds, poses)
+    piece_of = grouped(placed, turned, JointRefinementConfig())
+    n, m, k = len(placed), int(piece_of.max()) + 1, len(poses)
+    lines, residuals, weights = np.empty((m, 4)), np.empty(n), np.empty(n)
+    kernels.fit_lines(placed, turned, piece_of, 0.04, 3, lines, residuals, weights)
+    diagonal, gradient = np.zeros((k, 3, 3)), np.zeros((k, 3))
+    pose_of, line_of, blocks = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((n, 3, 2))
+    count = kernels.normal_equations(
+        poses,
+        clouds.key_starts,
+        placed,
+        piece_of,
+        lines,
+        residuals,
+        weights,
+        diagonal,
+        gradient,
+        pose_of,
+        line_of,
+        blocks,
+    )
+    columns = [
+        kernels.product(diagonal, pose_of[:count], line_of[:count], blocks[:count], m, e.reshape(k, 3)).ravel()
+        for e in np.eye(3 * k)
+    ]
+    return np.column_stack(columns), gradient.ravel(), piece_of, lines, residuals, weights
+
+
+def test_normal_equations_are_those_of_poses_and_lines_without_the_lines() -> None:
+    poses = drive(4)
+    clouds = room_clouds(poses, n=40, noise=0.02)
+    hessian, gradient, piece_of, lines, residuals, weights = system_of(clouds, poses)
+    k, m = len(poses), len(lines)
+
+    def distances(x: Array) -> Array:
+        """Of all points from their lines after a step of the poses and of the lines (offset, turn)."""
+        moved = compose(poses, expmap(x[: 3 * k].reshape(k, 3)))
+        offsets, turns = x[3 * k :].reshape(m, 2).T
+        at = np.vstack([transform_points(T, p) for T, p in zip(moved, clouds.points.reshape(k, -1, 2), strict=True)])
+        c, s = np.cos(turns), np.sin(turns)
+        nx, ny = c * lines[:, 2] - s * lines[:, 3], s * lines[:, 2] + c * lines[:, 3]
+        apart = at - lines[piece_of, :2]
+        return np.asarray(nx[piece_of] * apart[:, 0] + ny[piece_of] * apart[:, 1] + offsets[piece_of])
+
+    np.testing.assert_allclose(distances(np.zeros(3 * k + 2 * m)), residuals, atol=1e-12)
+    h = 1e-6
+    jacobian = np.column_stack([(distances(h * e) - distances(-h * e)) / (2 * h) for e in np.eye(3 * k + 2 * m)])
+    full = jacobian.T @ (weights[:, None] * jacobian)
+    full[3 * k :, 3 * k :] += np.diag(np.tile([1e-3, 1e-3 * 0.05**2], m))
+    slope = jacobian.T @ (weights * residuals)
+    lines_out = full[: 3 * k, 3 * k :] @ np.linalg.inv(full[3 * k :, 3 * k :])
+    np.testing.assert_allclose(hessian, full[: 3 * k, : 3 * k] - lines_out @ full[3 * k :, : 3 * k], atol=1e-4)
+    np.testing.assert_allclose(gradient, slope[: 3 * k] - lines_out @ slope[3 * k :], atol=1e-4)
+
+
+def test_lines_are_fitted_and_outliers_are_not_on_them() -> None:
+    rng = np.random.default_rng(1)
+    x = rng.uniform(-0.25, 0.25, 50)
+    placed = np.column_stack([x, 0.3 * x + 0.004 * rng.normal(size=50)])
+    placed[:3, 1] += 0.12
+    turned = np.tile([0.0, 1.0], (50, 1))
+    lines, residuals, weights = np.empty((1, 4)), np.empty(50), np.empty(50)
+    total, squares = kernels.fit_lines(placed, turned, np.zeros(50, np.int64), 0.02, 3, lines, residuals, weights)
+    normal = np.array([-0.3, 1.0]) / np.hypot(0.3, 1.0)
+    assert lines[0, 2:] @ normal > np.cos(0.02)
+    assert lines[0, 3] > 0.0
+    assert weights[:3].max() < 0.1
+    assert weights[3:].min() > 0.5
+    assert (total, squares) == pytest.approx((weights.sum(), weights @ residuals**2))
+
+
+def test_the_linearization_of_a_graph() -> None:
+    poses = drive(6)
+    factors = chain(poses, (0.1, 0.05, 0.02))
+    factors.append(replace(factors[2], i=0, j=4, kind="closure"))
+    problem = Problem.of(factors, len(poses))
+    linearized = problem.linearized(poses)
+    rng, h = np.random.default_rng(2), 1e-6
+    direction = rng.normal(size=(6, 3))
+    losses = [problem.evaluate(compose(poses, expmap(sign * h * direction))).losses.sum() for sign in (1, -1)]
+    assert float(np.vdot(linearized.gradient, direction)) == pytest.approx((losses[0] - losses[1]) / (2 * h), rel=1e-4)
+    np.testing.assert_allclose(linearized.times(linearized.solve(direction)), direction, atol=1e-9)
+
+
+def worst(poses: Array, truth: Array) -> float:
+    error = between(truth, compose(compose(truth[0], [0.0, 0.0, 0.0]), between(poses[0], poses)))
+    return float(np.hypot(error[:, 0], error[:, 1]).max())
+
+
+def test_a_room_seen_from_everywhere_straightens_the_path() -> None:
+    truth = drive()
+    factors = chain(truth, (0.03, 0.03, 0.01))
+    start = optimize(factors, truth).poses
+    assert worst(start, truth) > 0.08
+    refined = refine_jointly(factors, start, room_clouds(truth), JointRefinementConfig(steps=15, tolerance=1e-4))
+    assert worst(refined.poses, truth) < 0.02
+    assert refined.residual < refined.residual_before
+    assert refined.on_walls > refined.on_walls_before
+    assert refined.error > refined.error_before  # odometry alone was at its optimum
+    np.testing.assert_allclose(refined.poses[0], start[0], atol=1e-9)
+
+
+def test_points_without_walls_change_nothing() -> None:
+    truth = drive()
+    factors = chain(truth, (0.03, 0.03, 0.01))
+    clouds = room_clouds(truth)
+    clouds.normals[:] = 0.0
+    nothing = Clouds(
+        points=np.empty((0, 2)),
+        normals=np.empty((0, 2)),
+        starts=np.zeros(len(truth) + 1, np.int64),
+        key_of_scan=np.arange(len(truth)),
+        T_key_scan=np.zeros((len(truth), 3)),
+    )
+    for points in (clouds, nothing):
+        refined = refine_jointly(factors, truth, points, JointRefinementConfig())
+        assert refined.pieces == 0
+        np.testing.assert_array_equal(refined.poses, truth)
+
+
+@pytest.fixture(scope="module")
+def office() -> Simulation:
+    whole = simulate("office", seed=3)
+    log = whole.log
+    n = 1100
+    return replace(
+        whole,
+        log=replace(log, ranges=log.ranges[:n], odometry=log.odometry[:n], stamps=log.stamps[:n]),
+        truth=whole.truth[:n],
+    )
+
+
+@pytest.fixture(scope="module")
+def matcher() -> Matcher:
+    return IceMatcher()
+
+
+@pytest.fixture(scope="module")
+def track(office: Simulation, matcher: Matcher) -> Track:
+    return track_log(office.log, matcher, OdometryModel(), FrontEndConfig())
+
+
+@pytest.fixture(scope="module")
+def solution(office: Simulation, matcher: Matcher, track: Track) -> Solution:
+    return solve_track(track, office.log.odometry, OdometryModel(), matcher, PoseGraphConfig(), LoopClosureConfig())
+
+
+def test_points_of_key_scans_and_of_scans_between(office: Simulation, track: Track) -> None:
+    alone = key_clouds(track, None, JointRefinementConfig())
+    assert alone.key_of_scan.tolist() == list(range(len(track.keys)))
+    whole = key_clouds(track, office.log.scan, JointRefinementConfig(scans_per_key=100))
+    assert len(whole.key_of_scan) == len(office.log)
+    scans = np.concatenate([np.flatnonzero(track.key_of_scan == key) for key in range(len(track.keys))])
+    np.testing.assert_allclose(whole.T_key_scan, track.T_key_scan[scans], atol=1e-12)
+    third = key_clouds(track, office.log.scan, JointRefinementConfig(max_points=len(whole.points) // 3))
+    assert len(third.points) <= len(whole.points) // 3
+    assert third.key_starts[-1] == len(third.points)
+    assert (np.diff(third.key_starts) > 0).all()
+
+
+def finished_with(solution: Solution, track: Track, office: Simulation, matcher: Matcher, joint: bool) -> Finished:
+    config = FinishConfig(joint=JointRefinementConfig(enabled=joint))
+    factors = list(solution.graph.factors)
+    return finish(factors, solution.poses, track, matcher, LoopClosureConfig(), config, scan_of=office.log.scan)
+
+
+def test_the_finish_of_an_office(solution: Solution, track: Track, office: Simulation, matcher: Matcher) -> None:
+    truth = office.truth[[key.index for key in track.keys]]
+    without = finished_with(solution, track, office, matcher, joint=False)
+    finished = finished_with(solution, track, office, matcher, joint=True)
+    assert [done.stage for done in without.rounds] == ["solve", "rematch"]
+    assert [done.stage for done in finished.rounds] == ["solve", "rematch", "joint"]
+
+    def error(poses: Array) -> float:
+        return trajectory_errors(poses, truth).ate_rmse
+
+    assert error(finished.poses) < 0.9 * error(without.poses)
+    last = finished.rounds[-1]
+    assert last.residual_before is not None
+    assert last.residual is not None
+    assert last.residual < last.residual_before
+    assert 0.0 < last.mean_move <= last.largest_move < 0.2
+    # The factors went along: the refined poses are the graph's optimum, and it is no better and no worse a fit.
+    again = optimize(finished.factors, finished.poses)
+    np.testing.assert_allclose(again.poses, finished.poses, atol=2e-3)
+    assert again.error_after == pytest.approx(without.rounds[-1].error, rel=0.01)
+
+
+def test_settings_out_of_range() -> None:
+    with pytest.raises(SlamConfigError, match="half_length"):
+        JointRefinementConfig(half_length=0.0)
+    with pytest.raises(SlamConfigError, match="max_points 0"):
+        JointRefinementConfig(max_points=0)
