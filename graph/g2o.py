@@ -7,8 +7,6 @@ are written so that they read back bit for bit.
 """
 
 import math
-import os
-import tempfile
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +15,7 @@ from typing import cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.atomic import write_atomically
 from graph.errors import GraphError
 from graph.factors import Factor, FactorKind, KernelName, RobustKernel
 from graph.noise import information_of
@@ -75,7 +74,7 @@ def write_g2o(
         seen = names[factor.j]
         head = f"EDGE_PRIOR_SE2 {seen}" if factor.i is None else f"EDGE_SE2 {names[factor.i]} {seen}"
         lines.append(f"{head} {' '.join(map(repr, edge))} # {_remark(factor)}")
-    _write_atomically(Path(path), "\n".join(lines) + "\n")
+    write_atomically(Path(path), ("\n".join(lines) + "\n").encode())
 
 
 def read_g2o(path: Path | str) -> G2oGraph:
@@ -253,15 +252,3 @@ def _number(word: str, where: str) -> float:
     if not math.isfinite(value):
         raise G2oError(f"{where}: found {word}, expected a finite number")
     return value
-
-
-def _write_atomically(path: Path, text: str) -> None:
-    descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(descriptor, "w", encoding="utf-8", newline="\n") as file:
-            file.write(text)
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise

@@ -8,11 +8,7 @@ before it. There are no stamps, no bearings and no word on where the laser sits.
 (Eliazar and Parr, Duke University), which writes the keywords in capitals; both are read.
 """
 
-import gzip
-import io
 import math
-import os
-import tempfile
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,6 +20,7 @@ from frontends.logs.beams import Setup, find_beams, place_on_bearings, usual_set
 from frontends.logs.errors import LogError, MalformedLineError
 from frontends.logs.plausibility import judge_odometry
 from frontends.logs.text import Line, TextLog
+from frontends.logs.text_output import write_text_log
 from frontends.logs.usable_range import mask_no_returns, usable_range
 from frontends.scan import Log, ScanGeometry
 from graph.se2 import wrap_angle
@@ -139,19 +136,7 @@ def write_dpslam(path: Path | str, log: Log, *, range_decimals: int = 6) -> None
             f" {math.degrees(log.geometry.bearings[-1]):g}°, expected {math.degrees(expected[0]):g}° to"
             f" {math.degrees(expected[-1]):g}°: a DP-SLAM log cannot say where its {len(expected)} beams point"
         )
-    text = _text(log, range_decimals).encode("ascii")
-    try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                file.write(_compressed(text) if path.suffix == ".gz" else text)
-            Path(temporary).chmod(0o644)
-            Path(temporary).replace(path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
-    except OSError as error:
-        raise LogError(f"{path}: cannot be written ({error.strerror or error})") from error
+    write_text_log(path, [_text(log, range_decimals)])
 
 
 @dataclass(slots=True)
@@ -320,11 +305,3 @@ def _text(log: Log, range_decimals: int) -> str:
     readings = " ".join([f"%.{range_decimals}f"] * log.geometry.n_beams)
     lines = f"Odometry %.6f %.6f %.9f\nLaser {log.geometry.n_beams} {readings}\n"
     return "".join(lines % tuple(row) for row in np.column_stack([log.odometry, ranges]).tolist())
-
-
-def _compressed(text: bytes) -> bytes:
-    """Gzip without name and time of day: the same log gives the same bytes."""
-    buffer = io.BytesIO()
-    with gzip.GzipFile(filename="", mode="wb", fileobj=buffer, mtime=0) as file:
-        file.write(text)
-    return buffer.getvalue()

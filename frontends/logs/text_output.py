@@ -1,12 +1,11 @@
 """Text logs written piece by piece, compressed when the name says so, and whole or not at all."""
 
 import gzip
-import os
-import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
 from frontends.logs.errors import LogError
+from graph.atomic import replacing
 
 
 def write_text_log(path: Path, pieces: Iterable[str]) -> None:
@@ -20,18 +19,11 @@ def write_text_log(path: Path, pieces: Iterable[str]) -> None:
         LogError: the file cannot be written.
     """
     try:
-        handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        try:
-            with os.fdopen(handle, "wb") as file:
-                if path.suffix == ".gz":
-                    with gzip.GzipFile(filename="", mode="wb", fileobj=file, mtime=0) as packed:
-                        packed.writelines(piece.encode("ascii") for piece in pieces)
-                else:
-                    file.writelines(piece.encode("ascii") for piece in pieces)
-            Path(temporary).chmod(0o644)
-            Path(temporary).replace(path)
-        except BaseException:
-            Path(temporary).unlink(missing_ok=True)
-            raise
+        with replacing(path) as file:
+            if path.suffix == ".gz":
+                with gzip.GzipFile(filename="", mode="wb", fileobj=file, mtime=0) as packed:
+                    packed.writelines(piece.encode("ascii") for piece in pieces)
+            else:
+                file.writelines(piece.encode("ascii") for piece in pieces)
     except OSError as error:
         raise LogError(f"{path}: cannot be written ({error.strerror or error})") from error

@@ -8,9 +8,9 @@ import numpy as np
 
 from frontends.logs.carmen import write_carmen
 from frontends.logs.usarsim import write_usarsim
-from frontends.simulator.files import write_atomically
 from frontends.simulator.simulation import Simulation
 from frontends.simulator.world import SimulatorError
+from graph.atomic import write_atomically
 
 
 def write_simulation(directory: Path, simulation: Simulation) -> None:

@@ -30,13 +30,13 @@ from pathlib import Path
 from typing import Any
 
 from frontends.simulator import world as shapes
-from frontends.simulator.files import write_atomically
 from frontends.simulator.floor_plan import read_plan
 from frontends.simulator.laser import Laser
 from frontends.simulator.people import Person
 from frontends.simulator.robot import OdometryModel, Route, Waypoint
 from frontends.simulator.statements import Statement, statements
 from frontends.simulator.world import Segments, SimulatorError, World
+from graph.atomic import write_atomically
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Scan
+from graph.atomic import write_atomically
 from graph.se2 import wrap_angle
 from iceg.ice.features import KIND_NAMES, Features
 from iceg.maps import _landmark_kernels as kernels
-from iceg.maps.atomic import write_atomically
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
 
 

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import ScanGeometry
+from graph.atomic import write_atomically
 from iceg.maps import _grid_kernels as kernels
-from iceg.maps.atomic import write_atomically
 from iceg.maps.config import GridConfig, GridError
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # the values of a ROS OccupancyGrid message

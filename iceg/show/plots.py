@@ -23,8 +23,8 @@ from matplotlib.patches import Ellipse, Rectangle
 from numpy.typing import ArrayLike, NDArray
 
 from frontends.scan import Scan
+from graph.atomic import write_atomically
 from graph.se2 import transform_points
-from iceg.maps.atomic import write_atomically
 
 if TYPE_CHECKING:
     from iceg.ice.features import Features

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.atomic import write_atomically
 from graph.errors import IcegError
 from iceg.evaluation.bench.cell import Cell
 from iceg.evaluation.bench.methods import Estimate, Method
 from iceg.evaluation.bench.outcome import FIGURES_FILE, TRAJECTORY_FILE, Figures, format_figures
-from iceg.maps.atomic import write_atomically
 
 _WARM_UP_SCANS = 40
 

@@ -6,9 +6,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from graph.atomic import write_atomically
 from iceg.evaluation.bench.cell import Cell
 from iceg.evaluation.bench.tables import Row
-from iceg.maps.atomic import write_atomically
 
 Figures = dict[str, float | int]
 

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
+from graph.atomic import write_atomically
 from iceg.evaluation.bench.outcome import Outcome
 from iceg.evaluation.bench.summary import by_method_and_log, error_of
-from iceg.maps.atomic import write_atomically
 
 PICTURES = ("error.png", "speed.png")
 

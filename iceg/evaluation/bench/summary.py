@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
+from graph.atomic import write_atomically
 from iceg.evaluation.bench.outcome import Outcome
 from iceg.evaluation.bench.tables import Row, columns_of, write_csv
-from iceg.maps.atomic import write_atomically
 
 _ACCURACY = {
     "trans_mean": "relations, mean [m]",

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from iceg.maps.atomic import write_atomically
+from graph.atomic import write_atomically
 
 Figure = float | int | str | None
 Row = dict[str, Figure]
