@@ -171,6 +171,38 @@ def pair_hypotheses(
 
 
 @njit(cache=True)
+def distinct(hypotheses: F64, order: I64, separation_m: float, separation_rad: float, chosen: I64) -> int:
+    """The first hypotheses in an order that differ from all chosen before.
+
+    Args:
+        hypotheses: (h, 3) T_ref_robot.
+        order: (n,) indices of hypotheses, the best first.
+        separation_m: nearer than this [m] …
+        separation_rad: … and turned by less than this [rad] two hypotheses are the same.
+        chosen: (wanted,) output: their indices.
+
+    Returns:
+        How many there are, at most as many as wanted.
+    """
+    count = 0
+    for index in order:
+        if count == len(chosen):
+            break
+        differs = True
+        for k in range(count):
+            other = chosen[k]
+            dx, dy = hypotheses[index, 0] - hypotheses[other, 0], hypotheses[index, 1] - hypotheses[other, 1]
+            turn = abs(_wrap(hypotheses[index, 2] - hypotheses[other, 2]))
+            if dx * dx + dy * dy < separation_m * separation_m and turn < separation_rad:
+                differs = False
+                break
+        if differs:
+            chosen[count] = index
+            count += 1
+    return count
+
+
+@njit(cache=True)
 def _likelihood(
     points: F64, n_picks: int, pose: F64, distance2: F32, x0: float, y0: float, cell: float, k: float
 ) -> float:

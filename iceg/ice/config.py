@@ -93,9 +93,9 @@ class HypothesisConfig:
     """Points of the scan used to rank one hypothesis …"""
     sifting_points: int = 30
     """… after this many have sifted all of them."""
-    candidates: int = 8
+    candidates: int = 12
     """Most distinct hypotheses that are refined …"""
-    lead: float = 0.88
+    lead: float = 0.8
     """… if their correlation is at least this share of the best."""
     alternatives: int = 10
     """Distinct hypotheses that are compared where the place may be ambiguous (loop closing after much drift)."""

@@ -103,16 +103,7 @@ def distinct(
     separation_rad: float = 0.1,
 ) -> list[int]:
     """The first `wanted` hypotheses in `order` that differ from each other by more than the separations."""
-    chosen: list[int] = []
-    for index in order.tolist():
-        x, y, heading = hypotheses[index].tolist()
-        for other in chosen:
-            dx, dy, turn = x - hypotheses[other, 0], y - hypotheses[other, 1], heading - hypotheses[other, 2]
-            turn = abs((turn + pi) % (2 * pi) - pi)
-            if dx * dx + dy * dy < separation_m * separation_m and turn < separation_rad:
-                break
-        else:
-            chosen.append(index)
-            if len(chosen) == wanted:
-                break
-    return chosen
+    chosen = np.empty(wanted, np.int64)
+    count = kernels.distinct(hypotheses, order, separation_m, separation_rad, chosen)
+    indices: list[int] = chosen[:count].tolist()
+    return indices

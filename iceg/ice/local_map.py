@@ -7,6 +7,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.scan import Scan
 from iceg.ice import _hypothesis_kernels as hypothesis_kernels
 from iceg.ice import _surfel_kernels as surfel_kernels
 from iceg.ice.config import FeatureConfig, LocalMapConfig
@@ -35,6 +36,14 @@ class NearestField:
     distance2: NDArray[np.float32]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class View:
+    """A scan of the reference and the pose it was taken at, (3,)."""
+
+    scan: Scan
+    T_ref_robot: NDArray[np.float64]
+
+
 class LocalMap:
     """Key scans placed in one frame, ready to be matched against.
 
@@ -46,6 +55,7 @@ class LocalMap:
         self, lower: NDArray[np.float64], upper: NDArray[np.float64], config: LocalMapConfig, features: FeatureConfig
     ) -> None:
         """Start empty; points outside the box from `lower` to `upper`, (2,) [m], will not enter."""
+        self.views: list[View] = []
         self._config = config
         self._merge_radius = features.merge_radius
         origin = np.asarray(lower, dtype=np.float64)

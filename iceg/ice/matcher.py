@@ -15,18 +15,16 @@ from iceg.ice.covariance import score_covariance
 from iceg.ice.features import FeatureRows, feature_rows
 from iceg.ice.fitness import Ranking, rank_by_features, rank_by_points
 from iceg.ice.hypotheses import SearchWindow, distinct, pair_hypotheses, search_window, widened
-from iceg.ice.local_map import LocalMap, box_around
+from iceg.ice.local_map import LocalMap, View, box_around
 from iceg.ice.points import ScanPoints, extract_points
-from iceg.ice.refinement import Refined, evaluate_points, polish_on_features, refine_on_points
+from iceg.ice.refinement import Refined, approach, evaluate_points, polish_on_features, refine_on_points
 from iceg.ice.search import evolve_hypotheses, grid_hypotheses
 from iceg.ice.segments import segment_rows, smoothed_on_segments
-from iceg.ice.verification import Agreement, agreement, view
+from iceg.ice.verification import Agreement, agreement, contradictions, view
 
 _CLEARLY_MORE = 1.03
-_COMPARABLE = 0.8
-"""Poses with at least this share of the best one's support are compared by what they contradict."""
-_EVEN_ODDS = 5.0
-"""Surfels added to those seen, so that a few contradictions among few prove nothing."""
+_DENIED = 3.0
+"""One beam that contradicts the reference outweighs this many points that agree with it."""
 _FEWEST_POINTS = 15
 _NEW_GROUND, _OLD_GROUND = 0.3, 0.8
 """A scan that sees much new needs this share of its beams on the map, which must agree to this share both ways."""
@@ -34,6 +32,10 @@ _ROOM_TO_GROW = 4.0
 """A local map can be extended by scans that reach this far beyond its first points [m]."""
 _HYPOTHESIS_PRIOR = 1.0
 """Pull of the features that made a hypothesis, in points: along a corridor nothing else holds it."""
+_SEPARATION_M, _SEPARATION_RAD = 0.15, 0.06
+"""Hypotheses nearer than this to a better one are not polished."""
+_MET_M, _MET_RAD = 0.05, 0.02
+"""Hypotheses this near to each other after the wide stage of their polish lead to the same pose."""
 _STILL = SearchWindow(T_ref_guess=np.zeros(3), translation=0.05, rotation=0.03)
 """A guess that its polish moves by no more than this lay on an optimum already."""
 _TRACKING_PRIOR = 3.0
@@ -92,12 +94,14 @@ class IceMatcher:
         lower, upper = box_around(points, T_ref_scans, self.config.local_map.reach, _ROOM_TO_GROW)
         local_map = LocalMap(lower, upper, self.config.local_map, self.config.features)
         local_map.add_all([one.reference_points for one in seen], [one.features for one in seen], T_ref_scans)
+        local_map.views += [View(scan=scan, T_ref_robot=T) for scan, T in zip(scans, T_ref_scans, strict=True)]
         return local_map
 
     def extend(self, reference: LocalMap, scan: Scan, T_ref_scan: NDArray[np.float64]) -> None:
         """Add one more scan to a local map."""
         observation = self.observe(scan)
         reference.add(observation.reference_points, observation.features, T_ref_scan)
+        reference.views.append(View(scan=scan, T_ref_robot=T_ref_scan))
 
     def track(
         self,
@@ -238,25 +242,38 @@ class IceMatcher:
         config = self.config.hypotheses
         hypotheses, ranking = self.rank(reference, observation, window)
         least = config.lead * ranking.correlations[ranking.order[0]]
-        chosen = distinct(hypotheses, ranking.order, config.candidates)
-        polished = [self.refine(reference, scan, hypotheses[k]) for k in chosen if ranking.correlations[k] >= least]
+        leading = ranking.order[ranking.correlations[ranking.order] >= least]
+        chosen = distinct(hypotheses, leading, config.candidates, _SEPARATION_M, _SEPARATION_RAD)
+        polished = self._polish(reference, scan, hypotheses[chosen])
         inside = [refined for refined in polished if window.contains(refined.T_ref_cur)]
         if not inside:
             return best
         found = self._choose(reference, scan, inside)
         return found if best is None or found.support > _CLEARLY_MORE * best.support else best
 
+    def _polish(self, reference: LocalMap, scan: Scan, T_ref_starts: NDArray[np.float64]) -> list[Refined]:
+        """Polish hypotheses; those that meet on the way are polished once."""
+        config = self.config.refinement
+        if not config.enabled:
+            return [self.refine(reference, scan, T_ref_start) for T_ref_start in T_ref_starts]
+        points = self._points(scan)
+        near = np.array([approach(points, reference, start, config, _HYPOTHESIS_PRIOR) for start in T_ref_starts])
+        return [
+            refine_on_points(points, reference, near[k], config, wide=False, prior_weight=_HYPOTHESIS_PRIOR)
+            for k in distinct(near, np.arange(len(near)), len(near), _MET_M, _MET_RAD)
+        ]
+
     def _choose(self, reference: LocalMap, scan: Scan, polished: list[Refined]) -> Refined:
-        """The pose that explains most: points on the reference, less where the scan looks through the reference."""
-        most = max(refined.support for refined in polished)
-        leading = [refined for refined in polished if refined.support >= _COMPARABLE * most]
-        if len(leading) == 1:
-            return leading[0]
-        scores = []
-        for refined in leading:
-            seen, contradicted = view(scan, reference, refined.T_ref_cur)
-            scores.append(refined.support * (seen + _EVEN_ODDS) / (seen + contradicted + _EVEN_ODDS))
-        return leading[int(np.argmax(scores))]
+        """The pose that explains most: points on the reference, less the beams that contradict it."""
+        points, cell = self._points(scan), self.config.local_map.cell
+        best, most = polished[0], -np.inf
+        for refined in sorted(polished, key=lambda refined: -refined.support):
+            if refined.support <= most:
+                break
+            score = refined.support - _DENIED * contradictions(scan, points, reference, refined.T_ref_cur, cell)
+            if score > most:
+                best, most = refined, score
+        return best
 
     def alternatives(
         self,

@@ -64,19 +64,7 @@ def refine_on_points(
     Returns:
         The pose with its inliers.
     """
-    start = T_ref_start
-    if wide:
-        start = _descend(
-            scan_points,
-            local_map.coarse,
-            local_map.surfels,
-            start,
-            scales=(config.coarse_scale, _COARSE_SCALE),
-            iterations=_COARSE_ITERATIONS,
-            prior_weight=prior_weight,
-            facing=_ANY_FACING,
-            every=max(1, len(scan_points) // _COARSE_POINTS),
-        ).T_ref_cur
+    start = approach(scan_points, local_map, T_ref_start, config, prior_weight) if wide else T_ref_start
     return _descend(
         scan_points,
         local_map.fine,
@@ -87,6 +75,27 @@ def refine_on_points(
         prior_weight=prior_weight,
         facing=FACING,
     )
+
+
+def approach(
+    scan_points: ScanPoints,
+    local_map: LocalMap,
+    T_ref_start: NDArray[np.float64],
+    config: RefinementConfig,
+    prior_weight: float,
+) -> NDArray[np.float64]:
+    """The wide stage of `refine_on_points` alone: (3,) a pose from which the fine stage converges."""
+    return _descend(
+        scan_points,
+        local_map.coarse,
+        local_map.surfels,
+        T_ref_start,
+        scales=(config.coarse_scale, _COARSE_SCALE),
+        iterations=_COARSE_ITERATIONS,
+        prior_weight=prior_weight,
+        facing=_ANY_FACING,
+        every=max(1, len(scan_points) // _COARSE_POINTS),
+    ).T_ref_cur
 
 
 def evaluate_points(

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from frontends.scan import Scan
 from iceg.ice import _surfel_kernels as kernels
+from iceg.ice import _visibility_kernels as visibility
 from iceg.ice.config import RefinementConfig
 from iceg.ice.local_map import LocalMap
 from iceg.ice.points import ScanPoints
@@ -14,6 +15,13 @@ from iceg.ice.refinement import evaluate_points
 
 _NEAR = 8.0
 _MARGIN = 0.2
+_REACH = 20.0
+"""Surfaces farther than this from a laser contradict nothing: its heading is not known that well [m]."""
+_ACROSS = 0.15
+"""What is seen at a flat angle is contradicted only by beams that end this far beyond its surface [m]."""
+
+_JUDGED_POINTS = 2000
+"""Points that the scans of the reference judge in all; of a scan every second or third point if there are more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -96,3 +104,57 @@ def view(scan: Scan, local_map: LocalMap, T_ref_cur: NDArray[np.float64]) -> tup
         _MARGIN,
     )
     return seen, contradicted
+
+
+def contradictions(
+    scan: Scan, scan_points: ScanPoints, local_map: LocalMap, T_ref_cur: NDArray[np.float64], cell: float
+) -> int:
+    """How many beams of a scan taken at `T_ref_cur` deny the reference or are denied by it.
+
+    A beam does so that passes through a surface of the reference, or that ends where scans of the reference looked
+    through and none saw anything.
+
+    Args:
+        scan: the scan.
+        scan_points: its points.
+        local_map: the reference.
+        T_ref_cur: (3,) the pose to judge.
+        cell: width of a surfel of the reference [m].
+
+    Returns:
+        The number of beams, those that do both counted twice.
+    """
+    geometry = scan.geometry
+    through = visibility.beams_through(
+        local_map.surfels,
+        T_ref_cur,
+        geometry.T_robot_laser,
+        geometry.bearings[0],
+        geometry.resolution,
+        scan.ranges,
+        _REACH,
+        _MARGIN,
+        _ACROSS,
+        cell,
+        np.empty(geometry.n_beams, np.bool_),
+    )
+    every = max(1, len(scan_points) * len(local_map.views) // _JUDGED_POINTS)
+    verdicts = np.full(len(scan_points), visibility.UNSEEN, np.int8)
+    for seen_from in local_map.views:
+        geometry = seen_from.scan.geometry
+        visibility.judge_points(
+            scan_points.points,
+            scan_points.normals,
+            every,
+            T_ref_cur,
+            seen_from.T_ref_robot,
+            geometry.T_robot_laser,
+            geometry.bearings[0],
+            geometry.resolution,
+            seen_from.scan.ranges,
+            _REACH,
+            _MARGIN,
+            _ACROSS,
+            verdicts,
+        )
+    return through + every * int(np.count_nonzero(verdicts == visibility.SEEN_THROUGH))
