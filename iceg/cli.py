@@ -623,6 +623,9 @@ def _tell_doubts(result: "SlamResult") -> None:
         )
     if carried > _MANY_CARRIED * len(result.log):
         print(f"warning: odometry alone carried {carried} of {len(result.log)} scans", file=sys.stderr)
+    for warning in result.summary["warnings"]:
+        if warning not in result.log.warnings:
+            print(f"warning: {warning}", file=sys.stderr)
 
 
 def _written_at(directory: Path) -> int | None:

@@ -100,14 +100,14 @@ def write_folder(
     check_directory(directory, overwrite=overwrite)
     try:
         with _staging_folder(directory) as staging:
-            seconds = {}
+            seconds, cpu_seconds = {}, {}
             for name, write in writers.items():
-                started = time.perf_counter()
+                started, cpu_started = time.perf_counter(), time.process_time()
                 write(staging)
                 seconds[name] = round(time.perf_counter() - started, 4)
-            _write_text(
-                staging / "summary.json", _format_summary({**_circumstances(), **summary, "writing_s": seconds})
-            )
+                cpu_seconds[name] = round(time.process_time() - cpu_started, 4)
+            taken = {"writing_s": seconds, "writing_cpu_s": cpu_seconds}
+            _write_text(staging / "summary.json", _format_summary({**_circumstances(), **summary, **taken}))
             _publish(staging, directory)
     except OSError as err:
         raise ResultsError(f"{directory}: results cannot be written: {err}") from err

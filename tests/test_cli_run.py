@@ -80,6 +80,20 @@ def test_pictures_are_drawn_again(run_folder: Path, capsys: pytest.CaptureFixtur
         path.unlink()
 
 
+def test_a_grid_beyond_its_limit_costs_resolution_and_nothing_else(
+    run_folder: Path, short_log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", str(short_log), "-o", str(tmp_path), "--grid.max-cells", "5000"]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(RESULT_FILES)
+    assert (tmp_path / "trajectory.tum").read_bytes() == (run_folder / "trajectory.tum").read_bytes()
+    grid = read_run_folder(tmp_path).grid
+    assert grid.log_odds.size <= 5000
+    (warning,) = json.loads((tmp_path / "summary.json").read_text())["warnings"]
+    assert f"{grid.resolution:g} m wide instead of 0.05 m" in warning
+    assert "max_cells" in warning
+    assert f"warning: {warning}" in capsys.readouterr().err
+
+
 def test_five_lines_of_python_do_the_same(run_folder: Path, short_log: Path) -> None:
     log = iceg.read_log(short_log)
     result = iceg.run(log)

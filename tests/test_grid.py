@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,8 @@ from numpy.typing import NDArray
 from frontends.logs import read_log
 from frontends.scan import ScanGeometry
 from iceg.maps import _grid_kernels as kernels
-from iceg.maps.config import GridConfig, GridError
-from iceg.maps.grid import FREE, OCCUPIED, OccupancyGrid, render_grid
+from iceg.maps.config import GridConfig, GridError, GridSizeError
+from iceg.maps.grid import FREE, OCCUPIED, OccupancyGrid, render_grid, render_grid_that_fits
 
 F64 = NDArray[np.float64]
 HIT, MISS, LIMIT = math.log(0.7 / 0.3), math.log(0.35 / 0.65), math.log(0.97 / 0.03)
@@ -383,6 +384,25 @@ def test_what_cannot_be_rendered_says_why(poses: F64, ranges: F64, message: str)
         render_grid(poses, ranges.astype(np.float32), laser(), GridConfig(resolution=0.005))
 
 
+def test_a_grid_that_would_be_too_large_gets_wider_cells_and_says_so() -> None:
+    geometry = laser()
+    poses = np.array([[0.0, 0.0, 0.0], [0.3, 0.1, 0.2]])
+    ranges = np.stack([room(pose, geometry.bearings) for pose in poses])
+    asked = render_grid(poses, ranges, geometry)
+    grid, told = render_grid_that_fits(poses, ranges, geometry)
+    assert told is None
+    assert grid.log_odds.tobytes() == asked.log_odds.tobytes()
+    for max_cells in (asked.log_odds.size // 3, asked.log_odds.size // 9, 16):
+        config = GridConfig(max_cells=max_cells)
+        grid, told = render_grid_that_fits(poses, ranges, geometry, config)
+        assert grid.log_odds.size <= max_cells
+        assert told is not None
+        assert f"{grid.resolution:g} m wide instead of 0.05 m" in told
+        assert f"max_cells = {max_cells}" in told
+        with pytest.raises(GridSizeError):
+            render_grid(poses, ranges, geometry, replace(config, resolution=grid.resolution / 2))
+
+
 @pytest.mark.parametrize(
     ("name", "value"),
     [
@@ -395,6 +415,7 @@ def test_what_cannot_be_rendered_says_why(poses: F64, ranges: F64, message: str)
         ("no_return_range", 30.0),
         ("min_incidence", 0.0),
         ("beam_width", 0.0),
+        ("max_cells", 15),
     ],
 )
 def test_settings_out_of_range_are_refused(name: str, value: float) -> None:

@@ -11,6 +11,14 @@ class GridError(IcegError):
     """A grid that cannot be rendered or written."""
 
 
+class GridSizeError(GridError):
+    """A grid that would be larger than allowed."""
+
+
+_FEWEST_CELLS = 16
+"""Borders lie on multiples of the resolution and a cell is left free around: four by four hold any box, if large."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GridConfig:
     """How scans become an occupancy grid."""
@@ -43,7 +51,7 @@ class GridConfig:
     min_turn: float = 0.1
     """Use a scan nevertheless once the robot has turned this much [rad]; 0: the turn does not matter."""
     max_cells: int = 150_000_000
-    """Refuse grids larger than this (a diverged trajectory fills the memory)."""
+    """Refuse grids larger than this (a diverged trajectory fills the memory); a run then doubles the resolution."""
 
     def __post_init__(self) -> None:
         if not self.resolution > 0:
@@ -69,6 +77,8 @@ class GridConfig:
             raise GridError(f"min_incidence is {self.min_incidence} rad, expected between 0 and π/2")
         if self.beam_width is not None and not self.beam_width > 0:
             raise GridError(f"beam_width is {self.beam_width} rad, expected > 0")
+        if self.max_cells < _FEWEST_CELLS:
+            raise GridError(f"max_cells is {self.max_cells}, expected at least {_FEWEST_CELLS}")
 
 
 class FeatureMapError(IcegError):

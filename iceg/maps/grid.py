@@ -1,7 +1,7 @@
 """Occupancy grid: rendered from the trajectory and the scans, written as ROS map_server reads it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from frontends.scan import ScanGeometry
 from graph.atomic import write_atomically
 from iceg.maps import _grid_kernels as kernels
-from iceg.maps.config import GridConfig, GridError
+from iceg.maps.config import GridConfig, GridError, GridSizeError
 
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # the values of a ROS OccupancyGrid message
 
@@ -95,7 +95,8 @@ def render_grid(
         The grid, just large enough for all that was seen.
 
     Raises:
-        GridError: for arrays that do not belong together, poses that are not finite, or a grid beyond `max_cells`.
+        GridSizeError: for a grid beyond `max_cells`.
+        GridError: for arrays that do not belong together, or poses that are not finite.
     """
     config = config or GridConfig()
     trajectory, ranges = _checked(trajectory, ranges, geometry)
@@ -133,6 +134,37 @@ def render_grid(
         occupied_above=config.occupied_above,
         free_below=config.free_below,
     )
+
+
+def render_grid_that_fits(
+    trajectory: NDArray[np.float64],
+    ranges: NDArray[np.float32],
+    geometry: ScanGeometry,
+    config: GridConfig | None = None,
+) -> tuple[OccupancyGrid, str | None]:
+    """As `render_grid`, but with cells twice as wide, and again, where the grid would exceed `max_cells`.
+
+    Returns:
+        The grid, and a sentence that says so when its cells are wider than asked for.
+
+    Raises:
+        GridError: as `render_grid`.
+    """
+    asked = fitting = config or GridConfig()
+    refusal = None
+    while True:
+        try:
+            grid = render_grid(trajectory, ranges, geometry, fitting)
+        except GridSizeError as err:
+            refusal = refusal or err
+            fitting = replace(fitting, resolution=2.0 * fitting.resolution)
+            continue
+        if refusal is None:
+            return grid, None
+        return grid, (
+            f"the cells of the grid are {grid.resolution:g} m wide instead of {asked.resolution:g} m: {refusal} "
+            "If so, a larger grid.max_cells keeps the resolution."
+        )
 
 
 def write_ros_map(grid: OccupancyGrid, directory: Path, stem: str = "map") -> tuple[Path, Path]:
@@ -253,7 +285,7 @@ def _frame(box: tuple[float, float, float, float], config: GridConfig) -> tuple[
     cols = math.floor(x_max / config.resolution) + 2 - low_x
     rows = math.floor(y_max / config.resolution) + 2 - low_y
     if rows * cols > config.max_cells:
-        raise GridError(
+        raise GridSizeError(
             f"the scans span {x_max - x_min:.0f} m x {y_max - y_min:.0f} m, {rows * cols} cells of "
             f"{config.resolution} m; at most max_cells = {config.max_cells} are allowed. Is the trajectory sound?"
         )

@@ -18,7 +18,7 @@ from iceg.config import Config
 from iceg.ice.features import extract_features
 from iceg.ice.matcher import IceMatcher
 from iceg.maps.feature_map import Landmarks, build_feature_map
-from iceg.maps.grid import OccupancyGrid, render_grid
+from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.closure import Closure
 from iceg.slam.finish import Round, finish
@@ -50,7 +50,7 @@ class SlamResult:
         landmarks: the feature map, expired landmarks included.
         grid: the occupancy grid.
         closures: every loop closure tried.
-        summary: counts, seconds per stage and calibration.
+        summary: counts, warnings, seconds per stage and calibration.
     """
 
     log: Log
@@ -105,7 +105,7 @@ def run(
     with clock.stage("feature_map"):
         landmarks = _landmarks(track, solution.poses, matcher, config)
     with clock.stage("grid"):
-        grid = render_grid(trajectory, log.ranges, log.geometry, config.grid)
+        grid, doubt = render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)
     return SlamResult(
         log=log,
         config=config,
@@ -117,21 +117,23 @@ def run(
         landmarks=landmarks,
         grid=grid,
         closures=_closures(track, solution) + manual_records(closures, track),
-        summary=_summary(log, track, solution, calibration, rounds, clock),
+        summary=_summary(log, track, solution, calibration, rounds, clock, [] if doubt is None else [doubt]),
     )
 
 
 class _StageClock:
-    """Seconds spent in each stage."""
+    """Seconds spent in each stage: on the wall, and of the processor."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
+        self.cpu_seconds: dict[str, float] = {}
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        started = time.perf_counter()
+        started, cpu_started = time.perf_counter(), time.process_time()
         yield
         self.seconds[name] = round(time.perf_counter() - started, 4)
+        self.cpu_seconds[name] = round(time.process_time() - cpu_started, 4)
 
 
 def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Config) -> OdometryCalibration:
@@ -203,6 +205,7 @@ def _summary(
     calibration: OdometryCalibration,
     rounds: list[Round],
     clock: _StageClock,
+    doubts: list[str],
 ) -> dict[str, Any]:
     factors = solution.graph.factors
     kinds = ("prior", "odometry", "ice", "closure")
@@ -210,7 +213,7 @@ def _summary(
         "log": log.path.name,
         "scans": len(log),
         "skipped_lines": log.skipped_lines,
-        "warnings": list(log.warnings),
+        "warnings": [*log.warnings, *doubts],
         "key_poses": len(track.keys),
         "scans_carried_by_odometry": track.failures,
         "lost_at_scans": track.lost,
@@ -231,4 +234,5 @@ def _summary(
             "T_odometry_laser": list(calibration.T_odometry_laser),
         },
         "seconds": clock.seconds,
+        "cpu_seconds": clock.cpu_seconds,
     }

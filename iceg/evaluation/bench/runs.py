@@ -5,7 +5,7 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -92,16 +92,21 @@ def _accuracy(summary: dict[str, Any], figures: dict[str, float]) -> Row:
 
 
 def _speed(summary: dict[str, Any], run: TimedRun) -> Row:
-    scans, inside = summary["scans"], {**summary["seconds"], "writing": sum(summary["writing_s"].values())}
+    scans, inside = summary["scans"], cpu_by_stage(summary)
     return {
         "scans/s": round(scans / run.wall_s),
         "scans/CPU s": round(scans / run.cpu_s),
         "CPU [s]": run.cpu_s,
         "wall [s]": run.wall_s,
         "peak memory [MB]": summary["peak_memory_mb"],
-        "start and reading [s]": run.wall_s - sum(inside.values()),
+        "start and reading [s]": run.cpu_s - sum(inside.values()),
         **{f"{stage.replace('_', ' ')} [s]": seconds for stage, seconds in inside.items()},
     }
+
+
+def cpu_by_stage(summary: Mapping[str, Any]) -> dict[str, float]:
+    """Processor time of each stage of a run [s], writing included, from its summary."""
+    return {**summary["cpu_seconds"], "writing": sum(summary["writing_cpu_s"].values())}
 
 
 def _cpu_of_children() -> float:
