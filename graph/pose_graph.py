@@ -59,7 +59,7 @@ class PoseGraph:
     def from_factors(
         cls, factors: Sequence[Factor], poses: NDArray[np.float64], config: PoseGraphConfig | None = None
     ) -> "PoseGraph":
-        """A graph made at once, from the records of another.
+        """A graph made at once, from the records of another; iSAM2 gets it with the first question.
 
         Args:
             factors: at least one prior among them.
@@ -72,7 +72,6 @@ class PoseGraph:
             graph.add_pose(T_map_robot)
         for factor in factors:
             graph.add(factor)
-        graph.update()
         return graph
 
     def __len__(self) -> int:

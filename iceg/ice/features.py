@@ -112,4 +112,5 @@ def feature_rows(scan: Scan, config: FeatureConfig, lines: NDArray[np.float64], 
         kinds,
         rows,
     )
-    return FeatureRows(kinds=kinds[:count], rows=rows[:count])
+    # Copies, so that what is kept of a scan is no larger than its features.
+    return FeatureRows(kinds=kinds[:count].copy(), rows=rows[:count].copy())

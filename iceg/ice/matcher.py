@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import partial
+from typing import TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -40,6 +41,9 @@ _STILL = SearchWindow(T_ref_guess=np.zeros(3), translation=0.05, rotation=0.03)
 """A guess that its polish moves by no more than this lay on an optimum already."""
 _TRACKING_PRIOR = 3.0
 """Pull of odometry on a pose between two key scans, in points."""
+_REMEMBERED = 3000
+"""Scans whose points and features are kept, so that memory does not grow with the run."""
+_Extracted = TypeVar("_Extracted")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,13 +65,13 @@ class IceMatcher:
     """Matches a scan against a local map by Intersections, Corners and Ends of walls (implements `Matcher`)."""
 
     def __init__(self, config: IceConfig | None = None) -> None:
-        """Remember what was extracted from each scan for as long as the scan lives."""
+        """Remember what was extracted from the latest scans for as long as they live."""
         self.config = config or IceConfig()
         self._scan_points: WeakKeyDictionary[Scan, ScanPoints] = WeakKeyDictionary()
         self._observations: WeakKeyDictionary[Scan, Observation] = WeakKeyDictionary()
 
     def observe(self, scan: Scan) -> Observation:
-        """Points, normals and features of a scan, extracted once."""
+        """Points, normals and features of a scan, extracted once unless thousands of others came between."""
         observation = self._observations.get(scan)
         if observation is None:
             points = self._points(scan)
@@ -77,14 +81,14 @@ class IceMatcher:
                 reference_points=smoothed_on_segments(points, lines, scan.geometry.origin_robot, self.config.segments),
                 features=feature_rows(scan, self.config.features, lines, points),
             )
-            self._observations[scan] = observation
+            _remember(self._observations, scan, observation)
         return observation
 
     def _points(self, scan: Scan) -> ScanPoints:
         points = self._scan_points.get(scan)
         if points is None:
             points = extract_points(scan, self.config.local_map.normal_reach)
-            self._scan_points[scan] = points
+            _remember(self._scan_points, scan, points)
         return points
 
     def prepare(self, scans: list[Scan], T_ref_scans: NDArray[np.float64]) -> LocalMap:
@@ -339,3 +343,9 @@ class IceMatcher:
 
     def _judge(self, reference: LocalMap, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Refined:
         return evaluate_points(self._points(scan), reference, T_ref_cur, self.config.refinement)
+
+
+def _remember(kept: WeakKeyDictionary[Scan, _Extracted], scan: Scan, extracted: _Extracted) -> None:
+    if len(kept) >= _REMEMBERED:
+        del kept[next(iter(kept))]
+    kept[scan] = extracted

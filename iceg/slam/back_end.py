@@ -21,8 +21,12 @@ _UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
 _PERSISTENCE = 2.0
 """Factor on odometry's standard deviations: its errors persist from one key scan to the next (slip, wear, lag), those
 of matches against one local map cancel, and the graph takes both for independent."""
-_SMALL_MOVE, _SMALL_TURN, _REFRESH_AFTER = 0.02, 0.005, 15
-"""A closure that moves the newest pose by less [m, rad] leaves the others where they are, but not so many in a row."""
+_SMALL_MOVE, _SMALL_TURN, _MOST_WAITING = 0.02, 0.005, 15
+"""Closures that move the newest pose by less [m, rad] leave the others where they are, but not so many in a row."""
+_KNOWN_MOVE, _KNOWN_TURN = 0.1, 0.03
+"""On known ground, where the other poses are not searched again, they stay up to here [m, rad]."""
+_KNOWN_AFTER = 3
+"""A key scan that closes loops with so many earlier passes lies on known ground."""
 _NEAR_DISTANCE, _NEAR_TURN = 0.4, 0.12
 """A closure no farther than this from the estimate [m, rad] is believed at once."""
 _JUMP_DISTANCE2, _USUAL_DISTANCE2 = 25.0, 3.0
@@ -37,12 +41,14 @@ class Solution:
         graph: every factor once, solved by iSAM2.
         poses: (k, 3) T_map_robot of the key poses.
         attempts: every loop closure that was tried.
+        offered: (k,) which key scans later ones are matched against; the others lie on known ground.
         odometry_jumps: steps in which the match contradicted odometry, which was then given little weight.
     """
 
     graph: PoseGraph
     poses: NDArray[np.float64]
     attempts: list[Attempt]
+    offered: NDArray[np.bool_]
     odometry_jumps: int
 
 
@@ -63,7 +69,8 @@ class BackEnd:
         self.odometry_jumps = 0
         self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
         self._since_search = np.zeros(2)
-        self._closures_since_refresh = 0
+        self._searched_to = 0
+        self._closures_waiting = 0
         self._drift = Drift(len(track.keys))
 
     def add(self, key: int, motion: OdometryMotion | None) -> None:
@@ -115,6 +122,7 @@ class BackEnd:
             graph=self.graph,
             poses=self.graph.all_poses(),
             attempts=self.attempts,
+            offered=self._closer.offered,
             odometry_jumps=self.odometry_jumps,
         )
 
@@ -125,28 +133,35 @@ class BackEnd:
     def _search(self, key: int) -> None:
         self._since_search[:] = 0.0
         poses = self._poses[: key + 1]
-        inserted = False
+        closed: list[Attempt] = []
         for candidate in self._closer.candidates(key, poses, self._drift):
             attempt = self._closer.match(candidate, poses)
             if attempt.accepted:
                 attempt = self._judge(attempt, candidate)
             self.attempts.append(attempt)
-            if attempt.accepted:
-                inserted |= self._insert(len(self.attempts) - 1, poses)
-        if inserted:
-            self._take_over(key, self.graph.update())
+            if attempt.accepted and self._insert(len(self.attempts) - 1, poses):
+                closed.append(attempt)
+        is_known = len(closed) >= _KNOWN_AFTER
+        if is_known:
+            self._closer.offered[self._searched_to + 1 : key + 1] = False
+        self._searched_to = key
+        if closed:
+            self._correct(key, closed, is_known=is_known)
             self._drift.close(key)
 
-    def _take_over(self, key: int, newest: NDArray[np.float64]) -> None:
-        """Take the solved poses: all of them after a real correction, so that the cost does not grow with the run."""
-        x, y, turn = between(self._poses[key], newest).tolist()
-        self._closures_since_refresh += 1
-        is_small = x * x + y * y < _SMALL_MOVE**2 and abs(turn) < _SMALL_TURN
-        if is_small and self._closures_since_refresh < _REFRESH_AFTER:
-            self._poses[key] = newest
+    def _correct(self, key: int, closed: list[Attempt], *, is_known: bool) -> None:
+        """Move the newest pose to where closures put it; all poses, solving the graph, where those may matter again.
+
+        On known ground they do not, so that the cost of a closure does not grow with the run.
+        """
+        offset = np.mean([_offset(attempt, self._poses) for attempt in closed], axis=0)
+        self._closures_waiting += not is_known
+        move, turn = (_KNOWN_MOVE, _KNOWN_TURN) if is_known else (_SMALL_MOVE, _SMALL_TURN)
+        if _is_within(offset, move, turn) and self._closures_waiting < _MOST_WAITING:
+            self._poses[key] = compose(self._poses[key], offset)
             return
         self._poses[: key + 1] = self.graph.all_poses()
-        self._closures_since_refresh = 0
+        self._closures_waiting = 0
 
     def _judge(self, attempt: Attempt, candidate: Candidate) -> Attempt:
         """Reject a closure that the path since the last one cannot explain."""
@@ -160,7 +175,7 @@ class BackEnd:
     def _insert(self, index: int, poses: NDArray[np.float64]) -> bool:
         """Insert a closure near the estimate at once; one far off waits for others that say the same."""
         attempt = self.attempts[index]
-        if _is_near(attempt, poses):
+        if _is_within(_offset(attempt, poses), _NEAR_DISTANCE, _NEAR_TURN):
             self._close(attempt)
             return True
         partners = [other for other in self._pending if say_the_same(self.attempts[other], attempt, poses)]
@@ -178,10 +193,15 @@ class BackEnd:
         self.graph.add_closure(attempt.key_old, attempt.key_new, attempt.match, None)
 
 
-def _is_near(attempt: Attempt, poses: NDArray[np.float64]) -> bool:
+def _offset(attempt: Attempt, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) where a closure puts the later pose, seen from where it is."""
     assert attempt.match is not None
-    x, y, turn = between(between(poses[attempt.key_old], poses[attempt.key_new]), attempt.match.T_ref_cur).tolist()
-    return bool(x * x + y * y < _NEAR_DISTANCE**2 and abs(turn) < _NEAR_TURN)
+    return between(between(poses[attempt.key_old], poses[attempt.key_new]), attempt.match.T_ref_cur)
+
+
+def _is_within(T: NDArray[np.float64], distance: float, angle: float) -> bool:
+    x, y, turn = T.tolist()
+    return bool(x * x + y * y < distance**2 and abs(turn) < angle)
 
 
 def _fused(covariances: list[NDArray[np.float64]]) -> NDArray[np.float64]:

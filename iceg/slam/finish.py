@@ -78,6 +78,7 @@ def finish(
     progress: Callable[[int], None] | None = None,
     kept: Sequence[Factor] = (),
     scan_of: Callable[[int], Scan] | None = None,
+    offered: NDArray[np.bool_] | None = None,
 ) -> Finished:
     """Make the trajectory as good as the data allows.
 
@@ -91,12 +92,15 @@ def finish(
         progress: called with the number of rounds done.
         kept: those of the factors that are closures beyond doubt, as those added by hand.
         scan_of: the scans of the log by index, so that those between key scans take part in the joint refinement.
+        offered: (k,) key scans that later ones are matched against; all when left out.
 
     Returns:
         The final poses and factors.
     """
     kernel = RobustKernel(name="dcs", width=config.kernel_width)
     closer = LoopCloser(matcher, track, replace(closures, max_passes=config.max_passes))
+    if offered is not None:
+        closer.offered = offered
     chain = [factor for factor in factors if factor.kind != "closure" or factor in kept]
     doubtful = [factor for factor in factors if factor.kind == "closure" and factor not in kept]
     loops = [replace(factor, kernel=kernel) for factor in doubtful]

@@ -133,6 +133,8 @@ class LoopCloser:
         self._path = np.cumsum([key.motion.distance for key in track.keys])
         self._judge = matcher if isinstance(matcher, IceMatcher) else IceMatcher()
         self._references: dict[int, _Reference] = {}
+        self.offered = np.ones(len(track.keys), dtype=np.bool_)
+        """(n_keys,) which key scans later ones are matched against: not those that only confirm a known place."""
 
     def candidates(self, key_new: int, poses: NDArray[np.float64], drift: "Drift") -> list[Candidate]:
         """Earlier passes whose view overlaps that of `key_new`, nearest first.
@@ -173,17 +175,21 @@ class LoopCloser:
     def _passes(self, key_new: int, poses: NDArray[np.float64], reach: float, piece: int) -> list[tuple[float, int]]:
         """Distance of the views and key pose of each piece of an earlier pass within reach, nearest first."""
         config = self.config
-        known = poses[: key_new + 1]
-        views = known[:, :2] + config.view_distance * np.column_stack([np.cos(known[:, 2]), np.sin(known[:, 2])])
-        far = np.hypot(*(views - views[key_new]).T)
-        old = self._path[key_new] - self._path[: key_new + 1] > config.min_path
-        near = np.flatnonzero(old & (far < reach))
+        n_old = int(np.searchsorted(self._path, self._path[key_new] - config.min_path))
+        old = np.flatnonzero(self.offered[:n_old])
+        far = np.hypot(*(self._views(poses[old]) - self._views(poses[key_new])).T)
+        near = np.flatnonzero(far < reach)
         if not len(near):
             return []
-        passes = np.split(near, np.flatnonzero(np.diff(near) > config.pass_gap) + 1)
+        passes = np.split(near, np.flatnonzero(np.diff(old[near]) > config.pass_gap) + 1)
         pieces = [part for p in passes for part in np.array_split(p, -(-len(p) // piece))]
         nearest = [int(p[far[p].argmin()]) for p in pieces]
-        return sorted((float(far[key]), self._anchor(key, key_new)) for key in nearest)
+        return sorted((float(far[k]), self._anchor(int(old[k]), key_new)) for k in nearest)
+
+    def _views(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(..., 2) what key poses look at."""
+        ahead = np.stack([np.cos(poses[..., 2]), np.sin(poses[..., 2])], axis=-1)
+        return poses[..., :2] + self.config.view_distance * ahead
 
     def _anchor(self, key: int, key_new: int) -> int:
         """The key pose whose frame a reference around `key` has: neighbours share one, so that it is built once."""

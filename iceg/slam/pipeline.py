@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from frontends.matcher import Matcher
 from frontends.matchers import make_matcher
 from frontends.scan import Log
+from graph.batch import marginal_covariances
 from graph.factors import Factor
 from graph.pose_graph import PoseGraph
 from iceg.config import Config
@@ -100,7 +101,7 @@ def run(
     with clock.stage("finish"):
         solution, rounds = _finish(solution, track, log, matcher, config, by_hand)
     with clock.stage("covariances"):
-        covariances = solution.graph.marginal_covariances()
+        covariances = marginal_covariances(solution.graph.factors, solution.poses)
     trajectory = track.trajectory(solution.poses)
     with clock.stage("feature_map"):
         landmarks = _landmarks(track, solution.poses, matcher, config)
@@ -166,7 +167,15 @@ def _finish(
         return solution, []
     factors = list(solution.graph.factors)
     finished = finish(
-        factors, solution.poses, track, matcher, config.loops, config.finish, kept=by_hand, scan_of=log.scan
+        factors,
+        solution.poses,
+        track,
+        matcher,
+        config.loops,
+        config.finish,
+        kept=by_hand,
+        offered=solution.offered,
+        scan_of=log.scan,
     )
     graph = PoseGraph.from_factors(finished.factors, finished.poses, config.graph)
     attempts = finished.attempts or solution.attempts
