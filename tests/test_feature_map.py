@@ -385,6 +385,16 @@ def test_the_map_grows_beyond_its_first_capacity() -> None:
     np.testing.assert_allclose(landmarks.positions[::4, 1], 100.0 * np.arange(300) + 1.0)
 
 
+def test_only_what_has_not_expired_is_looked_at() -> None:
+    feature_map = observed(3, features_of(*ENDS), scan_of(WALL, BACK))
+    assert feature_map._valid.tolist() == [0, 1]
+    observed(60, NOTHING, scan_of(BACK), feature_map)
+    assert (feature_map.record().expired_at >= 0).all()
+    observed(1, features_of(*ENDS), scan_of(WALL, BACK), feature_map)
+    assert feature_map._valid.tolist() == [2, 3]
+    np.testing.assert_array_equal(np.flatnonzero(feature_map.record().expired_at < 0), feature_map._valid)
+
+
 def test_landmarks_serve_as_features_to_match_against() -> None:
     features = two_landmarks()[0].landmarks().features()
     assert len(features) == 2

@@ -203,6 +203,23 @@ def test_matches_without_features_start_from_the_guess_only(room: Simulation) ->
     assert hypotheses.tolist() == [[0.0, 0.0, 0.0]]
 
 
+def test_what_is_remembered_of_scans_is_bounded_and_nothing_depends_on_it(
+    room: Simulation, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scans = [room.log.scan(k) for k in range(12)]
+    roomy, tight = IceMatcher(), IceMatcher()
+    expected = [roomy.observe(scan) for scan in scans]
+    assert roomy.observe(scans[0]) is expected[0]
+    monkeypatch.setattr("iceg.ice.matcher._REMEMBERED", 5)
+    for scan, observation in [*zip(scans, expected, strict=True)] * 2:
+        found = tight.observe(scan)
+        np.testing.assert_array_equal(found.reference_points.points, observation.reference_points.points)
+        np.testing.assert_array_equal(found.features.rows, observation.features.rows)
+        assert len(tight._observations) <= 5
+        assert len(tight._scan_points) <= 5
+    assert observation.features.rows.base is None, "no more is kept than there is"
+
+
 def test_headings_of_matches_stay_wrapped(room: Simulation) -> None:
     matcher = IceMatcher()
     frame = np.array([0.0, 0.0, np.pi - room.truth[63][2]])

@@ -12,9 +12,9 @@ from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
-from iceg.slam.back_end import BackEnd, solve_track
+from iceg.slam.back_end import KNOWN_SPACING, BackEnd, solve_track
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
-from iceg.slam.finish import finish
+from iceg.slam.finish import _spaced_keys, finish
 from iceg.slam.loop_closure import Attempt, Candidate, Drift, LoopCloser
 from iceg.slam.track import Track
 from iceg.slam.tracking import track_log
@@ -178,6 +178,57 @@ def test_far_closures_that_contradict_each_other_stay_out(track: Track) -> None:
     script = {28: _closing_match(track, 0, 28, 1.0), 30: _closing_match(track, 0, 30, -1.0)}
     back_end = _run_scripted(track, script, confirmations=2)
     assert all(factor.kind != "closure" for factor in back_end.graph.factors)
+
+
+class CrowdedCloser(ScriptedCloser):
+    """Finds the scripted closure of a key scan with several earlier key scans at once."""
+
+    passes = 3
+
+    def candidates(self, key_new: int, poses: NDArray[np.float64], drift: Drift) -> list[Candidate]:
+        return super().candidates(key_new, poses, drift) * self.passes
+
+
+@pytest.mark.parametrize(("passes", "off", "is_known"), [(3, 0.01, True), (2, 0.01, False), (3, 0.2, False)])
+def test_ground_is_known_where_three_passes_confirm_it(track: Track, passes: int, off: float, is_known: bool) -> None:
+    closer = CrowdedCloser(track, LoopClosureConfig(), {30: _closing_match(track, 0, 30, off)})
+    closer.passes = passes
+    back_end = BackEnd(track, closer, PoseGraphConfig())
+    for key in range(1, 31):
+        back_end._since_search[:] = 0.0
+        back_end.add(key, None)
+    back_end._search(30)
+    np.testing.assert_array_equal(np.flatnonzero(~closer.offered), np.arange(1, 31) if is_known else [])
+    key = 30
+    while back_end._searched_to == 30:
+        key += 1
+        back_end.add(key, None)
+    since = sum(np.array([step.motion.distance, step.motion.turn]) for step in track.keys[31 : key + 1])
+    last = np.array([track.keys[key].motion.distance, track.keys[key].motion.turn])
+    limits = np.array([closer.config.spacing, closer.config.spacing_angle]) * (KNOWN_SPACING if is_known else 1.0)
+    assert (since > limits).any()
+    assert (since - last <= limits).all(), "not a key scan later"
+
+
+def test_key_scans_that_only_confirm_are_no_candidates(track: Track, true_poses: NDArray[np.float64]) -> None:
+    closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
+    deviations = np.array([0.1, 0.1, 0.03])
+    key = next(k for k in range(200, len(track.keys)) if closer.neighbours(k, true_poses, deviations))
+    before = closer.neighbours(key, true_poses, deviations)
+    nearest = before[0].key_old
+    closer.offered[max(0, nearest - 20) : nearest + 20] = False
+    after = closer.neighbours(key, true_poses, deviations)
+    assert all(abs(candidate.key_old - nearest) > 4 for candidate in after)
+    assert {candidate.key_old for candidate in before[1:]} - {candidate.key_old for candidate in after} <= {
+        candidate.key_old for candidate in before if abs(candidate.key_old - nearest) < 24
+    }
+
+
+def test_the_finish_looks_more_seldom_on_known_ground(track: Track) -> None:
+    config, everywhere = FinishConfig(), np.ones(len(track.keys), dtype=np.bool_)
+    usual = len(_spaced_keys(track, config, everywhere))
+    seldom = len(_spaced_keys(track, config, ~everywhere))
+    assert 2.0 < usual / seldom < 1.2 * KNOWN_SPACING
 
 
 def test_each_factor_enters_once(track: Track) -> None:

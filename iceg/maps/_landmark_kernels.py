@@ -69,7 +69,7 @@ class Settings(NamedTuple):
 
 
 @njit(cache=True)
-def observe(key: int, frames: F64, observed: Observed, store: Store, count: int, settings: Settings) -> int:
+def observe(key: int, frames: F64, observed: Observed, store: Store, valid: I64, count: int, settings: Settings) -> int:
     """Enter the features of one key scan into the map.
 
     Args:
@@ -77,13 +77,14 @@ def observe(key: int, frames: F64, observed: Observed, store: Store, count: int,
         frames: (n_keys, 4) x, y [m], cosine and sine of the heading of each key pose in the map frame.
         observed: the scan and its features.
         store: the landmarks, changed in place, with room for all features.
+        valid: those that have not expired, ascending.
         count: number of landmarks so far.
         settings: the configuration.
 
     Returns:
         The new number of landmarks.
     """
-    near, near_p, near_turn = nearby(key, frames, observed, store, count, settings)
+    near, near_p, near_turn = nearby(key, frames, observed, store, valid, settings)
     noise = observation_noise(observed, settings)
     landmark_of, taken, explained = associate(observed, noise, store, near, near_p, near_turn, settings)
     fuse(key, observed, noise, store, near, near_p, near_turn, landmark_of, settings)
@@ -93,7 +94,7 @@ def observe(key: int, frames: F64, observed: Observed, store: Store, count: int,
 
 @njit(cache=True)
 def nearby(
-    key: int, frames: F64, observed: Observed, store: Store, count: int, settings: Settings
+    key: int, frames: F64, observed: Observed, store: Store, valid: I64, settings: Settings
 ) -> tuple[I64, F64, F64]:
     """Valid landmarks within reach of a key pose.
 
@@ -107,13 +108,11 @@ def nearby(
         if observed.distances[f] <= settings.landmark_range:
             reach = max(reach, observed.distances[f] + settings.max_distance)
     reach += np.hypot(observed.T_robot_laser[0], observed.T_robot_laser[1])
-    near = np.empty(count, np.int64)
-    near_p = np.empty((count, 2))
-    near_turn = np.empty((count, 3))
+    near = np.empty(len(valid), np.int64)
+    near_p = np.empty((len(valid), 2))
+    near_turn = np.empty((len(valid), 3))
     n = 0
-    for k in range(count):
-        if store.expired_at[k] >= 0:
-            continue
+    for k in valid:
         ax, ay, ac, a_s = frames[store.anchors[k]]
         px, py = store.positions[k, 0], store.positions[k, 1]
         mx, my = ax + ac * px - a_s * py - kx, ay + a_s * px + ac * py - ky

@@ -87,6 +87,7 @@ class FeatureMap:
         self._frames = np.full((64, 4), np.nan)
         self._count = 0
         self._store = _empty_store(256)
+        self._valid = np.zeros(0, np.int64)
 
     def __len__(self) -> int:
         """Number of landmarks, expired ones included."""
@@ -119,7 +120,11 @@ class FeatureMap:
             np.ascontiguousarray(scan.geometry.T_robot_laser),
         )
         settings = _kernel_settings(self.config, scan.geometry.range_max)
-        self._count = int(kernels.observe(key_index, self._frames, observed, self._store, self._count, settings))
+        count = int(kernels.observe(key_index, self._frames, observed, self._store, self._valid, self._count, settings))
+        # Expired ones are not looked at again: the cost depends on what is there, not on what ever was.
+        valid = self._valid[self._store.expired_at[self._valid] < 0]
+        self._valid = np.concatenate([valid, np.arange(self._count, count)])
+        self._count = count
 
     def move(self, key_poses: NDArray[np.float64]) -> None:
         """Move the key poses, and with them their landmarks, before further observations.

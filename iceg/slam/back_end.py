@@ -23,10 +23,10 @@ _PERSISTENCE = 2.0
 of matches against one local map cancel, and the graph takes both for independent."""
 _SMALL_MOVE, _SMALL_TURN, _MOST_WAITING = 0.02, 0.005, 15
 """Closures that move the newest pose by less [m, rad] leave the others where they are, but not so many in a row."""
-_KNOWN_MOVE, _KNOWN_TURN = 0.1, 0.03
-"""On known ground, where the other poses are not searched again, they stay up to here [m, rad]."""
-_KNOWN_AFTER = 3
-"""A key scan that closes loops with so many earlier passes lies on known ground."""
+_CONFIRMING_MOVE, _CONFIRMING_TURN, _KNOWN_AFTER = 0.1, 0.03, 3
+"""Ground is known where so many earlier passes confirm the newest pose this closely [m, rad]."""
+KNOWN_SPACING = 3.0
+"""On known ground loops are looked for so many times more seldom."""
 _NEAR_DISTANCE, _NEAR_TURN = 0.4, 0.12
 """A closure no farther than this from the estimate [m, rad] is believed at once."""
 _JUMP_DISTANCE2, _USUAL_DISTANCE2 = 25.0, 3.0
@@ -70,6 +70,7 @@ class BackEnd:
         self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
         self._since_search = np.zeros(2)
         self._searched_to = 0
+        self._is_on_known_ground = False
         self._closures_waiting = 0
         self._drift = Drift(len(track.keys))
 
@@ -128,7 +129,9 @@ class BackEnd:
 
     def _is_search_due(self) -> bool:
         config = self._config
-        return bool(self._since_search[0] > config.spacing or self._since_search[1] > config.spacing_angle)
+        seldom = KNOWN_SPACING if self._is_on_known_ground else 1.0
+        distance, turn = (self._since_search / seldom).tolist()
+        return bool(distance > config.spacing or turn > config.spacing_angle)
 
     def _search(self, key: int) -> None:
         self._since_search[:] = 0.0
@@ -141,27 +144,29 @@ class BackEnd:
             self.attempts.append(attempt)
             if attempt.accepted and self._insert(len(self.attempts) - 1, poses):
                 closed.append(attempt)
-        is_known = len(closed) >= _KNOWN_AFTER
-        if is_known:
+        offsets = [_offset(attempt, poses) for attempt in closed]
+        confirmed_by = sum(_is_within(offset, _CONFIRMING_MOVE, _CONFIRMING_TURN) for offset in offsets)
+        self._is_on_known_ground = confirmed_by >= _KNOWN_AFTER
+        if self._is_on_known_ground:
             self._closer.offered[self._searched_to + 1 : key + 1] = False
         self._searched_to = key
         if closed:
-            self._correct(key, closed, is_known=is_known)
+            self._correct(key, np.mean(offsets, axis=0))
             self._drift.close(key)
 
-    def _correct(self, key: int, closed: list[Attempt], *, is_known: bool) -> None:
-        """Move the newest pose to where closures put it; all poses, solving the graph, where those may matter again.
+    def _correct(self, key: int, offset: NDArray[np.float64]) -> None:
+        """Move the newest pose by what closures say; all poses, solving the graph, where those may matter again.
 
-        On known ground they do not, so that the cost of a closure does not grow with the run.
+        On known ground they do not: later searches look at the earlier passes. So the cost of a closure does not grow
+        with the run.
         """
-        offset = np.mean([_offset(attempt, self._poses) for attempt in closed], axis=0)
-        self._closures_waiting += not is_known
-        move, turn = (_KNOWN_MOVE, _KNOWN_TURN) if is_known else (_SMALL_MOVE, _SMALL_TURN)
-        if _is_within(offset, move, turn) and self._closures_waiting < _MOST_WAITING:
-            self._poses[key] = compose(self._poses[key], offset)
-            return
-        self._poses[: key + 1] = self.graph.all_poses()
-        self._closures_waiting = 0
+        if not self._is_on_known_ground:
+            self._closures_waiting += 1
+            if not _is_within(offset, _SMALL_MOVE, _SMALL_TURN) or self._closures_waiting >= _MOST_WAITING:
+                self._poses[: key + 1] = self.graph.all_poses()
+                self._closures_waiting = 0
+                return
+        self._poses[key] = compose(self._poses[key], offset)
 
     def _judge(self, attempt: Attempt, candidate: Candidate) -> Attempt:
         """Reject a closure that the path since the last one cannot explain."""

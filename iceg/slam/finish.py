@@ -13,6 +13,7 @@ from frontends.scan import Scan
 from graph.batch import BatchConfig, optimize
 from graph.factors import Factor, RobustKernel
 from graph.se2 import between, compose, inverse
+from iceg.slam.back_end import KNOWN_SPACING
 from iceg.slam.config import FinishConfig, LoopClosureConfig
 from iceg.slam.joint_refinement import key_clouds, refine_jointly
 from iceg.slam.loop_closure import Attempt, LoopCloser, say_the_same
@@ -217,7 +218,9 @@ def _rematch(closer: LoopCloser, track: Track, poses: NDArray[np.float64], confi
     """Match key scans against every earlier pass around them, close to where the optimum puts them."""
     deviations = np.array([config.search_distance, config.search_distance, config.search_angle])
     candidates = [
-        candidate for key in _spaced_keys(track, config) for candidate in closer.neighbours(key, poses, deviations)
+        candidate
+        for key in _spaced_keys(track, config, closer.offered)
+        for candidate in closer.neighbours(key, poses, deviations)
     ]
     # By reference, so that each is built once; then back into the order of the path.
     attempts = [closer.match(candidate, poses) for candidate in sorted(candidates, key=lambda c: c.key_old)]
@@ -256,10 +259,12 @@ def _is_elsewhere(attempt: Attempt, poses: NDArray[np.float64]) -> bool:
     return bool(x * x + y * y > _ELSEWHERE_DISTANCE**2 or abs(turn) > _ELSEWHERE_TURN)
 
 
-def _spaced_keys(track: Track, config: FinishConfig) -> list[int]:
+def _spaced_keys(track: Track, config: FinishConfig, offered: NDArray[np.bool_]) -> list[int]:
+    """Key scans to match again: some distance apart, farther on known ground."""
     since, keys = np.zeros(2), []
     for key in range(1, len(track.keys)):
-        since += (track.keys[key].motion.distance, track.keys[key].motion.turn)
+        step = np.array([track.keys[key].motion.distance, track.keys[key].motion.turn])
+        since += step if offered[key] else step / KNOWN_SPACING
         if since[0] >= config.spacing or since[1] >= config.spacing_angle:
             since[:] = 0.0
             keys.append(key)
