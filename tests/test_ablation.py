@@ -62,15 +62,16 @@ def test_tables_of_a_log(short_log: Path) -> None:
         "front end",
         "+ loops",
         "+ finish",
+        "+ joint refinement",
     ]
     assert [row["covariances"] for row in tables.covariances] == ["calibrated", "constant", "identity"]
     ate = {row["stage"]: row["ATE [m]"] for row in tables.stages}
     assert isinstance(ate["odometry"], float)
-    assert isinstance(ate["+ finish"], float)
-    assert ate["+ finish"] < 0.5 * ate["odometry"]
+    assert isinstance(ate["+ joint refinement"], float)
+    assert ate["+ joint refinement"] < 0.5 * ate["odometry"]
     # Solving the finished graph again with its own covariances leaves it where it is.
     calibrated = tables.covariances[0]["ATE [m]"]
-    assert calibrated == pytest.approx(ate["+ finish"], abs=2e-3)
+    assert calibrated == pytest.approx(ate["+ joint refinement"], abs=2e-3)
 
 
 def test_from_the_command_line(short_log: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -81,7 +82,7 @@ def test_from_the_command_line(short_log: Path, tmp_path: Path, capsys: pytest.C
     assert [row["log"] for row in rows] == ["short"] * 3
     for row in rows:
         assert f"{float(row['ATE [m]']):.4f}" in shown
-    assert len((tmp_path / "tables" / "ablation-stages.csv").read_text().splitlines()) == 6
+    assert len((tmp_path / "tables" / "ablation-stages.csv").read_text().splitlines()) == 7
 
 
 def test_a_log_with_nothing_to_judge_it_by(tmp_path: Path) -> None:

@@ -267,6 +267,19 @@ def test_a_room_seen_from_everywhere_straightens_the_path() -> None:
     np.testing.assert_allclose(refined.poses[0], start[0], atol=1e-9)
 
 
+def test_parts_that_nothing_ties_share_no_walls() -> None:
+    truth = drive()
+    factors = chain(truth, (0.03, 0.03, 0.01))
+    factors = [f if f.j != 6 else replace(f, covariance=np.diag([0.1, 0.1, 0.05]) ** 2) for f in factors]
+    start = optimize(factors, truth).poses
+    config = JointRefinementConfig(steps=8, tolerance=1e-4)
+    tied, apart = (refine_jointly(factors, start, room_clouds(truth), config, parts) for parts in ((), (6,)))
+    step, tied_step, apart_step = (between(poses[5], poses[6]) for poses in (start, tied.poses, apart.poses))
+    assert np.hypot(*(tied_step - step)[:2]) > 0.02
+    np.testing.assert_allclose(apart_step, step, atol=5e-3)
+    assert apart.pieces > tied.pieces
+
+
 def test_points_without_walls_change_nothing() -> None:
     truth = drive()
     factors = chain(truth, (0.03, 0.03, 0.01))

@@ -28,7 +28,7 @@ from iceg.evaluation.trajectory import (
     trajectory_errors,
 )
 from iceg.maps.config import GridConfig
-from iceg.slam.config import FinishConfig, LoopClosureConfig
+from iceg.slam.config import FinishConfig, JointRefinementConfig, LoopClosureConfig
 from iceg.slam.odometry_calibration import OdometryCalibration
 from iceg.slam.pipeline import SlamResult, run
 
@@ -42,7 +42,8 @@ _OPEN = LoopClosureConfig(enabled=False, revisits=False)
 _STAGES: dict[str, Config] = {
     "front end": Config(loops=_OPEN, finish=FinishConfig(enabled=False), grid=_COARSE),
     "+ loops": Config(finish=FinishConfig(enabled=False), grid=_COARSE),
-    "+ finish": Config(grid=_COARSE),
+    "+ finish": Config(finish=FinishConfig(joint=JointRefinementConfig(enabled=False)), grid=_COARSE),
+    "+ joint refinement": Config(grid=_COARSE),
 }
 
 
@@ -77,7 +78,7 @@ def ablation(log: BenchLog) -> Ablation:
     """
     recorded, judge = read_log(log.path), _judge(log)
     runs = {stage: run(recorded, config) for stage, config in _STAGES.items()}
-    whole = runs["+ finish"]
+    whole = runs["+ joint refinement"]
     trajectories = {"odometry": recorded.odometry, "calibrated odometry": calibrated_odometry(whole)}
     trajectories |= {stage: result.trajectory for stage, result in runs.items()}
     return Ablation(

@@ -117,7 +117,7 @@ class JointRefinementConfig:
     """… nor than this across it: so far may two passes lie apart [m] …"""
     facing: float = 0.9
     """… and no less alike in their facing (cosine)."""
-    scale: float = 0.04
+    scale: float = 0.03
     """Width of the Cauchy weight of a point [m]."""
     independence: float = 0.15
     """Share of the points that count as independent: neighbouring ones err alike."""

@@ -80,6 +80,7 @@ def finish(
     kept: Sequence[Factor] = (),
     scan_of: Callable[[int], Scan] | None = None,
     offered: NDArray[np.bool_] | None = None,
+    parts: Sequence[int] = (),
 ) -> Finished:
     """Make the trajectory as good as the data allows.
 
@@ -94,6 +95,7 @@ def finish(
         kept: those of the factors that are closures beyond doubt, as those added by hand.
         scan_of: the scans of the log by index, so that those between key scans take part in the joint refinement.
         offered: (k,) key scans that later ones are matched against; all when left out.
+        parts: key poses at which a part begins that nothing ties to what was before.
 
     Returns:
         The final poses and factors.
@@ -131,7 +133,7 @@ def finish(
             break
     factors = [*chain, *loops]
     if config.joint.enabled:
-        factors, poses, done = _joint(factors, poses, track, config, scan_of, clock)
+        factors, poses, done = _joint(factors, poses, track, config, scan_of, parts, clock)
         rounds.append(replace(done, closures=len(loops)))
     return Finished(poses=poses, factors=factors, attempts=attempts, rounds=rounds)
 
@@ -181,10 +183,11 @@ def _joint(
     track: Track,
     config: FinishConfig,
     scan_of: Callable[[int], Scan] | None,
+    parts: Sequence[int],
     clock: _Clock,
 ) -> tuple[list[Factor], NDArray[np.float64], Round]:
     """Refine poses and map together; the factors go along, so that the graph's optimum is the refined trajectory."""
-    refined = refine_jointly(factors, poses, key_clouds(track, scan_of, config.joint), config.joint)
+    refined = refine_jointly(factors, poses, key_clouds(track, scan_of, config.joint), config.joint, parts)
     carried = [_carried(factor, poses, refined.poses) for factor in factors]
     largest, mean = _moves(poses, refined.poses)
     return (

@@ -23,6 +23,7 @@ from iceg.slam.track import Track
 _LEAST_NOISE = 0.004
 """The residuals of points are never taken to be smaller than this [m]."""
 _LINE_ROUNDS = 3
+_APART = 1e5
 _THINNEST = 4
 """Rather than keep less than one in so many beams, fewer scans take part."""
 _TOLERANCE, _MOST_PRODUCTS = 0.02, 60
@@ -98,6 +99,7 @@ def refine_jointly(
     poses: NDArray[np.float64],
     clouds: Clouds,
     config: JointRefinementConfig,
+    parts: Sequence[int] = (),
 ) -> JointRefinement:
     """Gauss-Newton on the distances of all points from the walls they share, plus the graph's factors.
 
@@ -106,21 +108,24 @@ def refine_jointly(
         poses: (k, 3) its optimum, T_map_robot of the key poses.
         clouds: the points of each.
         config: pieces of wall and steps.
+        parts: key poses at which a part begins that nothing ties to what was before: it shares no walls with it.
 
     Returns:
         The refined poses, the first where it was; all as given if the points lie no better on the walls then.
     """
     problem = Problem.of(factors, len(poses))
-    first = walls = _walls(clouds, poses, config)
+    part_of = np.searchsorted(np.asarray(parts, dtype=np.int64), np.arange(len(poses)), side="right")
+    part_of_point = np.repeat(part_of, np.diff(clouds.key_starts))
+    first = walls = _walls(clouds, poses, config, part_of_point)
     refined, steps = poses, 0
     while steps < config.steps and len(walls.lines):
         step = _step(clouds, walls, problem.linearized(refined), refined, config)
         refined, steps = compose(refined, expmap(step)), steps + 1
         if steps == config.steps or np.hypot(step[:, 0], step[:, 1]).mean() < config.tolerance:
             break
-        walls = _walls(clouds, refined, config)
+        walls = _walls(clouds, refined, config, part_of_point)
     # Judged on the pieces of the start: grouping anew changes the figures by chance.
-    last = _walls(clouds, refined, config, pieces=(first.piece_of, len(first.lines)))
+    last = _walls(clouds, refined, config, part_of_point, pieces=(first.piece_of, len(first.lines)))
     if last.on_walls < first.on_walls:
         refined, last = poses, first
     # As a whole the map may move, held by the prior alone: put the first pose back.
@@ -189,6 +194,7 @@ def _walls(
     clouds: Clouds,
     poses: NDArray[np.float64],
     config: JointRefinementConfig,
+    part_of: NDArray[np.int64],
     pieces: tuple[NDArray[np.int64], int] | None = None,
 ) -> _Walls:
     """Pieces of wall with the scans at (k, 3) poses; grouped anew unless given."""
@@ -196,7 +202,7 @@ def _walls(
     placed, turned = np.empty((n, 2)), np.empty((n, 2))
     T_map_scans = compose(poses[clouds.key_of_scan], clouds.T_key_scan)
     kernels.place(T_map_scans, clouds.starts, clouds.points, clouds.normals, placed, turned)
-    piece_of, n_pieces = pieces or _pieces(placed, turned, config)
+    piece_of, n_pieces = pieces or _pieces(placed, turned, part_of, config)
     lines, residuals, weights = np.empty((n_pieces, 4)), np.empty(n), np.empty(n)
     total, squares = kernels.fit_lines(placed, turned, piece_of, config.scale, _LINE_ROUNDS, lines, residuals, weights)
     return _Walls(
@@ -211,7 +217,10 @@ def _walls(
 
 
 def _pieces(
-    placed: NDArray[np.float64], turned: NDArray[np.float64], config: JointRefinementConfig
+    placed: NDArray[np.float64],
+    turned: NDArray[np.float64],
+    part_of: NDArray[np.int64],
+    config: JointRefinementConfig,
 ) -> tuple[NDArray[np.int64], int]:
     """(n,) piece of each point, -1 without a normal, and their number; the surfel with most points begins the first."""
     if len(placed) == 0:
@@ -219,7 +228,9 @@ def _pieces(
     size = 1 << max(10, (2 * len(placed)).bit_length())
     keys, surfel_at = np.full(size, -1), np.empty(size, np.int64)
     member = np.empty(len(placed), np.int64)
-    surfels = kernels.surfels(placed, turned, config.cell, keys, surfel_at, member)
+    # Far apart, parts share nothing.
+    apart = placed + np.column_stack([_APART * part_of, np.zeros(len(placed))])
+    surfels = kernels.surfels(apart, turned, config.cell, keys, surfel_at, member)
     order = np.argsort(-surfels[:, 4], kind="stable")
     piece = np.empty(len(surfels) + 1, np.int64)
     n_pieces = kernels.group(
