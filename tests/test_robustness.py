@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from frontends.logs import read_log
 from frontends.scan import Log
-from graph.se2 import between, compose
 from iceg.config import Config
 from iceg.demo import demo_log_path, demo_truth_path
+from iceg.evaluation.degradation import DEGRADATIONS
 from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
 from iceg.maps.config import GridConfig
 from iceg.slam.pipeline import SlamResult, run
@@ -32,34 +32,33 @@ def _rmse(result: SlamResult, truth: NDArray[np.float64]) -> float:
     return trajectory_errors(result.trajectory, truth).ate_rmse
 
 
-def _with_jumps(log: Log, at: list[int], angle: float) -> Log:
-    steps = between(log.odometry[:-1], log.odometry[1:])
-    steps[at, 2] += angle
-    odometry = [log.odometry[0]]
-    for step in steps:
-        odometry.append(compose(odometry[-1], step))
-    return replace(log, odometry=np.array(odometry))
-
-
-def test_heading_jumps_of_the_odometry(log: Log, truth: NDArray[np.float64]) -> None:
-    result = run(_with_jumps(log, [300, 700, 1200], np.radians(30.0)), _QUICK)
-    assert _rmse(result, truth) < 0.1
-    assert result.summary["odometry_jumps"] >= 2
-
-
-@pytest.mark.parametrize("reading", [0.1, np.nan])
-def test_a_laser_covered_for_ten_seconds(log: Log, truth: NDArray[np.float64], reading: float) -> None:
-    ranges = log.ranges.copy()
-    ranges[600:650] = reading
-    result = run(replace(log, ranges=ranges), _QUICK)
-    assert result.summary["scans_carried_by_odometry"] >= 50
-    assert _rmse(result, truth) < 0.2
-
-
-def test_half_of_the_beams_missing(log: Log, truth: NDArray[np.float64]) -> None:
-    ranges = log.ranges.copy()
-    ranges[np.random.default_rng(0).random(ranges.shape) < 0.5] = np.nan
-    assert _rmse(run(replace(log, ranges=ranges), _QUICK), truth) < 0.1
+@pytest.mark.parametrize(
+    ("fault", "bound"),
+    [
+        ("every 10th scan", 0.1),
+        ("a scan every metre", 0.1),
+        ("8 m", 0.1),
+        ("half the readings", 0.1),
+        ("crowd of 4", 0.3),
+        ("covered", 0.1),
+        ("blind", 0.1),
+        ("gap", 0.1),
+        ("drift 5°/m", 0.1),
+        ("jumps 30°", 0.1),
+        ("jumps 10 m", 0.1),
+        ("reset", 0.1),
+    ],
+)
+def test_faults_of_robot_laser_and_recorder(log: Log, truth: NDArray[np.float64], fault: str, bound: float) -> None:
+    degraded = DEGRADATIONS[fault](log)
+    result = run(degraded.log, _QUICK)
+    assert _rmse(result, truth[degraded.scans]) < bound
+    if fault in {"covered", "blind"}:
+        assert result.summary["scans_carried_by_odometry"] >= 40
+    if fault in {"jumps 10 m", "reset"}:
+        assert len(result.summary["odometry_breaks_at_scans"]) == (1 if fault == "reset" else 3)
+    if fault == "jumps 30°":
+        assert result.summary["odometry_jumps"] >= 2
 
 
 def test_no_odometry_at_all(log: Log, truth: NDArray[np.float64]) -> None:

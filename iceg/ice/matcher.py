@@ -37,6 +37,8 @@ _SEPARATION_M, _SEPARATION_RAD = 0.15, 0.06
 """Hypotheses nearer than this to a better one are not polished."""
 _MET_M, _MET_RAD = 0.05, 0.02
 """Hypotheses this near to each other after the wide stage of their polish lead to the same pose."""
+_HOLD = 30.0
+"""Pull of a guess that a match must not leave far, in points."""
 _STILL = SearchWindow(T_ref_guess=np.zeros(3), translation=0.05, rotation=0.03)
 """A guess that its polish moves by no more than this lay on an optimum already."""
 _TRACKING_PRIOR = 3.0
@@ -150,8 +152,20 @@ class IceMatcher:
     ) -> RelativePose | NoMatch:
         """Find the robot pose of `scan` in the frame of the local map, see `frontends.matcher.Matcher`."""
         refined = self._find(reference, scan, T_ref_guess, covariance_guess)
-        if isinstance(refined, NoMatch):
-            return refined
+        return refined if isinstance(refined, NoMatch) else self._measured(reference, scan, refined)
+
+    def held(self, reference: LocalMap, scan: Scan, T_ref_guess: NDArray[np.float64]) -> RelativePose | NoMatch:
+        """The match nearest to a guess that is right but for centimetres: along what is weak it stays there."""
+        scan_points = self._points(scan)
+        if len(scan_points) < _FEWEST_POINTS:
+            return NoMatch(reason=f"only {len(scan_points)} beams returned, a match needs {_FEWEST_POINTS}")
+        refined = refine_on_points(
+            scan_points, reference, T_ref_guess, self.config.refinement, wide=False, prior_weight=_HOLD
+        )
+        return self._measured(reference, scan, refined)
+
+    def _measured(self, reference: LocalMap, scan: Scan, refined: Refined) -> RelativePose:
+        """A pose with its covariance and what speaks for it."""
         scan_points = self._points(scan)
         scores = score_covariance(scan_points, reference, refined, self.config.refinement.scale, self.config.covariance)
         return RelativePose(
@@ -287,6 +301,8 @@ class IceMatcher:
         covariance_guess: NDArray[np.float64],
     ) -> list[NDArray[np.float64]]:
         """Distinct polished poses in the window, the best first: where several fit, the place is ambiguous."""
+        if len(self._points(scan)) < _FEWEST_POINTS:
+            return []
         window = search_window(T_ref_guess, covariance_guess, self.config.hypotheses)
         hypotheses, ranking = self.rank(reference, self.observe(scan), window)
         leading = distinct(hypotheses, ranking.order, self.config.hypotheses.alternatives)

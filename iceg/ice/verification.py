@@ -22,6 +22,8 @@ _ACROSS = 0.15
 
 _JUDGED_POINTS = 2000
 """Points that the scans of the reference judge in all; of a scan every second or third point if there are more."""
+_EVEN_ODDS = 5.0
+"""Surfels added to those seen, so that a few contradictions among few prove nothing."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,8 +66,14 @@ class Agreement:
 
     @property
     def view(self) -> float:
-        """Share of the surfels in view that are seen."""
-        return self.seen / max(1, self.seen + self.contradicted)
+        """Share of the surfels in view that are seen; where none is in view none is contradicted."""
+        in_view = self.seen + self.contradicted
+        return self.seen / in_view if in_view else 1.0
+
+    @property
+    def evidence(self) -> float:
+        """Points that agree, less where the scan looks through the reference."""
+        return self.inliers * (self.seen + _EVEN_ODDS) / (self.seen + self.contradicted + _EVEN_ODDS)
 
 
 def agreement(

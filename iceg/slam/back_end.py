@@ -241,8 +241,9 @@ def solve_track(
     """
     back_end = BackEnd(track, LoopCloser(matcher, track, closures), graph_config)
     steps = None if odometry is None else between(odometry[:-1], odometry[1:])
+    broken = track.keys_after_breaks()
     for key in range(1, len(track.keys)):
-        back_end.add(key, None if steps is None else _motion(track, key, steps, noise))
+        back_end.add(key, None if steps is None or key in broken else _motion(track, key, steps, noise))
         if progress is not None:
             progress(track.keys[key].index + 1)
     return back_end.solution()

@@ -31,12 +31,22 @@ _JUMP_DISTANCE, _JUMP_TURN, _JUMP_SIGMAS = 0.3, 0.26, 4.0
 """A match farther from odometry than this [m, rad] and than so many standard deviations is a jump …"""
 _JUMP_FIT, _JUMP_VIEW = 0.75, 0.75
 """… and needs this share of beams on the reference, and of the reference in view seen."""
+_CONTRADICTED = 25.0
+"""Squared Mahalanobis distance from which on a match contradicts odometry: one near odometry is preferred …"""
+_LEAST_SHARE, _SHARE_PER_DISTANCE2 = 0.75, 1.0 / 800.0
+"""… if it explains nearly as much: this share at least, and all of it but for so much per squared distance."""
+_TRACKING_COVARIANCE = np.diag((0.02, 0.02, 0.01)) ** 2
+"""Of a pose between two key scans [m², m², rad²]."""
+_SAME_OPTIMUM = (0.08, 0.05)
+"""Poses no farther apart than this [m, rad] do not contradict each other."""
 _LOST_AFTER = 3
 """So many key scans that match only each other take over as the local reference."""
 _UNKNOWN_ODOMETRY = OdometryModel(
     along_per_metre=0.3, across_per_metre=0.3, heading_per_metre=0.3, position_floor=0.1, heading_floor=0.1
 )
 """What a constant velocity says in a log without odometry."""
+
+_IMPLAUSIBLE = NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
 
 
 class FrontEnd:
@@ -59,16 +69,19 @@ class FrontEnd:
         self._is_blind = False
         self._motion = self._odometry.start()
         self._T_track_robot = np.zeros(3)
-        self._last_step = np.zeros(3)
+        self._newest_step = (np.zeros(3), np.zeros(3))
         self.failures = 0
         self.lost: list[int] = []
+        self.breaks: list[int] = []
 
     def trust(self, odometry: OdometryModel) -> None:
         """Believe the odometry so much from the next step on."""
         if self._has_odometry:
             self._odometry = odometry
 
-    def add(self, index: int, scan: Scan, T_prev_cur: NDArray[np.float64] | None) -> NDArray[np.float64]:
+    def add(
+        self, index: int, scan: Scan, T_prev_cur: NDArray[np.float64] | None, *, is_sudden: bool = False
+    ) -> NDArray[np.float64]:
         """Track one more scan.
 
         Args:
@@ -76,6 +89,7 @@ class FrontEnd:
             scan: the scan.
             T_prev_cur: (3,) odometry since the scan before; None in a log without, where the velocity is taken as
                 constant.
+            is_sudden: the step is much longer than others: perhaps the odometry jumped, and the robot did not.
 
         Returns:
             (3,) its pose in the front end's own frame. The scan is tied to the newest of `keys`, which may be itself.
@@ -84,15 +98,36 @@ class FrontEnd:
         if not self.keys:
             self._start(index, scan)
             return self._T_track_robot
-        step = self._last_step if T_prev_cur is None else T_prev_cur
+        step, before = T_prev_cur, self._T_track_robot
+        if step is None or (is_sudden and self._goes_on(scan, step)):
+            step = between(*self._newest_step)
+            if T_prev_cur is not None:
+                self._break_off(index)
         self._motion = self._odometry.extend(self._motion, step)
-        T_track_before = self._T_track_robot
-        self._follow(scan, compose(T_track_before, step))
-        if T_prev_cur is None:
-            self._last_step = between(T_track_before, self._T_track_robot)
+        self._follow(scan, compose(before, step))
         if self._is_key():
             self._add_key(index, scan)
         return self._T_track_robot
+
+    def _goes_on(self, scan: Scan, step: NDArray[np.float64]) -> bool:
+        """Whether a scan says no better that the robot made the step odometry claims than that it went on as before."""
+        before, usual = self._T_track_robot, between(*self._newest_step)
+        return self._explained(scan, compose(before, usual)) >= self._explained(scan, compose(before, step))
+
+    def _explained(self, scan: Scan, guess: NDArray[np.float64]) -> float:
+        """How much of a scan the reference explains at the best pose around a guess."""
+        found = self._find(self._reference, scan, guess)
+        if isinstance(found, NoMatch) or self._map_matcher is None:
+            return 0.0
+        support = self._map_matcher.agreement(self._reference, scan, found)
+        return support.evidence if support.fit >= _JUMP_FIT and support.view >= _JUMP_VIEW else 0.0
+
+    def _break_off(self, index: int) -> None:
+        """From here on the odometry since the last key scan says nothing about where the robot is."""
+        self.breaks.append(index)
+        T_key_robot = between(self.keys[-1].T_track_robot, self._T_track_robot)
+        unknown = _UNKNOWN_ODOMETRY.start().covariance + self._motion.covariance
+        self._motion = replace(self._motion, T_key_robot=T_key_robot, covariance=unknown)
 
     def _start(self, index: int, scan: Scan) -> None:
         first = NoMatch(reason="first scan")
@@ -108,19 +143,52 @@ class FrontEnd:
         self._on_trial = isinstance(found, NoMatch) and self._trial is not None
         if self._on_trial:
             found = self._find(self._trial, scan, guess)
+        before = self._T_track_robot
         if isinstance(found, NoMatch):
             self.failures += 1
-            found = guess
-        self._T_track_robot = found
+            straight_on = np.array([before[0], before[1], guess[2]])  # a robot drives on, it does not spin on
+            self._T_track_robot, self._newest_step = guess, (straight_on, guess)
+        else:
+            self._T_track_robot, self._newest_step = found, (before, found)
 
     def _find(self, reference: Any, scan: Scan, guess: NDArray[np.float64]) -> NDArray[np.float64] | NoMatch:  # noqa: ANN401
         """Pose of a scan against one reference, in the track frame."""
         if self._is_blind:
             return NoMatch(reason="the laser is covered")
         found = self._track(reference, scan, guess, self._motion.covariance)
-        if isinstance(found, NoMatch) or self._is_plausible(reference, scan, guess, found):
+        if isinstance(found, NoMatch):
             return found
-        return NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
+        held = self._held(reference, scan, found, _TRACKING_COVARIANCE)
+        if held is not None:
+            return held.T_ref_cur
+        return found if self._is_plausible(reference, scan, guess, found) else _IMPLAUSIBLE
+
+    def _held(
+        self,
+        reference: Any,  # noqa: ANN401
+        scan: Scan,
+        found: NDArray[np.float64],
+        covariance: NDArray[np.float64],
+    ) -> RelativePose | None:
+        """A match nearer to odometry than one that contradicts it, if it explains the scan nearly as well.
+
+        What moves, and what looks alike a little farther on, draws a match along where walls do not hold it.
+        """
+        if self._map_matcher is None:
+            return None
+        expected = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
+        if _is_within(_apart(found, expected), _SAME_OPTIMUM):
+            return None
+        offset = between(found, expected)
+        distance2 = float(offset @ np.linalg.solve(self._motion.covariance + covariance, offset))
+        if distance2 < _CONTRADICTED:
+            return None
+        held = self._map_matcher.held(reference, scan, expected)
+        if isinstance(held, NoMatch) or _is_within(_apart(found, held.T_ref_cur), _SAME_OPTIMUM):
+            return None
+        share = max(_LEAST_SHARE, 1.0 - distance2 * _SHARE_PER_DISTANCE2)
+        free, near = (self._map_matcher.agreement(reference, scan, T).evidence for T in (found, held.T_ref_cur))
+        return held if near >= share * free else None
 
     def _is_plausible(
         self,
@@ -145,7 +213,13 @@ class FrontEnd:
         if self._is_blind:
             return NoMatch(reason="the laser is covered")
         reference = self._trial if self._on_trial else self._reference
-        return self._matcher.match(reference, scan, self._T_track_robot, self._motion.covariance)
+        match = self._matcher.match(reference, scan, self._T_track_robot, self._motion.covariance)
+        if isinstance(match, NoMatch):
+            return match
+        held = self._held(reference, scan, match.T_ref_cur, match.covariance)
+        if held is not None:
+            return held
+        return match if self._is_plausible(reference, scan, self._T_track_robot, match.T_ref_cur) else _IMPLAUSIBLE
 
     def _anchor(self) -> int:
         """The key scan that stands for the reference: the newest in it."""
@@ -236,6 +310,10 @@ def _apart(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> tuple[floa
     """Distance [m] and angle [rad] between two poses; plain floats, for the loop over scans."""
     (x, y, heading), (x_c, y_c, heading_c) = T_a_b.tolist(), T_a_c.tolist()
     return math.hypot(x_c - x, y_c - y), abs(wrap_angle(heading_c - heading))
+
+
+def _is_within(apart: tuple[float, float], limits: tuple[float, float]) -> bool:
+    return apart[0] < limits[0] and apart[1] < limits[1]
 
 
 def _tracking_by_match(matcher: Matcher) -> Callable[..., NDArray[np.float64] | NoMatch]:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from frontends.matcher import TrackingMatcher
 from frontends.scan import Scan
+from graph.measurement import NoMatch, RelativePose
 from iceg.ice.verification import Agreement
 
 
@@ -20,6 +21,15 @@ class MapMatcher(TrackingMatcher, Protocol):
 
     def agreement(self, reference: Any, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:  # noqa: ANN401
         """Compare a scan with a reference at a given (3,) pose, both ways."""
+        ...
+
+    def held(
+        self,
+        reference: Any,  # noqa: ANN401
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+    ) -> RelativePose | NoMatch:
+        """The match nearest to a guess that is right but for centimetres: along what is weak it stays there."""
         ...
 
     def alternatives(

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse, wrap_angle
+from iceg.slam.odometry_steps import sudden_steps
 from iceg.slam.track import KeyScan, Track
 
 # Standard deviations of the parameters before any data: what is usual among robots.
@@ -53,13 +54,17 @@ class OdometryCalibration:
         if len(odometry) < 2:
             return odometry.copy()
         steps = between(odometry[:-1], odometry[1:])
+        sudden = sudden_steps(odometry)
         distance = np.hypot(steps[:, 0], steps[:, 1])
-        turns = (1.0 + self.heading_scale) * steps[:, 2] + self.heading_per_metre * distance
+        turns = (1.0 + self.heading_scale) * steps[:, 2] + self.heading_per_metre * np.where(sudden, 0.0, distance)
         moves = (1.0 + self.translation_scale) * steps[:, :2]
         corrected = np.column_stack(
-            [_shifted(moves[:, 0], self.translation_shift), _shifted(moves[:, 1], self.translation_shift), turns]
+            [
+                _shifted(moves[:, 0], self.translation_shift, sudden),
+                _shifted(moves[:, 1], self.translation_shift, sudden),
+                _shifted(turns, self.heading_shift, sudden),
+            ]
         )
-        corrected[:, 2] = _shifted(turns, self.heading_shift)
         mount = np.array(self.T_odometry_laser)
         corrected = compose(compose(inverse(mount), corrected), mount)
         return _accumulate(odometry[0], corrected)
@@ -209,10 +214,12 @@ def _non_negative_fit(rows: NDArray[np.float64], values: NDArray[np.float64]) ->
     return best
 
 
-def _shifted(values: NDArray[np.float64], shift: float) -> NDArray[np.float64]:
-    """A sequence read `shift` places later, linearly interpolated, held at its ends."""
+def _shifted(values: NDArray[np.float64], shift: float, fixed: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """A sequence read `shift` places later, linearly interpolated, held at its ends; the fixed values stay in place."""
     places = np.arange(len(values), dtype=np.float64)
-    return np.interp(places + shift, places, values)
+    moving = places[~fixed]
+    shifted = np.interp(places + shift, moving, values[~fixed]) if len(moving) else values
+    return np.where(fixed, values, shifted)
 
 
 def _accumulate(start: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -227,6 +227,7 @@ def _summary(
         "scans_carried_by_odometry": track.failures,
         "lost_at_scans": track.lost,
         "odometry_jumps": solution.odometry_jumps,
+        "odometry_breaks_at_scans": track.breaks,
         "weak_matches": sum(1 for key in track.keys if getattr(key.match, "is_fully_observed", True) is False),
         "factors": {kind: sum(1 for factor in factors if factor.kind == kind) for kind in kinds},
         "closures": {

@@ -1,6 +1,6 @@
 """What the front end hands over: key scans, and every other scan tied to one."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,7 @@ class Track:
         T_key_scan: (n_scans, 3) pose of each scan in the frame of its key scan.
         failures: scans without a credible match, carried by odometry.
         lost: scans from which on nothing matched what was known, so that a new local reference was begun.
+        breaks: scans before which the odometry jumped, and the robot did not.
     """
 
     keys: list[KeyScan]
@@ -49,7 +50,12 @@ class Track:
     T_key_scan: NDArray[np.float64]
     failures: int
     lost: list[int]
+    breaks: list[int] = field(default_factory=list)
 
     def trajectory(self, key_poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n_scans, 3) pose of every scan, given the (k, 3) poses of the key scans."""
         return compose(key_poses[self.key_of_scan], self.T_key_scan)
+
+    def keys_after_breaks(self) -> set[int]:
+        """Indices into `keys` of those whose way from the one before the odometry does not know."""
+        return set(np.searchsorted([key.index for key in self.keys], self.breaks).tolist())

@@ -12,6 +12,7 @@ from graph.se2 import between
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.front_end import FrontEnd
 from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
+from iceg.slam.odometry_steps import sudden_steps
 from iceg.slam.track import Track
 
 
@@ -100,6 +101,7 @@ class _Journey:
         self._log = log
         self._progress = progress
         self._front_end = FrontEnd(matcher, noise if log.has_odometry else None, config)
+        self._sudden = sudden_steps(log.odometry, log.stamps)
         self._key_of_scan: list[int] = []
         self._T_track_scan: list[NDArray[np.float64]] = []
 
@@ -114,7 +116,8 @@ class _Journey:
         steps = between(odometry[max(start - 1, 0) : end - 1], odometry[max(start, 1) : end])
         for index in range(start, end):
             step = steps[index - max(start, 1)] if log.has_odometry and index else None
-            self._T_track_scan.append(front_end.add(index, log.scan(index), step))
+            is_sudden = step is not None and bool(self._sudden[index - 1])
+            self._T_track_scan.append(front_end.add(index, log.scan(index), step, is_sudden=is_sudden))
             self._key_of_scan.append(len(front_end.keys) - 1)
             if self._progress is not None:
                 self._progress(index + 1, front_end.failures)
@@ -130,4 +133,5 @@ class _Journey:
             T_key_scan=between(T_track_keys[key_of_scan], np.array(self._T_track_scan)),
             failures=front_end.failures,
             lost=list(front_end.lost),
+            breaks=list(front_end.breaks),
         )

@@ -1,0 +1,37 @@
+"""Steps of the odometry that no robot made, as where it was set anew."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.se2 import between
+
+_DISTANCE, _TURN, _FACTOR = 1.0, 0.8, 3.0
+_NEARLY_ALL = 0.99
+
+
+def sudden_steps(odometry: NDArray[np.float64], stamps: NDArray[np.float64] | None = None) -> NDArray[np.bool_]:
+    """Which steps stand out: longer than 1 m or 0.8 rad, and than three times nearly all others in the same time.
+
+    Args:
+        odometry: (n, 3) at each scan.
+        stamps: (n,) of the scans [s], which may stall and step back; left out, a pause explains nothing.
+
+    Returns:
+        (n - 1,) whether a step may be a jump of the odometry.
+    """
+    steps = between(odometry[:-1], odometry[1:])
+    waits = np.ones(len(steps)) if stamps is None else _waits(stamps)
+    distance, turn = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2])
+    return _stand_out(distance, _DISTANCE, waits) | _stand_out(turn, _TURN, waits)
+
+
+def _waits(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n - 1,) time from scan to scan, in usual ones; at least one."""
+    periods = np.diff(stamps)
+    usual = float(np.median(periods)) if len(periods) else 0.0
+    return np.maximum(periods / usual, 1.0) if usual > 0.0 else np.ones(len(periods))
+
+
+def _stand_out(lengths: NDArray[np.float64], least: float, waits: NDArray[np.float64]) -> NDArray[np.bool_]:
+    usual = float(np.quantile(lengths, _NEARLY_ALL)) if len(lengths) else 0.0
+    return lengths > np.maximum(least, _FACTOR * usual * waits)

@@ -1,0 +1,49 @@
+"""Steps of the odometry that stand out."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.odometry import OdometryModel
+from graph.se2 import compose
+from iceg.slam.odometry_calibration import OdometryCalibration
+from iceg.slam.odometry_steps import sudden_steps
+
+
+def _driven(steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    poses = [np.zeros(3)]
+    for step in steps:
+        poses.append(compose(poses[-1], step))
+    return np.array(poses)
+
+
+def _usual(n: int = 300) -> NDArray[np.float64]:
+    rng = np.random.default_rng(3)
+    return np.column_stack([rng.uniform(0.0, 0.2, n), np.zeros(n), rng.normal(0.0, 0.1, n)])
+
+
+def test_a_jump_and_a_turn_stand_out_usual_driving_does_not() -> None:
+    steps = _usual()
+    steps[100, 0], steps[200, 2] = 5.0, 2.0
+    assert np.flatnonzero(sudden_steps(_driven(steps))).tolist() == [100, 200]
+
+
+def test_a_long_pause_explains_a_long_step() -> None:
+    steps = _usual()
+    steps[100, 0] = 5.0
+    odometry, stamps = _driven(steps), 0.2 * np.arange(301.0)
+    assert sudden_steps(odometry, stamps)[100]
+    stamps[101:] += 10.0
+    assert not sudden_steps(odometry, stamps).any()
+    assert sudden_steps(odometry, np.zeros(301))[100]  # stamps that stall explain nothing
+
+
+def test_long_steps_are_usual_in_sparse_logs_and_short_logs_have_none() -> None:
+    assert not sudden_steps(_driven(np.tile([2.0, 0.0, 0.9], (50, 1)))).any()
+    assert not len(sudden_steps(np.zeros((1, 3)), np.zeros(1)))
+
+
+def test_a_time_shift_does_not_smear_a_jump() -> None:
+    steps = np.tile([0.1, 0.0, 0.0], (300, 1))
+    steps[150] = [7.0, 2.0, 1.5]
+    calibration = OdometryCalibration(translation_shift=-0.5, heading_shift=0.7, noise=OdometryModel())
+    np.testing.assert_allclose(calibration.apply(_driven(steps)), _driven(steps), atol=1e-9)
