@@ -1,5 +1,6 @@
 """The figures we print are those of the benchmark's definitions."""
 
+import math
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from iceg.evaluation.relations import (
     read_relations,
     read_relations_csv,
     relation_errors,
+    triangle_errors,
 )
 from iceg.evaluation.surface import correlation_surface
 from iceg.evaluation.trajectory import align, poses_of_scans, read_reference_csv, read_truth_csv, trajectory_errors
@@ -163,6 +165,21 @@ def test_bad_original_relations_are_named(tmp_path: Path, text: str, message: st
     path.write_text(text)
     with pytest.raises(TableError, match=message):
         read_relations(path, np.zeros(3))
+
+
+def test_relations_of_three_scans_are_held_against_each_other() -> None:
+    T_0_1, T_1_2 = np.array([1.0, 0.0, math.pi / 2]), np.array([2.0, 0.0, 0.1])
+    T_0_2 = compose(T_0_1, T_1_2) + [0.03, 0.04, 0.2]
+    relations = Relations(
+        scans_i=np.array([0, 1, 0, 5]),
+        scans_j=np.array([1, 2, 2, 6]),
+        T_i_j=np.array([T_0_1, T_1_2, T_0_2, np.zeros(3)]),
+        dropped=0,
+        path=Path("relations.csv"),
+    )
+    errors = triangle_errors(relations)
+    np.testing.assert_allclose(errors.translation, [0.05])
+    np.testing.assert_allclose(errors.rotation, [0.2])
 
 
 @given(st.integers(0, 1000), st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3.1, 3.1)))

@@ -182,6 +182,32 @@ def relation_errors(
     )
 
 
+def triangle_errors(relations: Relations) -> RelationErrors:
+    """How far relations contradict one another: (a, b) and (b, c) composed, against (a, c) where that is given too.
+
+    Three relations err there. If theirs are alike and independent, a third of the mean square is the share of one, and
+    no trajectory can agree with the relations better than that.
+
+    Args:
+        relations: between any scans.
+
+    Returns:
+        One error for each triangle, in the order of the relations; there may be none.
+    """
+    known: dict[int, dict[int, NDArray[np.float64]]] = {}
+    for i, j, T_i_j in zip(relations.scans_i.tolist(), relations.scans_j.tolist(), relations.T_i_j, strict=True):
+        known.setdefault(i, {})[j] = T_i_j
+    triangles = [
+        between(T_a_c, compose(T_a_b, T_b_c))
+        for from_a in known.values()
+        for b, T_a_b in from_a.items()
+        for c, T_b_c in known.get(b, {}).items()
+        if (T_a_c := from_a.get(c)) is not None
+    ]
+    errors = np.array(triangles).reshape(-1, 3)
+    return RelationErrors(translation=np.hypot(errors[:, 0], errors[:, 1]), rotation=np.abs(errors[:, 2]))
+
+
 def error_statistics(errors: NDArray[np.float64]) -> ErrorStatistics:
     """Mean, sample standard deviation (n − 1), median, 95th percentile and maximum of (n,) errors."""
     return ErrorStatistics(

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Literal
 
+import numpy as np
+
 from iceg.evaluation.bench.logs import BenchLog, find_logs
 from iceg.evaluation.bench.tables import Row, write_csv
 from iceg.evaluation.errors import EvaluationError
@@ -57,7 +59,24 @@ def _runs(logs: list[BenchLog], output: Path) -> Iterator[tuple[str, list[Row]]]
         run_in_fresh_process(logs[0].path, Path(folder))  # compiles what is not compiled yet
     rows = [accuracy_and_speed(log, mode, output) for log in logs for mode in MODES]
     yield "accuracy", [accuracy for accuracy, _ in rows]
+    yield "relations-against-each-other", [row for log in logs if log.relations for row in _triangles(log)]
     yield "speed", [speed for _, speed in rows]
+
+
+def _triangles(log: BenchLog) -> Iterator[Row]:
+    """What relations of three scans that are all joined miss to be consistent."""
+    from iceg.evaluation.relations import read_relations_csv, triangle_errors
+
+    assert log.relations is not None
+    errors = triangle_errors(read_relations_csv(log.relations))
+    if len(errors.translation):
+        yield {
+            "log": log.name,
+            "triangles": len(errors.translation),
+            "translation median [m]": float(np.median(errors.translation)),
+            "translation mean [m]": float(errors.translation.mean()),
+            "rotation mean [°]": float(np.degrees(errors.rotation.mean())),
+        }
 
 
 def _recall(logs: list[BenchLog], _output: Path) -> Iterator[tuple[str, list[Row]]]:
