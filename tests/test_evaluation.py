@@ -169,7 +169,7 @@ def test_bad_original_relations_are_named(tmp_path: Path, text: str, message: st
 
 def test_relations_of_three_scans_are_held_against_each_other() -> None:
     T_0_1, T_1_2 = np.array([1.0, 0.0, math.pi / 2]), np.array([2.0, 0.0, 0.1])
-    T_0_2 = compose(T_0_1, T_1_2) + [0.03, 0.04, 0.2]
+    T_0_2 = compose(T_0_1, T_1_2) + np.array([0.03, 0.04, 0.2])
     relations = Relations(
         scans_i=np.array([0, 1, 0, 5]),
         scans_j=np.array([1, 2, 2, 6]),
