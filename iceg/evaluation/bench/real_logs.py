@@ -15,6 +15,8 @@ from iceg.evaluation.errors import EvaluationError
 Part = Literal["runs", "recall", "consistency", "ablation"]
 PARTS: tuple[Part, ...] = ("runs", "recall", "consistency", "ablation")
 _SEEDS = range(5)
+_THE_SAME = 1e-3
+"""Translations that differ by less are one [m]."""
 
 
 def real_log_tables(data: Path | None, output: Path, parts: Sequence[Part] = PARTS) -> Iterator[tuple[str, list[Row]]]:
@@ -59,24 +61,27 @@ def _runs(logs: list[BenchLog], output: Path) -> Iterator[tuple[str, list[Row]]]
         run_in_fresh_process(logs[0].path, Path(folder))  # compiles what is not compiled yet
     rows = [accuracy_and_speed(log, mode, output) for log in logs for mode in MODES]
     yield "accuracy", [accuracy for accuracy, _ in rows]
-    yield "relations-against-each-other", [row for log in logs if log.relations for row in _triangles(log)]
+    yield "relations-themselves", [_relations_themselves(log) for log in logs if log.relations]
     yield "speed", [speed for _, speed in rows]
 
 
-def _triangles(log: BenchLog) -> Iterator[Row]:
-    """What relations of three scans that are all joined miss to be consistent."""
-    from iceg.evaluation.relations import read_relations_csv, triangle_errors
+def _relations_themselves(log: BenchLog) -> Row:
+    """What the relations of a log are off by, without any trajectory of ours."""
+    from frontends.logs import read_log
+    from iceg.evaluation.relations import read_relations_csv, relation_errors, triangle_errors
 
     assert log.relations is not None
-    errors = triangle_errors(read_relations_csv(log.relations))
-    if len(errors.translation):
-        yield {
-            "log": log.name,
-            "triangles": len(errors.translation),
-            "translation median [m]": float(np.median(errors.translation)),
-            "translation mean [m]": float(errors.translation.mean()),
-            "rotation mean [°]": float(np.degrees(errors.rotation.mean())),
-        }
+    relations = read_relations_csv(log.relations)
+    triangles = triangle_errors(relations)
+    odometry = relation_errors(read_log(log.path).odometry, relations)
+    return {
+        "log": log.name,
+        "relations": len(relations),
+        "triangles": len(triangles.translation),
+        "translation median [m]": float(np.median(triangles.translation)),
+        "rotation mean [°]": float(np.degrees(triangles.rotation.mean())),
+        "with the translation of raw odometry": int(np.count_nonzero(odometry.translation < _THE_SAME)),
+    }
 
 
 def _recall(logs: list[BenchLog], _output: Path) -> Iterator[tuple[str, list[Row]]]:
