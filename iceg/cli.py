@@ -322,8 +322,8 @@ class Bench:
         tyro.conf.arg(metavar="DIR", help="Without FILE: folder of public logs; left out: $ICEG_DATA, else none."),
     ] = None
     parts: Annotated[
-        tuple[Literal["runs", "recall", "consistency", "ablation"], ...],
-        tyro.conf.arg(help="Without FILE: which tables; left out: all."),
+        tuple[Literal["runs", "recall", "consistency", "ablation", "growth"], ...],
+        tyro.conf.arg(help="Without FILE: which tables; left out: all but growth, which takes many minutes."),
     ] = ()
 
     def __call__(self) -> None:

@@ -12,8 +12,9 @@ from iceg.evaluation.bench.logs import BenchLog, find_logs
 from iceg.evaluation.bench.tables import Row, write_csv
 from iceg.evaluation.errors import EvaluationError
 
-Part = Literal["runs", "recall", "consistency", "ablation"]
+Part = Literal["runs", "recall", "consistency", "ablation", "growth"]
 PARTS: tuple[Part, ...] = ("runs", "recall", "consistency", "ablation")
+"""What is made unless parts are named: growth takes many minutes."""
 _SEEDS = range(5)
 _THE_SAME = 1e-3
 """Translations that differ by less are one [m]."""
@@ -102,9 +103,20 @@ def _ablation(logs: list[BenchLog], _output: Path) -> Iterator[tuple[str, list[R
     yield "ablation-of-features", [ablation(log, on) for log in logs if log.relations for on in (True, False)]
 
 
+def _growth(_logs: list[BenchLog], output: Path) -> Iterator[tuple[str, list[Row]]]:
+    from iceg.evaluation.bench.growth import PICTURE, growth_rows, long_runs, save_plot, simulated_log
+
+    folder = output / "growth"
+    simulated_log(folder)
+    runs = list(long_runs(folder))
+    save_plot(runs, output / PICTURE)
+    yield "growth", growth_rows(runs)
+
+
 _TABLES: dict[Part, Callable[[list[BenchLog], Path], Iterator[tuple[str, list[Row]]]]] = {
     "runs": _runs,
     "recall": _recall,
     "consistency": _consistency,
     "ablation": _ablation,
+    "growth": _growth,
 }
