@@ -15,7 +15,7 @@ from iceg.evaluation.bench.tables import Row
 from iceg.results import read_summary
 
 SCENE = "endless"
-LENGTHS = (6_250, 12_500, 25_000, 50_000, 100_000)
+LENGTHS = (6_250, 12_500, 25_000, 100_000)
 PICTURE = "growth.png"
 _LOG, _TRUTH = "log.clf", "truth.csv"
 _DOTS_PER_INCH = 130
