@@ -411,6 +411,46 @@ class Ablation:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Nees:
+    """Whether the covariances are right: NEES of factors and poses against the truth, over many simulated runs."""
+
+    logs: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]],
+        tyro.conf.arg(metavar="LOG", help="Logs with NAME.truth.csv beside them; left out: simulated scenes."),
+    ] = ()
+    output: Annotated[
+        Path, tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for tables and picture, made if missing.")
+    ] = Path("nees-output")
+    runs: Annotated[int, tyro.conf.arg(help="Simulated runs in all, spread evenly over the scenes.")] = 50
+    scenes: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            metavar="SCENE", help="Scenes that come with iceg, or .world files; left out: rooms, corridors, an office."
+        ),
+    ] = ()
+
+    def __call__(self) -> None:
+        """Run, tell run by run, print the table."""
+        from iceg.evaluation.bench.tables import format_markdown
+        from iceg.evaluation.nees_study import SCENES, recorded, simulated, study, summarise
+        from iceg.show.progress import compile_note
+
+        if self.runs < 1:
+            raise UsageError(f"found --runs {self.runs}, expected at least 1")
+        if self.logs and self.scenes:
+            raise UsageError("found logs and --scenes, expected one of them")
+        judged = []
+        with compile_note():
+            recordings = recorded(self.logs) if self.logs else simulated(self.scenes or SCENES, self.runs)
+            for one in study(recordings, self.output):
+                judged.append(one)
+                means = ", ".join(f"{kind} {values.mean():.2f}" for kind, values in one.values.items())
+                print(f"{one.scene} {one.seed}: {means}", flush=True)
+        print(f"\n{format_markdown(summarise(judged))}")
+        print(f"Tables and picture are in {self.output}: nees.csv, nees-runs.csv and nees.png")
+
+
+@dataclass(frozen=True, kw_only=True)
 class PrintConfig:
     """Print all settings with their documentation, as a file for --config."""
 
@@ -424,7 +464,7 @@ class PrintConfig:
         print(format_config(self.settings), end="")
 
 
-Command = Run | DpSlam | Demo | Info | Eval | Plot | Simulate | Optimize | Bench | Ablation | PrintConfig
+Command = Run | DpSlam | Demo | Info | Eval | Plot | Simulate | Optimize | Bench | Ablation | Nees | PrintConfig
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -494,6 +534,7 @@ def parse(words: Sequence[str]) -> Command:
         | Annotated[Optimize, tyro.conf.subcommand("optimize")]
         | Annotated[Bench, tyro.conf.subcommand("bench")]
         | Annotated[Ablation, tyro.conf.subcommand("ablation")]
+        | Annotated[Nees, tyro.conf.subcommand("nees")]
         | Annotated[PrintConfig, tyro.conf.subcommand("config", default=PrintConfig(settings=settings))]
     )
     parsed: Command = tyro.cli(commands, args=words, prog="iceg", description=_DESCRIPTION)

@@ -31,7 +31,8 @@ from iceg.evaluation.consistency import Consistency, consistency
 
 KINDS: tuple[FactorKind, ...] = ("odometry", "ice", "closure")
 _LEAST_REDUNDANCY = 1e-3
-_FADED = 0.5
+FADED = 0.5
+"""A factor that its robust kernel leaves no more weight than this is out of force."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,7 +104,7 @@ def cross_validation(factors: Sequence[Factor], poses: NDArray[np.float64]) -> d
     """
     found = leave_one_out(factors, poses)
     kinds = np.array([factor.kind for factor in factors])
-    faded, unchecked = found.weights <= _FADED, np.isnan(found.chi_square)
+    faded, unchecked = found.weights <= FADED, np.isnan(found.chi_square)
     judged = ~faded & ~unchecked
     return {
         kind: KindConsistency(

@@ -1,0 +1,41 @@
+"""The distribution of NEES values beside the one they should have."""
+
+import io
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from iceg.maps.atomic import write_atomically
+
+_BARS, _RIGHT = "#0072b2", "#222222"
+_FARTHEST, _BINS = 15.0, 60
+_PANEL = (3.4, 2.8)  # inches
+_DOTS_PER_INCH = 130
+
+
+def save_nees_plot(values: Mapping[str, NDArray[np.float64]], path: Path) -> None:
+    """A histogram for each kind, with the density of χ² with three degrees of freedom.
+
+    Args:
+        values: (m,) NEES of each kind; kinds without any are left out.
+        path: the PNG file.
+    """
+    present = {kind: found for kind, found in values.items() if len(found)}
+    figure = Figure(figsize=(_PANEL[0] * max(1, len(present)), _PANEL[1]), layout="constrained")
+    edges = np.linspace(0.0, _FARTHEST, _BINS + 1)
+    x = np.linspace(1e-3, _FARTHEST, 400)
+    panels = figure.subplots(1, max(1, len(present)), sharey=True, squeeze=False)[0]
+    for axes, (kind, found) in zip(panels, present.items(), strict=False):
+        share = np.histogram(found, edges)[0] / len(found) / np.diff(edges)
+        axes.stairs(share, edges, fill=True, color=_BARS, alpha=0.5)
+        axes.plot(x, np.sqrt(x / (2.0 * np.pi)) * np.exp(-0.5 * x), color=_RIGHT, label="χ², 3 degrees of freedom")
+        axes.set_title(f"{kind}: mean {found.mean():.2f}")
+        axes.set_xlabel(f"NEES ({100 * float((found > _FARTHEST).mean()):.1f} % beyond)")
+    panels[0].set_ylabel("density")
+    panels[0].legend(frameon=False, fontsize=8)
+    content = io.BytesIO()
+    figure.savefig(content, format="png", dpi=_DOTS_PER_INCH, metadata={"Software": None})
+    write_atomically(path, content.getvalue())
