@@ -46,7 +46,8 @@ class OdometryModel:
         position_per_radian: standard deviation of the position, any direction, after turning by 1 rad [m/√rad].
         heading_per_metre: standard deviation of the heading after 1 m [rad/√m].
         heading_per_radian: standard deviation of the heading after turning by 1 rad [rad/√rad].
-        position_floor: standard deviation of the position without any motion [m]; above 0.
+        along_floor: standard deviation of the position straight ahead without any motion [m]; above 0.
+        across_floor: the same to the side; smaller where it stems from clocks, for the robot drives ahead.
         heading_floor: standard deviation of the heading without any motion [rad]; above 0.
     """
 
@@ -55,7 +56,8 @@ class OdometryModel:
     position_per_radian: float = 0.05
     heading_per_metre: float = 0.04
     heading_per_radian: float = 0.10
-    position_floor: float = 0.01
+    along_floor: float = 0.01
+    across_floor: float = 0.01
     heading_floor: float = 0.01
 
     def __post_init__(self) -> None:
@@ -108,7 +110,7 @@ class OdometryModel:
         return np.array(total)
 
     def _floor(self) -> NDArray[np.float64]:
-        return np.diag((self.position_floor**2, self.position_floor**2, self.heading_floor**2))
+        return np.diag((self.along_floor**2, self.across_floor**2, self.heading_floor**2))
 
     @cached_property
     def _variances(self) -> NDArray[np.float64]:

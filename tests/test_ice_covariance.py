@@ -167,3 +167,43 @@ def test_every_covariance_is_symmetric_and_positive_definite(sides: tuple[str, .
     assert np.linalg.eigvalsh(got.covariance).min() > 0
     assert got.weights.sum() == pytest.approx(1.0)
     np.testing.assert_allclose(got.axes.T @ got.axes, np.eye(3), atol=1e-9)
+
+
+def test_unevenness_equals_its_slow_twin() -> None:
+    rng = np.random.default_rng(6)
+    noise = np.concatenate([rng.normal(0, 0.005, 200), np.repeat(rng.normal(0, 0.015, 20), 5)])
+    scan, local_map = walls("left", "right", "front", noise=noise), map_of(walls("left", "right", "front"))
+    pose, axes, ratios = np.array([0.01, -0.005, 0.02]), np.linalg.qr(rng.normal(size=(3, 3)))[0], np.empty(3)
+    field, variance = local_map.fine, 1e-4
+    kernels.unevenness(
+        scan.points, scan.normals, pose, axes, local_map.surfels, field.nearest, field.origin, field.cell,
+        FACING, 0.08, 1e-6, variance, ratios,
+    )  # fmt: skip
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    R = np.array([[c, -s], [s, c]])
+    pulls, levers = np.zeros((300, 3)), np.zeros((300, 3))
+    for i, (point, normal) in enumerate(zip(scan.points, scan.normals, strict=True)):
+        p = pose[:2] + R @ point
+        u, v = np.floor((p - field.origin) / field.cell).astype(int)
+        k = field.nearest[v, u]
+        if k < 0 or (R @ normal) @ local_map.surfels[k, 2:] < FACING:
+            continue
+        r, m = local_map.surfels[k, 2:] @ (p - local_map.surfels[k, :2]), R.T @ local_map.surfels[k, 2:]
+        if abs(r) < 0.08:
+            levers[i] = axes.T @ [m[0], m[1], m[1] * point[0] - m[0] * point[1]]
+            pulls[i] = r * levers[i]
+    squares, fourth = (levers**2).sum(axis=0), (levers**4).sum(axis=0)
+    shared = sum((1 - lag / 13) * (pulls[lag:] * pulls[:-lag]).sum(axis=0) for lag in range(1, 13))
+    meat = np.maximum((pulls**2).sum(axis=0) + 2 * np.maximum(shared, 0.0), 1e-6 * squares)
+    held_by = squares**2 / fourth
+    np.testing.assert_allclose(ratios, (10 + held_by * meat / (variance * squares)) / (10 + held_by), rtol=1e-9)
+
+
+def test_a_direction_is_known_as_well_as_the_points_that_hold_it() -> None:
+    rng = np.random.default_rng(7)
+    even = rng.normal(0, 0.01, 300)
+    uneven = np.concatenate([rng.normal(0, 0.004, 200), rng.normal(0, 0.018, 100)])  # the wall ahead is rough
+    reference = walls("left", "right", "front")
+    same = covariance_of(reference, walls("left", "right", "front", noise=even)).covariance
+    rough_ahead = covariance_of(reference, walls("left", "right", "front", noise=uneven)).covariance
+    assert rough_ahead[0, 0] / rough_ahead[1, 1] > 3 * same[0, 0] / same[1, 1]

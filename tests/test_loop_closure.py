@@ -15,6 +15,7 @@ from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import KNOWN_SPACING, BackEnd, solve_track
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.finish import _spaced_keys, finish
+from iceg.slam.long_steps import LONG_STEP, long_step
 from iceg.slam.loop_closure import Attempt, Candidate, Drift, LoopCloser
 from iceg.slam.track import Track
 from iceg.slam.tracking import track_log
@@ -243,7 +244,9 @@ def test_each_factor_enters_once(track: Track) -> None:
     kinds = [factor.kind for factor in back_end.graph.factors]
     assert kinds.count("prior") == 1
     assert kinds.count("odometry") == 59
-    assert kinds.count("ice") == matched
+    long_steps = sum(long_step(track, key) is not None for key in range(LONG_STEP, 60, LONG_STEP))
+    assert long_steps > 3
+    assert kinds.count("ice") == matched + long_steps
     assert len(
         set(zip(kinds, [f.i for f in back_end.graph.factors], [f.j for f in back_end.graph.factors], strict=True))
     ) == len(kinds)

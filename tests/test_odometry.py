@@ -20,7 +20,8 @@ MODEL = OdometryModel(
     position_per_radian=0.01,
     heading_per_metre=0.03,
     heading_per_radian=0.06,
-    position_floor=0.004,
+    along_floor=0.004,
+    across_floor=0.004,
     heading_floor=0.002,
 )
 INCREMENTS = st.integers(0, 2**32 - 1).map(
@@ -99,8 +100,8 @@ def test_direction_of_travel_is_seen_from_the_end() -> None:
     # One metre ahead with a quarter turn to the left at its end: seen from there, the travel was to the right.
     model = OdometryModel(heading_per_metre=0.0, heading_floor=1e-9, position_per_radian=0.0)
     found = model.covariance(np.array([[1.0, 0.0, math.pi / 2]]))
-    assert found[1, 1] == pytest.approx(model.along_per_metre**2 + model.position_floor**2)
-    assert found[0, 0] == pytest.approx(model.across_per_metre**2 + model.position_floor**2)
+    assert found[1, 1] == pytest.approx(model.along_per_metre**2 + model.across_floor**2)
+    assert found[0, 0] == pytest.approx(model.across_per_metre**2 + model.along_floor**2)
 
 
 @pytest.mark.parametrize("n", [1, 3, 50])
@@ -113,7 +114,7 @@ def test_heading_and_length_do_not_depend_on_how_finely_a_curve_is_recorded(n: i
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("along_per_metre", -0.1), ("heading_per_radian", math.nan), ("position_floor", 0.0), ("heading_floor", -1.0)],
+    [("along_per_metre", -0.1), ("heading_per_radian", math.nan), ("across_floor", 0.0), ("heading_floor", -1.0)],
 )
 def test_impossible_settings_are_named(name: str, value: float) -> None:
     with pytest.raises(GraphError, match=name):

@@ -1,5 +1,7 @@
 """The calibration finds what was done to a true odometry, and undoes it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -157,3 +159,47 @@ def test_the_variance_fit_is_non_negative_least_squares(seed: int) -> None:
     rng = np.random.default_rng(seed)
     rows, values = rng.uniform(0.0, 1.0, (40, 3)), rng.normal(size=40)
     np.testing.assert_allclose(_non_negative_fit(rows, values), nnls(rows, values)[0], atol=1e-12)
+
+
+def _with_heading_noise(truth: NDArray[np.float64], persists: int) -> NDArray[np.float64]:
+    """Odometry whose error of heading stays the same for so many steps."""
+    rng = np.random.default_rng(5)
+    steps = between(truth[:-1], truth[1:])
+    steps[:, 2] += np.repeat(rng.normal(0.0, 0.01, len(steps) // persists + 1), persists)[: len(steps)]
+    odometry = [truth[0]]
+    for step in steps:
+        odometry.append(compose(odometry[-1], step))
+    return np.array(odometry)
+
+
+def test_errors_that_persist_weigh_less_in_a_graph() -> None:
+    # Key scans lie 6 steps apart: errors that last for 18 steps make three motions err alike, ρ = 2/3 and 1/3 one and
+    # two motions on, and 1 + 2 (6/7 · 2/3 + 5/7 · 1/3) is 2.6 times the variance.
+    truth = _drive(6000)
+    fresh = calibrate_odometry(_track(truth, 6, noise=0.0005), _with_heading_noise(truth, 6))
+    lasting = calibrate_odometry(_track(truth, 6, noise=0.0005), _with_heading_noise(truth, 18))
+
+    def widened(found: OdometryCalibration) -> float:
+        path = np.tile([0.08, 0.0, 0.02], (6, 1))
+        return float(found.lasting_noise.covariance(path)[2, 2] / found.noise.covariance(path)[2, 2])
+
+    assert widened(fresh) < 1.2
+    assert 1.8 < widened(lasting) < 3.0
+
+
+def test_a_scale_that_nothing_measures_counts_where_odometry_is_alone() -> None:
+    truth = _drive(3000)
+    track = _track(truth, 6, noise=0.002)
+    seen = calibrate_odometry(track, truth).lasting_noise
+    still = OdometryModel().start()
+    for k in range(300, 450):  # a long corridor
+        key = track.keys[k]
+        assert isinstance(key.match, RelativePose)
+        track.keys[k] = replace(
+            key,
+            match=replace(key.match, weak_directions=np.array([[1.0, 0.0, 0.0]])),
+            motion=replace(still, distance=40.0),
+        )
+    alone = calibrate_odometry(track, truth).lasting_noise
+    assert alone.along_per_metre > 1.2 * seen.along_per_metre
+    assert alone.across_per_metre == pytest.approx(seen.across_per_metre, rel=0.5)

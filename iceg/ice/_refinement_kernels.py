@@ -16,6 +16,8 @@ _STILL_M, _STILL_RAD = 2e-4, 1e-4
 _NEARLY_M, _NEARLY_RAD = 0.02, 0.01
 _FAR = 10.0
 _LAGS = 12
+_TELLING = 10.0
+"""So many points must hold a direction for their own residuals to count as much as those of all."""
 
 
 @njit(cache=True)
@@ -201,6 +203,84 @@ def dependence(
             products += residuals[i] * residuals[i - lag]
         total += (1.0 - lag / (_LAGS + 1.0)) * products
     return max(1.0, 1.0 + 2.0 * total / squares)
+
+
+@njit(cache=True)
+def unevenness(
+    points: F64,
+    normals: F64,
+    pose: F64,
+    axes: F64,
+    surfels: F64,
+    nearest: I32,
+    origin: F64,
+    cell: float,
+    facing: float,
+    limit: float,
+    least: float,
+    variance: float,
+    ratios: F64,
+) -> None:
+    """How much larger the variance along each axis is than if every point were off by the same `variance`.
+
+    A direction is known as well as the points that hold it: those of a wall far ahead scatter more than those of the
+    walls beside. Along an axis v point i pulls with gᵢ = rᵢ Jᵢv; White's and Newey's (1987) estimate takes Σ gᵢ², and
+    what neighbours share, in the place of variance · Σ (Jᵢv)². Where few points hold the axis they are too few to tell
+    and the ratio keeps near 1.
+
+    Args:
+        points: (n, 2) in the robot frame [m].
+        normals: (n, 2); 0, 0 where unknown.
+        pose: (3,) the optimum.
+        axes: (3, 3) columns, in the tangent space of the robot.
+        surfels: (m, 4) of the reference.
+        nearest: (ny, nx) of its field.
+        origin: (2,) lower left corner of the field [m].
+        cell: width of its cells [m].
+        facing: least cosine between the normals of a point and of its surfel.
+        limit: residuals beyond this tell of something else [m].
+        least: a residual's variance is never taken to be smaller [m²].
+        variance: of a residual, times how many neighbours say the same [m²].
+        ratios: (3,) output.
+    """
+    n = len(points)
+    pulls, levers = np.zeros((n, 3)), np.zeros((n, 3))
+    c, s = cos(pose[2]), sin(pose[2])
+    for i in range(n):
+        px, py = points[i, 0], points[i, 1]
+        x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
+        nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
+        k = _partner(x, y, nx, ny, surfels, nearest, origin[0], origin[1], 1.0 / cell, facing)
+        if k < 0:
+            continue
+        mx, my = surfels[k, 2], surfels[k, 3]
+        r = mx * (x - surfels[k, 0]) + my * (y - surfels[k, 1])
+        if abs(r) >= limit:
+            continue
+        jx, jy = c * mx + s * my, c * my - s * mx
+        turn = jy * px - jx * py
+        for a in range(3):
+            levers[i, a] = jx * axes[0, a] + jy * axes[1, a] + turn * axes[2, a]
+            pulls[i, a] = r * levers[i, a]
+    for a in range(3):
+        squares, fourth, meat = 0.0, 0.0, 0.0
+        for i in range(n):
+            lever2 = levers[i, a] * levers[i, a]
+            squares += lever2
+            fourth += lever2 * lever2
+            meat += pulls[i, a] * pulls[i, a]
+        if squares <= 0.0:
+            ratios[a] = 1.0
+            continue
+        shared = 0.0
+        for lag in range(1, _LAGS + 1):
+            products = 0.0
+            for i in range(lag, n):
+                products += pulls[i, a] * pulls[i - lag, a]
+            shared += (1.0 - lag / (_LAGS + 1.0)) * products
+        meat = max(meat + 2.0 * max(shared, 0.0), least * squares)
+        held_by = squares * squares / fourth
+        ratios[a] = (_TELLING + held_by * meat / (variance * squares)) / (_TELLING + held_by)
 
 
 @njit(cache=True)

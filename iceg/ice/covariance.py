@@ -118,6 +118,25 @@ def score_covariance(
         weights,
         weak,
     )
+    ratios = np.empty(3)
+    kernels.unevenness(
+        points,
+        normals,
+        pose,
+        axes,
+        local_map.surfels,
+        field.nearest,
+        field.origin,
+        field.cell,
+        FACING,
+        2 * scale,
+        config.min_sigma**2,
+        max(config.min_sigma, refined.residual) ** 2 * shared,
+        ratios,
+    )
+    stretch = axes * np.where(weak, 1.0, np.sqrt(ratios)) @ axes.T
+    covariance = stretch @ covariance @ stretch
+    covariance = 0.5 * (covariance + covariance.T)
     return ScoreCovariance(
         covariance=covariance, weak_directions=axes[:, weak].T.copy(), weights=weights, axes=axes, steps=steps
     )

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from iceg.maps.atomic import write_atomically
+from graph.atomic import write_atomically
 
 _BARS, _RIGHT = "#0072b2", "#222222"
 _FARTHEST, _BINS = 15.0, 60

@@ -13,14 +13,14 @@ from graph.odometry import OdometryModel, OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose
 from iceg.slam.config import LoopClosureConfig
+from iceg.slam.long_steps import LONG_STEP, long_step
 from iceg.slam.loop_closure import Attempt, Candidate, Drift, LoopCloser, say_the_same
 from iceg.slam.track import Track
 
 _UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
 """Covariance of a step between key scans that neither odometry nor a match has seen."""
-_PERSISTENCE = 2.0
-"""Factor on odometry's standard deviations: its errors persist from one key scan to the next (slip, wear, lag), those
-of matches against one local map cancel, and the graph takes both for independent."""
+_DOUBT = 2.0
+"""Factor on odometry's standard deviations where a search for loops relies on it: a chain may do worse than usual."""
 _SMALL_MOVE, _SMALL_TURN, _MOST_WAITING = 0.02, 0.005, 15
 """Closures that move the newest pose by less [m, rad] leave the others where they are, but not so many in a row."""
 _CONFIRMING_MOVE, _CONFIRMING_TURN, _KNOWN_AFTER = 0.1, 0.03, 3
@@ -90,10 +90,12 @@ class BackEnd:
         if motion is not None:
             covariance = motion.covariance if match is None else self._believed(motion, match, key)
             self.graph.add_odometry(key - 1, key, motion.T_key_robot, covariance)
-            known.append(covariance)
+            known.append(covariance * _DOUBT**2)
         if match is not None:
             self.graph.add_match(current.anchor, key, match)
             known.append(match.covariance)
+        if key % LONG_STEP == 0 and (step_of_many := long_step(self._track, key)) is not None:
+            self.graph.add_match(key - LONG_STEP, key, step_of_many)
         if not known:
             self.graph.add_odometry(key - 1, key, step, _UNKNOWN_MOTION)
             known.append(_UNKNOWN_MOTION)
@@ -230,7 +232,7 @@ def solve_track(
     Args:
         track: what the front end found.
         odometry: (n_scans, 3) calibrated odometry, None in a log without.
-        noise: what the calibration left.
+        noise: what the calibration left, persistence of errors included.
         matcher: for loop closures.
         graph_config: how the graph is solved.
         closures: how loops are found.
@@ -250,5 +252,4 @@ def solve_track(
 
 
 def _motion(track: Track, key: int, steps: NDArray[np.float64], noise: OdometryModel) -> OdometryMotion:
-    motion = noise.extend(noise.start(), steps[track.keys[key - 1].index : track.keys[key].index])
-    return replace(motion, covariance=motion.covariance * _PERSISTENCE**2)
+    return noise.extend(noise.start(), steps[track.keys[key - 1].index : track.keys[key].index])

@@ -42,7 +42,12 @@ _SAME_OPTIMUM = (0.08, 0.05)
 _LOST_AFTER = 3
 """So many key scans that match only each other take over as the local reference."""
 _UNKNOWN_ODOMETRY = OdometryModel(
-    along_per_metre=0.3, across_per_metre=0.3, heading_per_metre=0.3, position_floor=0.1, heading_floor=0.1
+    along_per_metre=0.3,
+    across_per_metre=0.3,
+    heading_per_metre=0.3,
+    along_floor=0.1,
+    across_floor=0.1,
+    heading_floor=0.1,
 )
 """What a constant velocity says in a log without odometry."""
 

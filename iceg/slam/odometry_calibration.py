@@ -1,6 +1,7 @@
 """What this robot's odometry does wrong, learnt from the log's own matches: bias, time shift, laser mount, noise."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
@@ -18,6 +19,12 @@ _TRANSLATION_PRIOR = np.array([0.05, 0.03, 0.7, 0.2, 0.1])
 _ROBUST_ROUNDS = 15
 _LARGEST_EXCESS = 4.0
 _FEWEST_KEYS = 20
+_CLEAR = 4.0
+"""F statistic from which on one more coefficient explains more than chance would."""
+_LAGS = 6
+"""Key scans over which errors of odometry may persist …"""
+_MOST_PERSISTENT = 4.0
+"""… and by how much their variance is widened for it at most."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +38,9 @@ class OdometryCalibration:
         heading_shift: odometry is read this many scan periods later (earlier if negative) for its heading …
         translation_shift: … and for its translation: the two clocks differ in both, but not always alike.
         T_odometry_laser: (3,) where the laser really sits relative to where the log puts it: x, y [m], heading [rad].
-        noise: what is left.
+        noise: what is left, from one key scan to the next.
+        lasting_noise: the same for a graph, which takes the errors of successive motions for independent: widened by
+            what persists of them from motion to motion, and by the scale that is left where nothing else measures it.
     """
 
     translation_scale: float = 0.0
@@ -41,6 +50,7 @@ class OdometryCalibration:
     translation_shift: float = 0.0
     T_odometry_laser: tuple[float, float, float] = (0.0, 0.0, 0.0)
     noise: OdometryModel
+    lasting_noise: OdometryModel = field(default_factory=OdometryModel)
 
     def apply(self, odometry: NDArray[np.float64]) -> NDArray[np.float64]:
         """Correct a log's odometry.
@@ -90,15 +100,18 @@ def calibrate_odometry(track: Track, odometry: NDArray[np.float64]) -> OdometryC
     c, s = np.cos(m[:, 2]), np.sin(m[:, 2])
     error = m - o
     error[:, 2] = wrap_angle(error[:, 2])
-    heading, _ = _robust_fit(np.column_stack([o[:, 2], samples.distance, change[:, 2]]), error[:, 2], _HEADING_PRIOR)
+    turning = np.column_stack([o[:, 2], samples.distance, change[:, 2]])
+    heading, _ = _robust_fit(turning, error[:, 2], _HEADING_PRIOR)
     zero = np.zeros(len(m))
     rows_x = np.column_stack([o[:, 0], zero, change[:, 0], c - 1.0, -s])
     rows_y = np.column_stack([o[:, 1], o[:, 0], change[:, 1], s, c - 1.0])
-    translation, _ = _robust_fit(
+    translation, deviations = _robust_fit(
         np.vstack([rows_x, rows_y]), np.concatenate([error[:, 0], error[:, 1]]), _TRANSLATION_PRIOR
     )
-    left_heading = error[:, 2] - np.column_stack([o[:, 2], samples.distance, change[:, 2]]) @ heading
-    left_x, left_y = error[:, 0] - rows_x @ translation, error[:, 1] - rows_y @ translation
+    left = np.column_stack(
+        [error[:, 0] - rows_x @ translation, error[:, 1] - rows_y @ translation, error[:, 2] - turning @ heading]
+    )
+    noise = _noise(samples, left)
     return OdometryCalibration(
         translation_scale=float(translation[0]),
         heading_scale=float(heading[0]),
@@ -106,7 +119,8 @@ def calibrate_odometry(track: Track, odometry: NDArray[np.float64]) -> OdometryC
         heading_shift=float(np.clip(heading[2], -2, 2)),
         translation_shift=float(np.clip(translation[2], -2, 2)),
         T_odometry_laser=(float(translation[3]), float(translation[4]), float(-translation[1])),
-        noise=_noise(samples, left_x, left_y, left_heading),
+        noise=noise,
+        lasting_noise=_lasting(noise, _persistence(left, samples.variances), float(deviations[0]), _unseen(track)),
     )
 
 
@@ -154,50 +168,96 @@ def _step(track: Track, previous: KeyScan, anchor: int, match: RelativePose) -> 
 
 def _robust_fit(
     rows: NDArray[np.float64], values: NDArray[np.float64], prior: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], float]:
-    """Iteratively reweighted least squares with Cauchy weights; returns the parameters and the robust scale."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Iteratively reweighted least squares with Cauchy weights; the parameters and their standard deviations."""
     x: NDArray[np.float64] = np.zeros(rows.shape[1])
-    scale = 1.0
+    scale, information = 1.0, np.diag(prior**-2.0)
     for _ in range(_ROBUST_ROUNDS):
         residual = values - rows @ x
         scale = _robust_deviation(residual)
         weights = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2)
         information = (rows * weights[:, None]).T @ rows + np.diag((scale / prior) ** 2)
         x = np.asarray(np.linalg.solve(information, (rows * weights[:, None]).T @ values), dtype=np.float64)
-    return x, scale
+    return x, scale * np.sqrt(np.diag(np.linalg.inv(information)))
 
 
 def _robust_deviation(residual: NDArray[np.float64]) -> float:
     return 1.4826 * float(np.median(np.abs(residual))) + 1e-6
 
 
-def _noise(
-    samples: _Samples, left_x: NDArray[np.float64], left_y: NDArray[np.float64], left_heading: NDArray[np.float64]
-) -> OdometryModel:
-    """Non-negative least squares of the squared residuals on path and turn."""
-    one, path, turn = np.ones(len(left_x)), samples.distance, samples.turn
-    ahead = _variance_fit(left_x, samples.variances[:, 0], np.column_stack([one, path, turn]))
-    side = _variance_fit(left_y, samples.variances[:, 1], np.column_stack([one, path, turn]))
-    heading = _variance_fit(left_heading, samples.variances[:, 2], np.column_stack([one, path, turn]))
+def _noise(samples: _Samples, left: NDArray[np.float64]) -> OdometryModel:
+    """Non-negative least squares of the squared residuals, (n, 3), on path and turn."""
+    rows = np.column_stack([np.ones(len(left)), samples.distance, samples.turn])
+    ahead, side, heading = (_variance_fit(left[:, k], samples.variances[:, k], rows) for k in range(3))
     return OdometryModel(
         along_per_metre=max(0.01, float(ahead[1]) ** 0.5),
-        across_per_metre=max(0.005, float(side[1]) ** 0.5),
+        across_per_metre=max(0.002, float(side[1]) ** 0.5),
         position_per_radian=max(0.002, float(0.5 * (ahead[2] + side[2])) ** 0.5),
         heading_per_metre=max(0.003, float(heading[1]) ** 0.5),
         heading_per_radian=max(0.005, float(heading[2]) ** 0.5),
-        position_floor=max(0.002, float(0.5 * (ahead[0] + side[0])) ** 0.5),
+        along_floor=max(0.002, float(ahead[0]) ** 0.5),
+        across_floor=max(0.001, float(side[0]) ** 0.5),
         heading_floor=max(0.001, float(heading[0]) ** 0.5),
+    )
+
+
+def _persistence(left: NDArray[np.float64], variances: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) by how much the variance of a chain of motions exceeds the sum of theirs, because errors persist.
+
+    The sum of the autocovariances under Bartlett's window (Newey and West 1987) over the variance of odometry's own
+    error; what the matches add to both, differences of successive errors, cancels in the sum.
+    """
+    limits = np.array([_LARGEST_EXCESS * _robust_deviation(column) for column in left.T])
+    e = np.clip(left, -limits, limits)
+    total = own = np.mean(e**2, axis=0)
+    for lag in range(1, _LAGS + 1):
+        total = total + 2.0 * (1.0 - lag / (_LAGS + 1.0)) * np.sum(e[lag:] * e[:-lag], axis=0) / len(e)
+    own = np.maximum(own - np.median(variances, axis=0), 0.5 * own)
+    chance = 2.0 * math.sqrt(4.0 * _LAGS / (3.0 * len(e)))  # two relative standard deviations of the sum
+    return np.asarray(np.clip(total / own * (1.0 - chance), 1.0, _MOST_PERSISTENT), dtype=np.float64)
+
+
+def _unseen(track: Track) -> float:
+    """Longest stretch without a match that observes all directions [m of odometry]."""
+    longest = stretch = 0.0
+    for key in track.keys[1:]:
+        is_seen = not isinstance(key.match, NoMatch) and key.match.is_fully_observed
+        stretch = 0.0 if is_seen else stretch + key.motion.distance
+        longest = max(longest, stretch)
+    return longest
+
+
+def _lasting(noise: OdometryModel, persistence: NDArray[np.float64], scale: float, unseen: float) -> OdometryModel:
+    """Noise for a graph: each axis widened by its persistence; a scale error s over L metres, (sL)², as s²L a metre."""
+    along, across, heading = np.sqrt(persistence).tolist()
+    return replace(
+        noise,
+        along_per_metre=math.hypot(along * noise.along_per_metre, scale * math.sqrt(unseen)),
+        across_per_metre=across * noise.across_per_metre,
+        position_per_radian=max(along, across) * noise.position_per_radian,
+        heading_per_metre=heading * noise.heading_per_metre,
+        heading_per_radian=heading * noise.heading_per_radian,
+        along_floor=along * noise.along_floor,
+        across_floor=across * noise.across_floor,
+        heading_floor=heading * noise.heading_floor,
     )
 
 
 def _variance_fit(
     residual: NDArray[np.float64], variance: NDArray[np.float64], rows: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Coefficients ≥ 0 of the residual's variance beyond the match's own; outliers are clipped."""
+    """Coefficients ≥ 0 of the residual's variance beyond the match's own; outliers are clipped.
+
+    The first, what a motion is off by however short it is, is 0 unless it clearly explains more: key scans lie about as
+    far apart as each other, and what grows with the path would look like it.
+    """
     limit = (_LARGEST_EXCESS * _robust_deviation(residual)) ** 2
     excess = np.minimum(residual**2, limit) - np.minimum(variance, 0.5 * np.median(residual**2))
     weights = 1.0 / np.maximum(rows[:, 1] + rows[:, 2], 0.05)
-    return _non_negative_fit(rows * weights[:, None], excess * weights)
+    rows, excess = rows * weights[:, None], excess * weights
+    whole, growing = _non_negative_fit(rows, excess), np.append(0.0, _non_negative_fit(rows[:, 1:], excess))
+    left, left_by_growing = (float(np.sum((rows @ fit - excess) ** 2)) for fit in (whole, growing))
+    return whole if (left_by_growing - left) * len(rows) > _CLEAR * left else growing
 
 
 def _non_negative_fit(rows: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:

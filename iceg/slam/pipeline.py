@@ -156,7 +156,7 @@ def _track(
 
 def _solve(track: Track, log: Log, matcher: Matcher, calibration: OdometryCalibration, config: Config) -> Solution:
     odometry = calibration.apply(log.odometry) if log.has_odometry else None
-    return solve_track(track, odometry, calibration.noise, matcher, config.graph, config.loops)
+    return solve_track(track, odometry, calibration.lasting_noise, matcher, config.graph, config.loops)
 
 
 def _finish(

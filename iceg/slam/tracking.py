@@ -63,7 +63,7 @@ def track_calibrating(
     Returns:
         The track, and the calibration from the first part.
     """
-    calibration = OdometryCalibration(noise=noise)
+    calibration = OdometryCalibration(noise=noise, lasting_noise=noise)
     journey = _Journey(log, matcher, noise, config, progress)
     odometry = log.odometry
     if log.has_odometry and config.calibrate_odometry and len(log) > 1:
