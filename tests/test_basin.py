@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from math import radians
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import pytest
@@ -18,6 +18,7 @@ from iceg.evaluation.basin import (
     basin,
     named_matcher,
     run_trials,
+    search_row,
     starts_at,
     summary_row,
     trials_within,
@@ -27,6 +28,8 @@ from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.relations import read_relations_csv
 from iceg.evaluation.scan_pairs import ScanPair, recorded_pairs, shared_view, simulated_pairs
 from iceg.evaluation.trajectory import trajectory_errors
+from iceg.ice.config import Search
+from iceg.ice.matcher import IceMatcher
 
 Array = NDArray[np.float64]
 
@@ -95,6 +98,11 @@ def test_recorded_pairs_are_two_passes_that_share_their_view(data_dir: Any) -> N
     assert all(shared_view(pair) >= 0.5 for pair in pairs)
     again = recorded_pairs(log, relations, 5, seed=2)
     np.testing.assert_array_equal([a.T_ref_cur for a in pairs], [b.T_ref_cur for b in again])
+    every = recorded_pairs(log, relations, None, seed=2)
+    np.testing.assert_array_equal([a.T_ref_cur for a in every[:5]], [b.T_ref_cur for b in pairs])
+    assert len(every) > 50
+    with pytest.raises(EvaluationError, match=f"found {len(every)} pairs"):
+        recorded_pairs(log, relations, len(every) + 1)
 
 
 def test_starts_are_off_by_what_is_asked(pairs: list[ScanPair]) -> None:
@@ -137,6 +145,18 @@ def test_an_honest_matcher_has_a_nees_of_three(pairs: list[ScanPair]) -> None:
     assert trials.median_error_rad == pytest.approx(0.6745 * 0.005, rel=0.3)
     proud = replace(trials, covariances=trials.covariances / 100)
     assert proud.consistency().mean == pytest.approx(100 * honest.mean)
+
+
+def test_every_search_has_a_line_of_the_same_columns(pairs: list[ScanPair]) -> None:
+    rows = [
+        search_row(search, pairs[:6], [(0.5, radians(20)), (1.0, radians(45))], seed=1) for search in get_args(Search)
+    ]
+    assert [row["search"] for row in rows] == ["hierarchy", "exhaustive", "genetic", "evolutionary"]
+    assert all(row.keys() == rows[0].keys() for row in rows)
+    assert (
+        rows[0]["±1 m, ±45°: success [%]"] == 100 * trials_within(IceMatcher(), pairs[:6], 1.0, radians(45), 1).success
+    )
+    assert all(float(row["±0.5 m, ±20°: success [%]"] or 0) > 80 for row in rows)
 
 
 def test_without_pairs_there_is_nothing_to_match() -> None:

@@ -1,5 +1,7 @@
 """Hypotheses: pairs of features against a slow twin, the feasible area, and the searches without pairs."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -10,7 +12,7 @@ from graph.se2 import between, compose, wrap_angle
 from iceg.ice.config import HypothesisConfig, IceConfigError
 from iceg.ice.features import CORNER, END_OF_WALL, INTERSECTION, FeatureRows
 from iceg.ice.hypotheses import SearchWindow, distinct, pair_hypotheses, search_window, widened
-from iceg.ice.search import evolve_hypotheses, grid_hypotheses
+from iceg.ice.search import breed_hypotheses, evolve_hypotheses, grid_hypotheses
 
 F64 = NDArray[np.float64]
 EVERYWHERE = SearchWindow(T_ref_guess=np.zeros(3), translation=50.0, rotation=np.pi)
@@ -141,7 +143,8 @@ def test_the_grid_leaves_no_pose_out() -> None:
         assert (off <= [0.1 + 1e-9, 0.1 + 1e-9, 0.05 + 1e-9]).all(axis=1).any()
 
 
-def test_evolution_finds_a_peak_and_repeats_itself() -> None:
+@pytest.mark.parametrize("search", [evolve_hypotheses, breed_hypotheses])
+def test_evolution_finds_a_peak_and_repeats_itself(search: Callable[..., F64]) -> None:
     window = SearchWindow(T_ref_guess=np.array([0.0, 0.0, 3.0]), translation=2.0, rotation=1.0)
     peak = np.array([1.2, -0.7, -2.9])
 
@@ -150,10 +153,10 @@ def test_evolution_finds_a_peak_and_repeats_itself() -> None:
         off[:, 2] = wrap_angle(off[:, 2])
         return np.asarray(np.exp(-0.5 * (off**2).sum(axis=1) / 0.3**2), dtype=np.float64)
 
-    found = evolve_hypotheses(window, fitness, HypothesisConfig(seed=3))
+    found = search(window, fitness, HypothesisConfig(seed=3))
     best = found[fitness(found).argmax()]
     np.testing.assert_allclose(best, peak, atol=0.02)
-    np.testing.assert_array_equal(found, evolve_hypotheses(window, fitness, HypothesisConfig(seed=3)))
+    np.testing.assert_array_equal(found, search(window, fitness, HypothesisConfig(seed=3)))
     assert all(window.contains(pose) for pose in found)
 
 

@@ -35,7 +35,7 @@ def found_pose(match: RelativePose | NoMatch) -> RelativePose:
     return match
 
 
-@pytest.mark.parametrize("search", ["hierarchy", "exhaustive", "evolutionary"])
+@pytest.mark.parametrize("search", ["hierarchy", "exhaustive", "genetic", "evolutionary"])
 def test_every_search_finds_the_scan_from_half_a_metre_and_thirty_degrees(room: Simulation, search: str) -> None:
     matcher = IceMatcher(IceConfig(hypotheses=HypothesisConfig(search=search)))  # type: ignore[arg-type]
     reference = reference_at(room, matcher, range(0, 60, 6), np.zeros(3))

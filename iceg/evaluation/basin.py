@@ -19,6 +19,7 @@ from iceg.evaluation.bench.tables import Row
 from iceg.evaluation.consistency import Consistency, consistency, nees, relative_pose_errors
 from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.scan_pairs import ScanPair, errors_against
+from iceg.ice.config import HypothesisConfig, IceConfig, Search
 
 SUCCESS_M, SUCCESS_RAD = 0.15, radians(3.0)
 """A match within these of the true pose has succeeded."""
@@ -214,6 +215,30 @@ def summary_row(name: str, near: Trials, far: Trials) -> Row:
         "ms near": near.median_ms,
         "ms far": far.median_ms,
     }
+
+
+def search_row(search: Search, pairs: Sequence[ScanPair], windows: Sequence[tuple[float, float]], seed: int = 0) -> Row:
+    """One search over hypotheses as a line of a table: what ICE finds with it, and in what time.
+
+    Args:
+        search: the search.
+        pairs: of scans.
+        windows: largest error of the starts along x and y [m], and of their heading [rad]; one after the other.
+        seed: of the starts.
+    """
+    from iceg.ice.matcher import IceMatcher
+
+    matcher = IceMatcher(IceConfig(hypotheses=HypothesisConfig(search=search)))
+    row: Row = {"search": search}
+    for translation, rotation in windows:
+        trials = trials_within(matcher, pairs, translation, rotation, seed)
+        window = f"±{translation:g} m, ±{degrees(rotation):.0f}°"
+        row |= {
+            f"{window}: success [%]": 100 * trials.success,
+            f"{window}: error [mm]": 1e3 * trials.median_error_m,
+            f"{window}: time [ms]": trials.median_ms,
+        }
+    return row
 
 
 def _off(pairs: Sequence[ScanPair], off: NDArray[np.float64]) -> NDArray[np.float64]:

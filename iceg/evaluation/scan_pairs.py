@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,14 +74,14 @@ def simulated_pairs(
 
 
 def recorded_pairs(
-    log: Log, relations: Relations, n: int, seed: int = 0, *, least_shared: float = 0.5
+    log: Log, relations: Relations, n: int | None, seed: int = 0, *, least_shared: float = 0.5
 ) -> list[ScanPair]:
     """Pairs of a recorded log whose relative pose was verified by hand, two passes of the same place each.
 
     Args:
         log: the log.
         relations: of its scans; those more than 200 scans apart are used.
-        n: how many.
+        n: how many; None takes all that share that much.
         seed: of the choice among them.
         least_shared: of their view.
 
@@ -108,11 +109,11 @@ def errors_against(
     return np.hypot(off[..., 0], off[..., 1]), np.abs(off[..., 2])
 
 
-def _first_that_share(pairs: Iterator[ScanPair], n: int, least_shared: float, where: str) -> list[ScanPair]:
-    kept: list[ScanPair] = []
-    for pair in pairs:
-        if shared_view(pair) >= least_shared:
-            kept.append(pair)
-        if len(kept) == n:
-            return kept
-    raise EvaluationError(f"{where}: found {len(kept)} pairs that share {least_shared:.0%} of their view, expected {n}")
+def _first_that_share(pairs: Iterator[ScanPair], n: int | None, least_shared: float, where: str) -> list[ScanPair]:
+    kept = list(islice((pair for pair in pairs if shared_view(pair) >= least_shared), n))
+    wanted = n or 1
+    if len(kept) < wanted:
+        raise EvaluationError(
+            f"{where}: found {len(kept)} pairs that share {least_shared:.0%} of their view, expected {wanted}"
+        )
+    return kept

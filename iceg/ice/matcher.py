@@ -19,7 +19,7 @@ from iceg.ice.hypotheses import SearchWindow, distinct, pair_hypotheses, search_
 from iceg.ice.local_map import LocalMap, View, box_around
 from iceg.ice.points import ScanPoints, extract_points
 from iceg.ice.refinement import Refined, approach, evaluate_points, polish_on_features, refine_on_points
-from iceg.ice.search import evolve_hypotheses, grid_hypotheses
+from iceg.ice.search import breed_hypotheses, evolve_hypotheses, grid_hypotheses
 from iceg.ice.segments import segment_rows, smoothed_on_segments
 from iceg.ice.verification import Agreement, agreement, contradictions, view
 
@@ -321,6 +321,8 @@ class IceMatcher:
         if self.config.use_features:
             if config.search == "exhaustive":
                 hypotheses = grid_hypotheses(window, config)
+            elif config.search == "genetic":
+                hypotheses = breed_hypotheses(window, partial(self._fitness, reference, observation), config)
             elif config.search == "evolutionary":
                 hypotheses = evolve_hypotheses(window, partial(self._fitness, reference, observation), config)
             else:

@@ -1,4 +1,4 @@
-"""Searches over (dx, dy, dθ) that need no pairs of features: exhaustive, and evolutionary as in the paper."""
+"""Searches over (dx, dy, dθ) that need no pairs of features: exhaustive, genetic as in the paper, and evolutionary."""
 
 from collections.abc import Callable
 
@@ -11,6 +11,11 @@ from iceg.ice.hypotheses import SearchWindow
 
 _TURN_PER_SIGMA = 0.5
 """Spacing of headings in radians per metre of the likelihood field's width: the same arc two metres away."""
+
+_MUTATION = 0.3
+"""How often a coordinate of a child mutates."""
+_ELITE = 3
+"""Poses of a generation that live on."""
 
 
 def grid_hypotheses(window: SearchWindow, config: HypothesisConfig) -> NDArray[np.float64]:
@@ -26,6 +31,44 @@ def grid_hypotheses(window: SearchWindow, config: HypothesisConfig) -> NDArray[n
     along = _symmetric(window.translation, config.field_sigma)
     turns = _symmetric(window.rotation, _TURN_PER_SIGMA * config.field_sigma)
     offsets = np.stack(np.meshgrid(along, along, turns, indexing="ij"), axis=-1).reshape(-1, 3)
+    return _around(window, np.concatenate([np.zeros((1, 3)), offsets]))
+
+
+def breed_hypotheses(
+    window: SearchWindow,
+    fitness: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    config: HypothesisConfig,
+) -> NDArray[np.float64]:
+    """A genetic algorithm on poses in the window, as the paper has in mind (section III.C.3).
+
+    Of each generation the fitter of two drawn poses become parents, a child lies in the box around its two parents or
+    a little outside (BLX-0.5), some of its coordinates mutate by a hundredth to a tenth of the window, and children
+    take the place of all but the fittest parents.
+
+    Args:
+        window: the feasible area.
+        fitness: of (n, 3) poses, (n,), larger is better.
+        config: seed and effort, the same number of poses as `evolve_hypotheses` weighs.
+
+    Returns:
+        (n, 3) the guess and the last population.
+    """
+    rng = np.random.default_rng(config.seed)
+    widths = np.array([window.translation, window.translation, window.rotation])
+    n = 3 * config.population
+    offsets = rng.uniform(-1.0, 1.0, (n, 3)) * widths
+    fit = fitness(_around(window, offsets))
+    for _ in range(config.generations):
+        rivals = rng.integers(0, n, (2, n, 2))
+        winners = np.where(fit[rivals[..., 0]] >= fit[rivals[..., 1]], rivals[..., 0], rivals[..., 1])
+        mother, father = offsets[winners[0]], offsets[winners[1]]
+        children = mother + rng.uniform(-0.5, 1.5, (n, 3)) * (father - mother)
+        step = widths * 10.0 ** rng.uniform(-2.0, -1.0, (n, 1))
+        children += np.where(rng.random((n, 3)) < _MUTATION, rng.normal(size=(n, 3)) * step, 0.0)
+        children = np.clip(children, -widths, widths)
+        fittest = np.argsort(-fit, kind="stable")[:_ELITE]
+        children[:_ELITE] = offsets[fittest]
+        offsets, fit = children, fitness(_around(window, children))
     return _around(window, np.concatenate([np.zeros((1, 3)), offsets]))
 
 
