@@ -88,13 +88,12 @@ def test_a_scan_against_itself_is_found_exactly(name: str) -> None:
         assert isinstance(found, RelativePose)
         assert found.score > 0.85
         errors.append(np.abs(found.T_ref_cur))
-    # ICP stops where a wall's samples fall onto their neighbours; whoever knows of surfaces goes on.
-    assert (np.median(errors, axis=0) < (0.02 if name == "icp" else 2e-3)).all()
+    assert (np.median(errors, axis=0) < 2e-3).all()
     assert (np.max(errors, axis=0) < 0.051).all()
 
 
 @pytest.mark.parametrize(("name", "metres", "radians"), [
-    ("icp", 0.015, 0.01), ("plicp", 1e-3, 2e-4), ("idc", 8e-3, 5e-3),
+    ("icp", 5e-3, 2e-3), ("plicp", 1e-3, 2e-4), ("idc", 8e-3, 5e-3),
     ("mbicp", 5e-3, 1e-3), ("wsm", 3e-3, 1e-3), ("qwsm", 3e-3, 1e-3),
 ])  # fmt: skip
 def test_noise_free_pairs_are_recovered(name: str, metres: float, radians: float) -> None:
@@ -134,10 +133,11 @@ def test_same_input_same_bytes(name: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "least", "most"), [
-    ("plicp", 0.8, 6.0), ("wsm", 1.0, 12.0), ("qwsm", 1.0, 12.0),
+    ("icp", 0.8, 5.0), ("plicp", 0.8, 5.0), ("mbicp", 0.8, 5.0), ("idc", 0.8, 8.0), ("wsm", 1.0, 12.0),
+    ("qwsm", 1.0, 12.0),
 ])  # fmt: skip
-def test_covariances_from_a_noise_model_are_of_the_right_size(name: str, least: float, most: float) -> None:
-    """3 would be perfect. ICP, IDC and MbICP take their residuals for noise and are not tested: papers' formulas."""
+def test_covariances_are_of_the_right_size(name: str, least: float, most: float) -> None:
+    """The median NEES; 2.37 would be perfect."""
     matcher, pairs = make_matcher(name), noisy_pairs()
     nees = []
     for i in range(len(pairs.T_ref_cur)):
@@ -284,9 +284,9 @@ def test_settings_outside_their_range_are_refused(wrong: Any) -> None:
 
 
 @pytest.mark.parametrize(("matcher", "most"), [
-    (IcpMatcher(IcpConfig(final_trim=0.95)), 0.11), (PlicpMatcher(), 0.30),
-    (IdcMatcher(IdcConfig(final_trim=0.95)), 0.05), (MbicpMatcher(MbicpConfig(final_trim=0.95)), 0.05),
-    (WsmMatcher(), 0.28), (QwsmMatcher(), 0.22),
+    (IcpMatcher(), 0.08), (PlicpMatcher(), 0.08),
+    (IdcMatcher(), 0.06), (MbicpMatcher(), 0.08),
+    (WsmMatcher(), 0.16), (QwsmMatcher(), 0.08),
 ])  # fmt: skip
 def test_basin_of_real_scans_against_themselves(matcher: Matcher, most: float, data_dir: Path) -> None:
     """The published test: a scan against itself from ±0.2 m, ±45°; failed beyond 5 cm or 2°.

@@ -9,13 +9,19 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from frontends.matchers import _bearing_kernels as bearing
+from frontends.matchers import _covariance_kernels, _pair_kernels
+from frontends.matchers import _icp_kernels as icp
+from frontends.matchers import _outline_kernels as outlines
 from frontends.matchers import _weighted_kernels as weighted
+from frontends.matchers._fit_kernels import line_fit, metric_normal_equations
+from frontends.matchers._outline_kernels import Outline
+from frontends.matchers._pair_kernels import Pairs, Trimming
 from frontends.matchers.bearing_scan import BearingScan
 from frontends.matchers.quad_tree import QuadTree
 from frontends.matchers.weighted_points import PointNoiseConfig, weigh_scan
 from frontends.scan import Scan, ScanGeometry
 
+EVERY_PAIR = Trimming(1.0, 1.0, 0.7, math.inf, 3)
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -23,6 +29,10 @@ def polar_cloud(rng: np.random.Generator, n: int, opening: float) -> tuple[NDArr
     bearings = np.sort(rng.uniform(-opening / 2, opening / 2, n))
     ranges = rng.uniform(0.3, 6.0, n)
     return bearings, np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings)])
+
+
+def outline_of(xy: NDArray[np.float64], bearings: NDArray[np.float64], linked: NDArray[np.bool_]) -> Outline:
+    return Outline(xy, bearings, linked, np.zeros(len(xy), np.int8))
 
 
 def metric_square(delta: NDArray[np.float64], p: NDArray[np.float64], length: float) -> NDArray[np.float64]:
@@ -50,7 +60,7 @@ def test_closest_point_is_the_closest(seed: int, opening: float, length: float) 
     linked[-1] = opening > 6.0 and linked[-1]
     p = rng.uniform(-5.0, 5.0, 2)
     for hint in (-1, int(rng.integers(25))):
-        x, y, d2, j = bearing.closest(p[0], p[1], xy, bearings, linked, length**2, math.pi, 1e6, hint)
+        x, y, d2, j = outlines.closest(p[0], p[1], outline_of(xy, bearings, linked), length**2, math.pi, 1e6, hint)
         assert d2 == pytest.approx(float(metric_square(np.array([x, y]) - p, p, length)), abs=1e-9)
         assert d2 == pytest.approx(slow_closest(p, xy, linked, length), abs=1e-5)
         assert 0 <= j < 25
@@ -59,11 +69,11 @@ def test_closest_point_is_the_closest(seed: int, opening: float, length: float) 
 def test_closest_point_respects_limit_and_window() -> None:
     bearings = np.array([-0.5, 0.0, 0.5])
     xy = 2.0 * np.column_stack([np.cos(bearings), np.sin(bearings)])
-    linked = np.zeros(3, np.bool_)
-    assert bearing.closest(5.0, 0.0, xy, bearings, linked, math.inf, math.pi, 4.0, -1)[3] == -1
-    assert bearing.closest(5.0, 0.0, xy, bearings, linked, math.inf, math.pi, 9.1, -1)[3] == 1
-    assert bearing.closest(0.0, 2.0, xy, bearings, linked, math.inf, 0.3, 100.0, -1)[3] == -1
-    assert bearing.closest(0.0, 2.0, xy, bearings, linked, math.inf, 0.3, 100.0, 2)[3] == -1  # nor by a hint
+    outline = outline_of(xy, bearings, np.zeros(3, np.bool_))
+    assert outlines.closest(5.0, 0.0, outline, math.inf, math.pi, 4.0, -1)[3] == -1
+    assert outlines.closest(5.0, 0.0, outline, math.inf, math.pi, 9.1, -1)[3] == 1
+    assert outlines.closest(0.0, 2.0, outline, math.inf, 0.3, 100.0, -1)[3] == -1
+    assert outlines.closest(0.0, 2.0, outline, math.inf, 0.3, 100.0, 2)[3] == -1  # nor by a hint
 
 
 @settings(max_examples=60)
@@ -75,7 +85,9 @@ def test_matching_range_is_the_nearest_crossing_in_bearing(seed: int) -> None:
     xy = np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings)])
     linked = np.r_[np.ones(60, np.bool_), False]
     at, r, window = rng.uniform(-1.0, 1.0), rng.uniform(3.0, 5.0), 0.4
-    x, y, found = bearing.matching_range(r * math.cos(at), r * math.sin(at), xy, bearings, ranges, linked, window)
+    x, y, found = outlines.matching_range(
+        r * math.cos(at), r * math.sin(at), outline_of(xy, bearings, linked), ranges, window
+    )
     crossing = [
         bearings[j] + (r - ranges[j]) / (ranges[j + 1] - ranges[j]) * (bearings[j + 1] - bearings[j])
         for j in range(60) if (ranges[j] - r) * (ranges[j + 1] - r) <= 0
@@ -102,8 +114,8 @@ def test_line_fit_is_the_constrained_minimum(seed: int, turn: float) -> None:
     p = rng.uniform(-4.0, 4.0, (n, 2))
     rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
     exact = p @ rotation.T + [0.3, -0.2] + rng.uniform(-1, 1, (n, 1)) * normals[:, ::-1] * [-1.0, 1.0]
-    first, kept = np.arange(n), np.ones(n, np.bool_)
-    x, y, angle = bearing.line_fit(p, exact, first, normals, kept, 1e-9)
+    kept = np.ones(n, np.bool_)
+    x, y, angle = line_fit(p, exact, normals, kept, 1e-9)
     assert (x, y) == pytest.approx((0.3, -0.2), abs=1e-6)
     assert math.remainder(angle - turn, 2 * math.pi) == pytest.approx(0.0, abs=1e-6)
 
@@ -114,7 +126,7 @@ def test_line_fit_is_the_constrained_minimum(seed: int, turn: float) -> None:
         moved = np.column_stack([v[0] + c * p[:, 0] - s * p[:, 1], v[1] + s * p[:, 0] + c * p[:, 1]])
         return float((((moved - q) * normals).sum(axis=1) ** 2).sum())
 
-    x, y, angle = bearing.line_fit(p, q, first, normals, kept, 1e-12)
+    x, y, angle = line_fit(p, q, normals, kept, 1e-12)
     numeric = min(minimize(cost, [0.0, 0.0, a]).fun for a in (-2.0, 0.0, 2.0))
     assert cost(np.array([x, y, angle])) <= numeric * (1 + 1e-6) + 1e-9
 
@@ -126,44 +138,66 @@ def wall(distance: float = 2.0, n: int = 61, opening: float = 1.2) -> BearingSca
     return BearingScan.of(Scan(ranges=ranges, geometry=geometry))
 
 
-def test_idc_covariance_is_lu_and_milios_closed_form() -> None:
-    """D at the midpoints of the pairs and s² = Σ|p₁ − p₂|²/(2n − 3), written out for one known association."""
-    rng = np.random.default_rng(4)
-    bearings = np.linspace(-1.5, 1.5, 80)
-    ranges = 3.0 + 0.5 * np.sin(4 * bearings)
-    xy = np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings)])
-    points = xy + rng.normal(0.0, 0.004, xy.shape)
-    unlinked = np.zeros(80, np.bool_)
-    pose, H, M, (pairs, square, _) = bearing.idc(
-        xy, bearings, unlinked, points, np.zeros(3), 0.02, 0.5, 0.02, 1.0, 1.0, 1.0, 30, 1e-7
-    )
-    c, s = math.cos(pose[2]), math.sin(pose[2])
-    moved = pose[:2] + points @ np.array([[c, -s], [s, c]]).T
-    n = int(pairs)
-    assert n == 80
-    x, y = (0.5 * (moved + xy)).T
-    D = np.array([[n, 0, -y.sum()], [0, n, x.sum()], [-y.sum(), x.sum(), (x**2 + y**2).sum()]])
-    s2 = ((moved - xy) ** 2).sum() / (2 * n - 3)
-    inverse = np.linalg.inv(H)
-    assert pytest.approx(D, rel=1e-9, abs=1e-9) == H
-    assert inverse @ M @ inverse == pytest.approx(s2 * np.linalg.inv(D), rel=1e-9)
-    assert square == pytest.approx(((moved - xy) ** 2).sum(axis=1).mean())
+def facing_wall(distance: float, n: int) -> tuple[Outline, Pairs]:
+    """A wall seen head on, and each of its points paired with itself."""
+    points = wall(distance, n)
+    outline = Outline(points.xy, points.bearings, np.r_[np.ones(n - 1, np.bool_), False], np.zeros(n, np.int8))
+    pairs = _pair_kernels.no_pairs(n)
+    _pair_kernels.associate(outline, points.xy, np.zeros(3), math.inf, math.pi, EVERY_PAIR, pairs)
+    assert _pair_kernels.trim(EVERY_PAIR, pairs) == n
+    return outline, pairs
 
 
-def test_mbicp_normal_equations_are_those_of_its_metric() -> None:
+def test_covariance_is_censis_closed_form_for_one_wall() -> None:
+    """A wall at x = 2 seen at bearings b: rows (1, 0, −y); a range of either scan moves its row's distance by cos b."""
+    outline, pairs = facing_wall(2.0, 61)
+    H, M, (count, total) = _covariance_kernels.covariance_parts(outline, pairs, np.zeros(3))
+    b = np.linspace(-0.6, 0.6, 61)[:60]  # no piece of wall begins at the last point
+    rows = np.column_stack([np.ones(60), np.zeros(60), -2.0 * np.tan(b)])
+    assert count == 60
+    assert total == pytest.approx(0.0, abs=1e-9)
+    assert pytest.approx(rows.T @ rows, rel=1e-5, abs=1e-5) == H
+    assert pytest.approx(2 * (rows.T * np.cos(b) ** 2) @ rows, rel=1e-4, abs=1e-4) == M
+    assert H[1, 1] == pytest.approx(0.0, abs=1e-9)  # nothing along the wall, though every point has its twin
+
+
+def test_metric_normal_equations_are_those_of_the_metric() -> None:
     """H of the metric: the shortest motion (x, y, Lθ) of a point costs what the metric says."""
-    rng = np.random.default_rng(5)
-    bearings, xy = polar_cloud(rng, 50, 3.0)
-    points = xy.copy()
-    _, H, _, _ = bearing.mbicp(
-        xy, bearings, np.zeros(50, np.bool_), points, np.zeros(3), 3.0, 1.0, 1.0, 1.0, 1.0, 5, 1e-6
-    )
+    _, xy = polar_cloud(np.random.default_rng(5), 50, 3.0)
+    H, g = metric_normal_equations(xy, xy, np.ones(50, np.bool_), 9.0)
     expected = np.zeros((3, 3))
     for x, y in xy:
         J = np.array([[1.0, 0.0, -y], [0.0, 1.0, x]])
         k = np.array([y, -x])
         expected += J.T @ (np.eye(2) - np.outer(k, k) / (x * x + y * y + 9.0)) @ J
     assert pytest.approx(expected, rel=1e-9, abs=1e-9) == H
+    assert g == pytest.approx(np.zeros(3), abs=1e-9)
+
+
+def test_pairs_at_the_end_of_what_was_seen_are_left_out() -> None:
+    """A wall seen from y = −1 to 1 with a gap after y = 0.5: beyond its ends nothing is known."""
+    y = np.array([-1.0, -0.5, 0.0, 0.5, 0.8, 1.0])
+    xy = np.column_stack([np.full(6, 2.0), y])
+    linked = np.array([True, True, True, False, True, False])
+    outline = Outline(xy, np.arctan2(y, 2.0), linked, np.array([2, 0, 0, 1, 1, 2], np.int8))
+    points = np.array([[2.1, -1.3], [2.1, -0.7], [2.1, 0.6], [2.1, 0.9], [2.1, 1.2]])
+    for least_end, expected in ((1, [1, 3]), (2, [1, 2, 3]), (3, [0, 1, 2, 3, 4])):
+        pairs = _pair_kernels.no_pairs(5)
+        _pair_kernels.associate(
+            outline, points, np.zeros(3), math.inf, math.pi, EVERY_PAIR._replace(least_end=least_end), pairs
+        )
+        assert np.flatnonzero(np.isfinite(pairs.squares)).tolist() == expected
+
+
+def test_steps_that_keep_their_direction_are_led_to_their_end() -> None:
+    """Steps 0.4, 0.2 along x lead on by 0.2, as their geometric series does; a turn to the side leads nowhere."""
+    pose, steps = np.array([0.6, 0.0, 0.0]), np.array([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0]])
+    icp._accelerate(np.array([0.4, 0.0, 0.0]), pose, steps)
+    assert pose == pytest.approx([0.8, 0.0, 0.0])
+    assert not steps.any()
+    sideways, steps = np.array([0.4, 0.2, 0.0]), np.array([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0]])
+    icp._accelerate(np.array([0.4, 0.0, 0.0]), sideways, steps)
+    assert sideways == pytest.approx([0.4, 0.2, 0.0])
 
 
 @settings(max_examples=60)
@@ -218,10 +252,9 @@ def weighted_self_match(xy: NDArray[np.float64], ranges: NDArray[np.float32], be
     geometry = ScanGeometry(bearings=bearings, range_min=0.1, range_max=50.0)
     points = weigh_scan(Scan(ranges=ranges, geometry=geometry), PointNoiseConfig())
     assert points.tree.xy == pytest.approx(xy, abs=1e-5)
-    pose, information, _ = weighted.weighted_match(
-        points.tree.xy, points.noise, points.tangents, points.spreads, points.tree.nodes, points.tree.xy, points.noise,
-        points.tree.nodes, np.zeros(3), False, 1.0, 1.0, 5.0, 30, 1e-3, 1e-6,
-    )  # fmt: skip
+    cloud = points.cloud()._replace(ends=np.zeros(len(xy), np.int8))
+    rules = weighted.Rules(False, 1.0, 1.0, 5.0, 30, 1e-3, 1e-6)
+    pose, information, _ = weighted.weighted_match(cloud, cloud, np.zeros(3), rules)
     assert pose == pytest.approx(np.zeros(3), abs=1e-9)
     total = np.zeros((2, 2))
     for noise, tangent, spread in zip(points.noise, points.tangents, points.spreads, strict=True):
@@ -253,18 +286,25 @@ def test_wsm_covariance_of_a_corner_is_tight_both_ways() -> None:
     assert math.sqrt(covariance[0, 0]) < 0.01 * math.sqrt(2 / 45) * 1.3
 
 
+def pairs_with(squares: list[float]) -> Pairs:
+    pairs = _pair_kernels.no_pairs(len(squares))
+    pairs.squares[:] = squares
+    return pairs
+
+
 def test_trimming_keeps_the_smallest_share() -> None:
-    squares = np.array([4.0, math.inf, 1.0, 3.0, 2.0, math.inf])
-    kept = np.zeros(6, np.bool_)
-    assert bearing._trim(squares, 0.5, kept) == 2
-    assert kept.tolist() == [False, False, True, False, True, False]
-    assert bearing._trim(np.full(6, math.inf), 0.5, kept) == 0
-    assert not kept.any()
+    pairs = pairs_with([4.0, math.inf, 1.0, 3.0, 2.0, math.inf])
+    assert _pair_kernels.trim(EVERY_PAIR._replace(share=0.5), pairs) == 2
+    assert pairs.kept.tolist() == [False, False, True, False, True, False]
+    # Twice the median distance, 1, is 2: a squared distance of 4 is the last within.
+    pairs = pairs_with([1.0, 1.0, 1.0, 4.0, 4.1])
+    assert _pair_kernels.trim(EVERY_PAIR._replace(order=0.5, factor=2.0), pairs) == 4
+    assert _pair_kernels.trim(EVERY_PAIR, pairs_with([math.inf] * 6)) == 0
 
 
 def test_hidden_points_fall_behind_in_bearing_order() -> None:
     bearings = np.array([0.0, 0.1, 0.3, 0.2, 0.25, 0.4])
-    moved = 2.0 * np.column_stack([np.cos(bearings), np.sin(bearings)])
-    squares = np.zeros(6)
-    bearing._drop_hidden(moved, squares)
-    assert np.isinf(squares).tolist() == [False, False, False, True, True, False]
+    pairs = pairs_with([0.0] * 6)
+    pairs.moved[:] = 2.0 * np.column_stack([np.cos(bearings), np.sin(bearings)])
+    _pair_kernels.drop_hidden(pairs)
+    assert np.isinf(pairs.squares).tolist() == [False, False, False, True, True, False]

@@ -1,12 +1,13 @@
 """When the outcome of a point matcher is credible, and the measurement made of it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontends.matchers.errors import require
+from frontends.matchers.restarts import RestartConfig
 from graph.measurement import NoMatch
 from graph.se2 import adjoint, between, inverse
 
@@ -39,6 +40,8 @@ class AcceptanceConfig:
     """Smallest standard deviation reported along any direction [m, rad]."""
     weak_sigma: float = 1.0
     """Standard deviation given to a direction the matcher says it cannot observe [m, rad]."""
+    restarts: RestartConfig = field(default_factory=RestartConfig)
+    """Other starts where the first one ends badly."""
 
     def __post_init__(self) -> None:
         require(self.min_pairs >= 3, f"acceptance.min_pairs must be at least 3, found {self.min_pairs}")

@@ -54,3 +54,18 @@ class BearingScan:
         turn = np.mod(np.roll(self.bearings, -1) - self.bearings, 2 * np.pi)
         near = step[:, 0] ** 2 + step[:, 1] ** 2 <= max_gap**2
         return np.asarray(near & (turn <= (max_beams + 0.5) * self.resolution), dtype=np.bool_)
+
+    def ends(self, linked: NDArray[np.bool_]) -> NDArray[np.int8]:
+        """Where unseen ground begins.
+
+        Args:
+            linked: (n,) as from `links`.
+
+        Returns:
+            (n,) int8: 2 at the first and the last return unless they are joined, 1 at other ends of joined rows, 0
+            elsewhere.
+        """
+        ends: NDArray[np.int8] = (linked != np.roll(linked, 1)).astype(np.int8)
+        if len(linked) and not linked[-1]:
+            ends[[0, -1]] = 2
+        return ends

@@ -1,85 +1,55 @@
 """IDC: iterative dual correspondence (Lu and Milios 1997)."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matchers import _bearing_kernels as kernels
-from frontends.matchers.acceptance import AcceptanceConfig, Alignment
-from frontends.matchers.bearing_scan import BearingScan
+from frontends.matchers import _icp_kernels as kernels
+from frontends.matchers._icp_kernels import Stopping
+from frontends.matchers._outline_kernels import Outline
+from frontends.matchers._pair_kernels import Pairs, Trimming
 from frontends.matchers.errors import require
-from frontends.matchers.single_scan import ReferenceScan, SingleScanMatcher
+from frontends.matchers.single_scan import PairConfig, SingleScanMatcher
 
 
 @dataclass(frozen=True, kw_only=True)
-class IdcConfig:
+class IdcConfig(PairConfig):
     """Settings of IDC."""
 
     window: float = math.radians(60.0)
     """Correspondences are sought this far to either side of a point's bearing at first [rad] …"""
     decay: float = 0.2
     """… narrowing as exp(−decay · iteration) …"""
-    min_window: float = math.radians(5.0)
+    min_window: float = math.radians(2.5)
     """… down to this [rad]."""
-    max_distance: float = 1.0
-    """Farthest closest point, and largest difference of matching ranges [m]."""
-    trim: float = 0.95
-    """Share of the correspondences of either rule kept in each iteration, the best ones …"""
-    final_trim: float = 0.85
-    """… and once the iterations have settled: far from the optimum too many would be lost."""
     max_iterations: int = 40
-    """Most iterations; the two rules share no cost, so a few scans end in a small cycle."""
+    adaptive_factor: float = 2.0
     epsilon: float = 2e-4
-    """The iterations end when none of them moves the scan farther than this [m, rad]."""
-    max_gap: float = 0.5
-    """Neighbouring points nearer than this are joined by a straight piece of surface [m]."""
-    acceptance: AcceptanceConfig = field(default_factory=AcceptanceConfig)
-    """When a match is credible."""
+    strict_first: float = 2.0
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         require(0 < self.min_window <= self.window, "idc: need 0 < min_window <= window")
-        require(self.decay > 0, f"idc.decay must be positive, found {self.decay}")
-        require(self.max_distance > 0, f"idc.max_distance must be positive, found {self.max_distance}")
-        for name in ("trim", "final_trim"):
-            value = getattr(self, name)
-            require(0 < value <= 1, f"idc.{name} must lie in (0, 1], found {value}")
-        require(self.max_iterations >= 1, f"idc.max_iterations must be at least 1, found {self.max_iterations}")
+        require(self.decay > 0, f"decay must be positive, found {self.decay}")
 
 
 class IdcMatcher(SingleScanMatcher):
-    """Takes the translation from closest points and the rotation from points at matching range.
-
-    Covariance: the paper's closed form over the last closest points.
-    """
+    """Takes the translation from closest places and the rotation from places at matching range."""
 
     def __init__(self, config: IdcConfig | None = None) -> None:
         self.config = config or IdcConfig()
-        super().__init__(self.config.acceptance, self.config.max_gap)
+        super().__init__(self.config)
 
-    def _align(self, reference: ReferenceScan, points: BearingScan, T_frame_guess: NDArray[np.float64]) -> Alignment:
+    def _iterate(
+        self,
+        outline: Outline,
+        points: NDArray[np.float64],
+        start: NDArray[np.float64],
+        trimming: Trimming,
+        stopping: Stopping,
+    ) -> tuple[NDArray[np.float64], Pairs, int]:
         config = self.config
-        pose, hessian, scatter, (pairs, square, iterations) = kernels.idc(
-            reference.points.xy,
-            reference.points.bearings,
-            reference.linked,
-            points.xy,
-            T_frame_guess,
-            config.window,
-            config.decay,
-            config.min_window,
-            config.max_distance,
-            config.trim,
-            config.final_trim,
-            config.max_iterations,
-            config.epsilon,
-        )
-        return Alignment(
-            T_frame_laser=pose,
-            hessian=hessian,
-            scatter=scatter,
-            pairs=int(pairs),
-            residual=math.sqrt(square),
-            iterations=int(iterations),
-        )
+        window = config.window if trimming.least_end == 2 else config.min_window
+        return kernels.dual(outline, points, start, window, config.decay, config.min_window, trimming, stopping)

@@ -4,13 +4,14 @@ The reference is cut into cells of a metre, each a normal distribution of the po
 cell overlap, so that every point meets four cells. Newton's method maximises Σ exp(−dᵀS⁻¹d/2).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontends.matchers import _ndt_kernels as kernels
 from frontends.matchers.errors import MatcherError, require
+from frontends.matchers.restarts import RestartConfig, other_starts
 from frontends.matchers.surfaces import weak_directions
 from frontends.scan import Scan
 from graph.measurement import NoMatch, RelativePose
@@ -55,6 +56,8 @@ class NdtConfig:
     """A direction is unobservable if the squared cosines between it and the normals are less than this on average."""
     weak_sigma: float = 1.0
     """Standard deviation given to an unobservable direction [m, rad]."""
+    restarts: RestartConfig = field(default_factory=RestartConfig)
+    """Other starts where the first one ends badly."""
 
     def __post_init__(self) -> None:
         require(self.cell > 0, f"ndt.cell must be positive, found {self.cell}")
@@ -120,10 +123,10 @@ class NdtMatcher:
         reference: NdtMap,
         scan: Scan,
         T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],  # noqa: ARG002
+        covariance_guess: NDArray[np.float64],
     ) -> RelativePose | NoMatch:
         """Find the robot pose of `scan` in the frame of the reference, see `frontends.matcher.Matcher`."""
-        aligned = self._align(reference, scan, T_ref_guess)
+        aligned = self._best(reference, scan, T_ref_guess, covariance_guess)
         if isinstance(aligned, NoMatch):
             return aligned
         covariance, weak = self._covariance(reference, aligned)
@@ -142,36 +145,52 @@ class NdtMatcher:
         reference: NdtMap,
         scan: Scan,
         T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],  # noqa: ARG002
+        covariance_guess: NDArray[np.float64],
     ) -> NDArray[np.float64] | NoMatch:
         """As `match`, but only the pose."""
-        aligned = self._align(reference, scan, T_ref_guess)
+        aligned = self._best(reference, scan, T_ref_guess, covariance_guess)
         return aligned if isinstance(aligned, NoMatch) else aligned.T_ref_cur
+
+    def _best(
+        self, reference: NdtMap, scan: Scan, T_ref_guess: NDArray[np.float64], covariance_guess: NDArray[np.float64]
+    ) -> "_Aligned | NoMatch":
+        """From the guess and, where that ends badly, from other starts around it."""
+        config = self.config.restarts
+        best = self._align(reference, scan, T_ref_guess)
+        if config.below == 0.0 or _enough(best, config.below):
+            return best
+        for start in other_starts(T_ref_guess, covariance_guess, config):
+            other = self._align(reference, scan, start)
+            if isinstance(other, NoMatch):
+                continue
+            if isinstance(best, NoMatch) or other.inliers > best.inliers:
+                best = other
+            if _enough(best, config.below):
+                break
+        return best
 
     def _align(self, reference: NdtMap, scan: Scan, T_ref_guess: NDArray[np.float64]) -> "_Aligned | NoMatch":
         points = np.ascontiguousarray(scan.points)
         if len(points) < 2 * self.config.min_points:
             return NoMatch(reason=f"only {len(points)} beams returned")
+        guess = np.asarray(T_ref_guess, dtype=np.float64)
+        best = self._newton(reference, points, guess)
+        if reference.coarse is not None:
+            # The wide stage reaches farther, but a good guess may be better without it.
+            wide = self._newton(reference, points, self._newton(reference.coarse, points, guess).T_ref_cur)
+            best = wide if wide.inliers > best.inliers else best
+        if best.inliers < self.config.min_inliers * len(points):
+            return NoMatch(reason=f"only {best.inliers / len(points):.0%} of the beams lie in a cell's distribution")
+        return best
+
+    def _newton(self, stage: NdtMap, points: NDArray[np.float64], start: NDArray[np.float64]) -> "_Aligned":
+        """Newton's method on one stage."""
         gradients, hessian = np.empty((len(points), 3)), np.empty((3, 3))
-        pose = np.asarray(T_ref_guess, dtype=np.float64)
-        for stage in (reference.coarse, reference):
-            if stage is not None:
-                pose, _, _ = kernels.align(
-                    points,
-                    pose,
-                    stage.cells,
-                    stage.origin,
-                    stage.cell,
-                    self.config.iterations,
-                    self.config.tolerance,
-                    gradients,
-                    hessian,
-                )
-        inliers, met = kernels.count_inliers(
-            points, pose, reference.cells, reference.origin, reference.cell, _INLIER_GATE
+        cells, origin, cell = stage.cells, stage.origin, stage.cell
+        pose, _, _ = kernels.align(
+            points, start, cells, origin, cell, self.config.iterations, self.config.tolerance, gradients, hessian
         )
-        if inliers < self.config.min_inliers * len(points):
-            return NoMatch(reason=f"only {inliers / len(points):.0%} of the beams lie in a cell's distribution")
+        inliers, met = kernels.count_inliers(points, pose, cells, origin, cell, _INLIER_GATE)
         return _Aligned(
             T_ref_cur=pose, points=points, gradients=gradients, hessian=hessian, inliers=int(inliers), met=int(met)
         )
@@ -220,6 +239,10 @@ class _Aligned:
     hessian: NDArray[np.float64]
     inliers: int
     met: int
+
+
+def _enough(aligned: "_Aligned | NoMatch", share: float) -> bool:
+    return not isinstance(aligned, NoMatch) and aligned.inliers >= share * len(aligned.points)
 
 
 def sandwich(hessian: NDArray[np.float64], spread: NDArray[np.float64], largest: float) -> NDArray[np.float64]:

@@ -1,6 +1,7 @@
 """What all point matchers share: frames, acceptance, covariance, agreement."""
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 from weakref import WeakKeyDictionary
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 
 from frontends.matchers.acceptance import AcceptanceConfig, Alignment, objection, tangent_covariance
 from frontends.matchers.errors import require
+from frontends.matchers.restarts import other_starts
 from frontends.scan import Scan
 from graph.measurement import NoMatch, RelativePose
 from graph.se2 import between, compose, inverse
@@ -85,22 +87,53 @@ class PointMatcher(ABC, Generic[Reference, Points]):
                 return NoMatch(reason=f"only {count} beams of the {name} returned")
         T_robot_laser = scan.geometry.T_robot_laser
         T_frame_guess = between(reference.T_ref_laser, compose(T_ref_guess, T_robot_laser))
-        found = self._align(reference, points, T_frame_guess)
-        refused = objection(found, len(points), T_frame_guess, covariance_guess, self._acceptance)
-        if refused is not None:
-            return refused
-        inliers, known = self._agreeing(reference, points, found.T_frame_laser)
-        if inliers < self._acceptance.min_inliers * len(points):
-            return NoMatch(reason=f"only {inliers / len(points):.0%} of the beams agree with the reference")
-        covariance, weak_directions = tangent_covariance(found, T_robot_laser, self._acceptance)
+        found = self._best_attempt(reference, points, T_frame_guess, covariance_guess)
+        if isinstance(found, NoMatch):
+            return found
+        covariance, weak_directions = tangent_covariance(found.alignment, T_robot_laser, self._acceptance)
+        T_frame_robot = compose(found.alignment.T_frame_laser, inverse(T_robot_laser))
         return RelativePose(
-            T_ref_cur=compose(reference.T_ref_laser, compose(found.T_frame_laser, inverse(T_robot_laser))),
+            T_ref_cur=compose(reference.T_ref_laser, T_frame_robot),
             covariance=covariance,
-            score=inliers / len(points),
-            inliers=inliers,
-            overlap=known / len(points),
+            score=found.inliers / len(points),
+            inliers=found.inliers,
+            overlap=found.known / len(points),
             weak_directions=weak_directions,
         )
+
+    def _best_attempt(
+        self,
+        reference: Reference,
+        points: Points,
+        T_frame_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> "_Attempt | NoMatch":
+        """From the guess and, where that ends badly, from other starts around it."""
+
+        def attempt(start: NDArray[np.float64]) -> _Attempt | NoMatch:
+            found = self._align(reference, points, start)
+            refused = objection(found, len(points), T_frame_guess, covariance_guess, self._acceptance)
+            if refused is not None:
+                return refused
+            inliers, known = self._agreeing(reference, points, found.T_frame_laser)
+            if inliers < self._acceptance.min_inliers * len(points):
+                return NoMatch(reason=f"only {inliers / len(points):.0%} of the beams agree with the reference")
+            return _Attempt(alignment=found, inliers=inliers, known=known)
+
+        config = self._acceptance.restarts
+        enough = config.below * len(points)
+        best = attempt(T_frame_guess)
+        if config.below == 0.0 or (isinstance(best, _Attempt) and best.inliers >= enough):
+            return best
+        for start in other_starts(T_frame_guess, covariance_guess, config):
+            other = attempt(start)
+            if isinstance(other, NoMatch):
+                continue
+            if isinstance(best, NoMatch) or other.inliers > best.inliers:
+                best = other
+            if best.inliers >= enough:
+                break
+        return best
 
     def inlier_share(self, reference: Reference, scan: Scan, T_ref_cur: NDArray[np.float64]) -> float:
         """Share of a scan's beams that agree with the reference at a given robot pose, in [0, 1]."""
@@ -115,3 +148,12 @@ class PointMatcher(ABC, Generic[Reference, Points]):
         if points is None:
             points = self._extracted[scan] = self._extract(scan)
         return points
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Attempt:
+    """An alignment that is credible, the points that agree with the reference there, and those that fall on it."""
+
+    alignment: Alignment
+    inliers: int
+    known: int

@@ -2,28 +2,12 @@
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matchers import _weighted_kernels as kernels
-
-
-class Nodes(NamedTuple):
-    """The tree in the layout of the kernels.
-
-    Attributes:
-        boxes: (m, 3) centre x, y and half width of each node's square [m].
-        children: (m, 4) int32 node of each quadrant, -1 where it is empty.
-        leaves: (m, 2) int32 first place in `order` and number of points; 0 points for an inner node.
-        order: (n,) int32 the points, leaf by leaf.
-    """
-
-    boxes: NDArray[np.float64]
-    children: NDArray[np.int32]
-    leaves: NDArray[np.int32]
-    order: NDArray[np.int32]
+from frontends.matchers import _quad_tree_kernels as kernels
+from frontends.matchers._quad_tree_kernels import Nodes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,7 +25,7 @@ class QuadTree:
     @classmethod
     def of(cls, xy: NDArray[np.float64]) -> "QuadTree":
         """The tree over (n, 2) points."""
-        return cls(xy=xy, nodes=Nodes(*kernels.build_tree(xy)))
+        return cls(xy=xy, nodes=kernels.build_tree(xy))
 
     def nearest(
         self, queries: NDArray[np.float64], max_distance: float = math.inf
@@ -55,5 +39,5 @@ class QuadTree:
         Returns:
             (k,) index, -1 where no point is nearer than `max_distance`, and (k,) distance [m].
         """
-        indices, squares = kernels.nearest_all(queries, self.xy, *self.nodes, max_distance**2)
+        indices, squares = kernels.nearest_all(queries, self.xy, self.nodes, max_distance**2)
         return indices, np.sqrt(squares)

@@ -62,16 +62,7 @@ class WeightedMatcher(PointMatcher[WeightedPoints, WeightedPoints]):
         self, reference: WeightedPoints, points: WeightedPoints, T_frame_guess: NDArray[np.float64]
     ) -> Alignment:
         config = self._iteration
-        pose, information, (pairs, square, iterations) = kernels.weighted_match(
-            reference.tree.xy,
-            reference.noise,
-            reference.tangents,
-            reference.spreads,
-            reference.tree.nodes,
-            points.tree.xy,
-            points.noise,
-            points.tree.nodes,
-            T_frame_guess,
+        rules = kernels.Rules(
             self._mutual,
             config.max_distance,
             config.trim,
@@ -79,6 +70,10 @@ class WeightedMatcher(PointMatcher[WeightedPoints, WeightedPoints]):
             config.max_iterations,
             config.coarse_epsilon,
             config.epsilon,
+        )
+        start = np.asarray(T_frame_guess, dtype=np.float64)
+        pose, information, (pairs, square, iterations) = kernels.weighted_match(
+            reference.cloud(), points.cloud(), start, rules
         )
         return Alignment(
             T_frame_laser=pose,
@@ -92,14 +87,8 @@ class WeightedMatcher(PointMatcher[WeightedPoints, WeightedPoints]):
     def _agreeing(
         self, reference: WeightedPoints, points: WeightedPoints, T_frame_laser: NDArray[np.float64]
     ) -> tuple[int, int]:
+        acceptance = self._acceptance
         inliers, known = kernels.weighted_agreement(
-            reference.tree.xy,
-            reference.tangents,
-            reference.spreads,
-            reference.tree.nodes,
-            points.tree.xy,
-            T_frame_laser,
-            self._acceptance.inlier_distance,
-            self._acceptance.known_distance,
+            reference.cloud(), points.tree.xy, T_frame_laser, acceptance.inlier_distance, acceptance.known_distance
         )
         return int(inliers), int(known)

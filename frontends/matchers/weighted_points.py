@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matchers import _weighted_kernels as kernels
+from frontends.matchers import _point_noise_kernels as kernels
+from frontends.matchers._weighted_kernels import Cloud
 from frontends.matchers.bearing_scan import BearingScan
 from frontends.matchers.errors import require
 from frontends.matchers.quad_tree import QuadTree
@@ -45,6 +46,7 @@ class WeightedPoints:
         noise: (n, 3) covariance of each point as xx, xy, yy [m²].
         tangents: (n, 2) unit vectors along the walls.
         spreads: (n,) standard deviation of a correspondence along the wall, because the laser samples it [m].
+        ends: (n,) where unseen ground begins, see `BearingScan.ends`.
         T_ref_laser: (3,) the laser in the reference frame of the caller.
     """
 
@@ -52,7 +54,12 @@ class WeightedPoints:
     noise: NDArray[np.float64]
     tangents: NDArray[np.float64]
     spreads: NDArray[np.float64]
+    ends: NDArray[np.int8]
     T_ref_laser: NDArray[np.float64]
+
+    def cloud(self) -> Cloud:
+        """The points in the layout of the kernels."""
+        return Cloud(self.tree.xy, self.noise, self.tangents, self.spreads, self.ends, self.tree.nodes)
 
     def __len__(self) -> int:
         """Number of points."""
@@ -64,9 +71,10 @@ def weigh_scan(scan: Scan, config: PointNoiseConfig) -> WeightedPoints:
     points = BearingScan.of(scan)
     n = len(points)
     noise, tangents, spreads = np.empty((n, 3)), np.empty((n, 2)), np.empty(n)
+    linked = points.links(config.max_gap)
     kernels.point_model(
         points.xy,
-        points.links(config.max_gap),
+        linked,
         points.resolution,
         config.range_sigma,
         config.angle_sigma,
@@ -76,8 +84,14 @@ def weigh_scan(scan: Scan, config: PointNoiseConfig) -> WeightedPoints:
         tangents,
         spreads,
     )
-    tree = QuadTree.of(points.xy)
-    return WeightedPoints(tree=tree, noise=noise, tangents=tangents, spreads=spreads, T_ref_laser=np.zeros(3))
+    return WeightedPoints(
+        tree=QuadTree.of(points.xy),
+        noise=noise,
+        tangents=tangents,
+        spreads=spreads,
+        ends=points.ends(linked),
+        T_ref_laser=np.zeros(3),
+    )
 
 
 def merged(scans: list[WeightedPoints], T_ref_lasers: NDArray[np.float64], reach: float = math.inf) -> WeightedPoints:
@@ -105,5 +119,6 @@ def merged(scans: list[WeightedPoints], T_ref_lasers: NDArray[np.float64], reach
         noise=noise[near],
         tangents=tangents[near],
         spreads=spreads[near],
+        ends=np.zeros(np.count_nonzero(near), np.int8),  # what one scan did not see another one may have
         T_ref_laser=T_ref_lasers[-1],
     )
