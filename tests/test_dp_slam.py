@@ -14,7 +14,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 from numpy.typing import NDArray
 
 from frontends.dp_slam import ATRV_JR, DpSlamConfig, DpSlamError, MotionModel, dp_slam
-from frontends.dp_slam import _kernels as kernels
+from frontends.dp_slam import _beam_kernels as kernels
+from frontends.dp_slam._resampling_kernels import resample
 from frontends.dp_slam.motion import draw_motions
 from frontends.dp_slam.particle_filter import half_extent
 from frontends.dp_slam.particle_map import ParticleMaps
@@ -187,7 +188,7 @@ def twin_dp_slam(log: Log, config: DpSlamConfig) -> tuple[NDArray[np.float64], M
                 alive &= scores >= scores[alive].max() - config.cull
         weights = np.where(alive, np.exp(scores - scores[alive].max()), 0.0)
         times = np.empty(config.samples, np.int64)
-        kernels.resample(weights / weights.sum(), rng.random(config.samples), config.particles, times)
+        resample(weights / weights.sum(), rng.random(config.samples), config.particles, times)
         chosen = np.flatnonzero(times)
         maps = [dict(maps[parents[k]]) for k in chosen]
         paths = [[*paths[parents[k]], samples[k]] for k in chosen]
@@ -344,7 +345,7 @@ def test_resampling_draws_what_has_weight_and_not_too_many_kinds(
     weights: list[float], n_particles: int, seed: int
 ) -> None:
     times = np.empty(len(weights), np.int64)
-    kernels.resample(np.array(weights), np.random.default_rng(seed).random(50), n_particles, times)
+    resample(np.array(weights), np.random.default_rng(seed).random(50), n_particles, times)
     assert times.sum() == 50
     assert 1 <= np.count_nonzero(times) <= n_particles
     assert all(times[k] == 0 for k, weight in enumerate(weights) if weight == 0.0)
@@ -352,7 +353,7 @@ def test_resampling_draws_what_has_weight_and_not_too_many_kinds(
 
 def test_resampling_is_in_proportion() -> None:
     times = np.empty(3, np.int64)
-    kernels.resample(np.array([0.5, 0.3, 0.2]), np.random.default_rng(0).random(60_000), 3, times)
+    resample(np.array([0.5, 0.3, 0.2]), np.random.default_rng(0).random(60_000), 3, times)
     assert_allclose(times / 60_000, [0.5, 0.3, 0.2], atol=0.01)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.dp_slam import _kernels as kernels
+from frontends.dp_slam._resampling_kernels import resample
 from frontends.dp_slam.config import DpSlamConfig, DpSlamError
 from frontends.dp_slam.motion import draw_motions
 from frontends.dp_slam.particle_map import ParticleMaps
@@ -132,7 +132,7 @@ class _Filter:
         )
         weights = np.exp(scores - scores.max())
         times = np.empty(config.samples, np.int64)
-        kernels.resample(weights / weights.sum(), self._rng.random(config.samples), config.particles, times)
+        resample(weights / weights.sum(), self._rng.random(config.samples), config.particles, times)
         chosen = np.flatnonzero(times)
         self._maps.descend(particle_of[chosen])
         self._poses, self._samples_of, self._weights = samples[chosen], times[chosen], weights[chosen]

@@ -5,14 +5,14 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.dp_slam import _kernels as kernels
+from frontends.dp_slam import _ancestry_kernels, _beam_kernels
 from frontends.dp_slam.config import DpSlamConfig, DpSlamError
 
 
 class ParticleMaps:
     """One grid whose cells keep observations keyed by ancestor, and the tree that says whose they are.
 
-    It begins with one particle, the root. Layouts are those of `_kernels`.
+    It begins with one particle, the root. Layouts are those of `_beam_kernels`.
     """
 
     def __init__(self, half_extent: float, n_beams: int, config: DpSlamConfig) -> None:
@@ -78,7 +78,7 @@ class ParticleMaps:
         config, cell = self._config, self._config.resolution
         scores = np.empty(len(lasers))
         while True:
-            survivors = kernels.localise(
+            survivors = _beam_kernels.localise(
                 lasers,
                 particle_of,
                 directions,
@@ -122,9 +122,9 @@ class ParticleMaps:
         Args:
             parent_of: (n,) from which old particle each new one descends, in ascending order.
         """
-        kernels.forget(self._used, self._row_of, self._rowed, self._view_of, self._viewed)
+        _beam_kernels.forget(self._used, self._row_of, self._rowed, self._view_of, self._viewed)
         kept = np.bincount(parent_of, minlength=len(self._leaves)).astype(np.int64)
-        died, merged = kernels.prune(
+        died, merged = _ancestry_kernels.prune(
             self._leaves,
             kept,
             self._heads,
@@ -153,7 +153,7 @@ class ParticleMaps:
             self._parents[node], self._children[node], self._firsts[node] = above, 0, -1
             self._children[above] += 1
         self._leaves = leaves
-        self._order = kernels.tree_order(self._parents, self._children)
+        self._order = _ancestry_kernels.tree_order(self._parents, self._children)
         self._most_nodes = max(self._most_nodes, len(self._order))
 
     def add(
@@ -173,7 +173,7 @@ class ParticleMaps:
         """
         for particle, laser in enumerate(lasers):
             self._reserve()
-            kernels.add_scan(
+            _beam_kernels.add_scan(
                 laser,
                 particle,
                 directions,
@@ -209,7 +209,7 @@ class ParticleMaps:
             (rows, cols) stops per cell length, NaN where unknown; and the lower left corner, (2,) [m].
         """
         densities = np.empty(len(self._heads), np.float32)
-        kernels.densities_of(
+        _ancestry_kernels.densities_of(
             int(self._leaves[particle]),
             self._config.prior_length / self._config.resolution,
             self._heads,

@@ -1,4 +1,4 @@
-"""DP-SLAM, compiled: beams through shared maps, the ancestry tree, culling and resampling.
+"""Beams through the shared maps of DP-SLAM, compiled: how likely each reading is, and what a scan adds.
 
 Maps. All particles share one grid. A cell holds a list of observations, at most one per node of the ancestry tree; a
 particle's view of a cell is the observation of its nearest ancestor (itself included) that has one there.
@@ -29,31 +29,6 @@ from numpy.typing import NDArray
 
 _UNSEEN, _EMPTY, _UNKNOWN = -1, -2, -3
 _FAR = 12.5  # squared error over twice the variance from which on a stop cannot have caused the reading
-
-
-@njit(cache=True)
-def tree_order(parents: NDArray[np.int32], children: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Nodes in use, parents before children."""
-    depth = np.zeros(len(parents), np.int32)
-    used = 0
-    for node in range(len(parents)):
-        if children[node] < 0:
-            continue
-        used += 1
-        above = parents[node]
-        while above >= 0:
-            depth[node] += 1
-            above = parents[above]
-    order = np.empty(used, np.int32)
-    n = 0
-    level = 0
-    while n < used:
-        for node in range(len(parents)):
-            if children[node] >= 0 and depth[node] == level:
-                order[n] = node
-                n += 1
-        level += 1
-    return order
 
 
 @njit(cache=True)
@@ -419,135 +394,6 @@ def localise(
 
 
 @njit(cache=True)
-def resample(
-    weights: NDArray[np.float64], uniforms: NDArray[np.float64], n_particles: int, times: NDArray[np.int64]
-) -> None:
-    """How often each sample is drawn; once `n_particles` different ones are, further draws are among these.
-
-    Args:
-        weights: (n,) not negative.
-        uniforms: (draws,) in [0, 1).
-        n_particles: most different samples.
-        times: (n,) filled.
-    """
-    times[:] = 0
-    kept = weights.copy()
-    total = kept.sum()
-    distinct = 0
-    for draw in range(len(uniforms)):
-        left = uniforms[draw] * total
-        chosen = -1
-        for sample in range(len(kept)):
-            if kept[sample] > 0.0:
-                chosen = sample
-                left -= kept[sample]
-                if left < 0.0:
-                    break
-        distinct += times[chosen] == 0
-        times[chosen] += 1
-        if distinct == n_particles:
-            for sample in range(len(kept)):
-                if times[sample] == 0:
-                    kept[sample] = 0.0
-            total = kept.sum()
-            distinct += 1
-
-
-@njit(cache=True)
-def _unlink(
-    observation: int,
-    heads: NDArray[np.int32],
-    places: NDArray[np.int32],
-    in_cell: NDArray[np.int32],
-    back: NDArray[np.int32],
-    pool: NDArray[np.int32],
-) -> None:
-    """Take an observation out of its cell and back to the free ones."""
-    before, behind = back[observation], in_cell[observation]
-    if before >= 0:
-        in_cell[before] = behind
-    else:
-        heads[places[observation]] = behind
-    if behind >= 0:
-        back[behind] = before
-    in_cell[observation] = pool[0]
-    pool[0] = observation
-    pool[1] += 1
-
-
-@njit(cache=True)
-def prune(
-    leaves: NDArray[np.int32],
-    kept: NDArray[np.int64],
-    heads: NDArray[np.int32],
-    owners: NDArray[np.int32],
-    places: NDArray[np.int32],
-    in_cell: NDArray[np.int32],
-    back: NDArray[np.int32],
-    of_node: NDArray[np.int32],
-    evidence: NDArray[np.float32],
-    pool: NDArray[np.int32],
-    parents: NDArray[np.int32],
-    children: NDArray[np.int32],
-    firsts: NDArray[np.int32],
-) -> tuple[int, int]:
-    """Nodes without descendants die with their observations; a node with one child takes it in.
-
-    `kept` says how many particles of the next generation descend from each leaf; a leaf that was merged into its parent
-    is replaced in `leaves`.
-
-    Returns:
-        How many nodes died, and how many were merged.
-    """
-    died, merged = 0, 0
-    for particle in range(len(leaves)):
-        if kept[particle] > 0:
-            continue
-        node = leaves[particle]
-        while node >= 0 and children[node] == 0:
-            observation = firsts[node]
-            while observation >= 0:
-                following = of_node[observation]
-                _unlink(observation, heads, places, in_cell, back, pool)
-                observation = following
-            above = parents[node]
-            children[node], parents[node], firsts[node] = -1, -1, -1
-            died += 1
-            if above >= 0:
-                children[above] -= 1
-            node = above
-    for child in range(len(parents)):
-        if children[child] < 0:
-            continue
-        if parents[child] >= 0 and children[parents[child]] == 1:
-            above = parents[child]
-            observation = firsts[child]
-            while observation >= 0:
-                following = of_node[observation]
-                older = heads[places[observation]]
-                while older >= 0 and owners[older] != above:
-                    older = in_cell[older]
-                if older >= 0:
-                    evidence[older, 0], evidence[older, 1] = evidence[observation, 0], evidence[observation, 1]
-                    _unlink(observation, heads, places, in_cell, back, pool)
-                else:
-                    owners[observation] = above
-                    of_node[observation] = firsts[above]
-                    firsts[above] = observation
-                observation = following
-            children[above] = children[child]
-            for node in range(len(parents)):
-                if parents[node] == child:
-                    parents[node] = above
-            for particle in range(len(leaves)):
-                if leaves[particle] == child:
-                    leaves[particle] = above
-            children[child], parents[child], firsts[child] = -1, -1, -1
-            merged += 1
-    return died, merged
-
-
-@njit(cache=True)
 def _state(row: NDArray[np.int32], evidence: NDArray[np.float32], facts: NDArray[np.int32]) -> None:
     """How many particles know a cell, and whether any of them has seen a beam stop in it."""
     facts[0], facts[1] = 0, 0
@@ -660,33 +506,3 @@ def forget(
     for k in range(counts[1]):
         view_of[viewed[k]] = _UNSEEN
     counts[:] = 0
-
-
-@njit(cache=True)
-def densities_of(
-    leaf: int,
-    prior_length: float,
-    heads: NDArray[np.int32],
-    owners: NDArray[np.int32],
-    in_cell: NDArray[np.int32],
-    evidence: NDArray[np.float32],
-    parents: NDArray[np.int32],
-    densities: NDArray[np.float32],
-) -> None:
-    """Stops per cell length of one particle's map without the path credited in advance, NaN where it is unknown."""
-    height = np.full(len(parents), -1, np.int32)
-    node, level = leaf, 0
-    while node >= 0:
-        height[node] = level
-        level += 1
-        node = parents[node]
-    for cell in range(len(heads)):
-        densities[cell] = math.nan
-        nearest = level
-        observation = heads[cell]
-        while observation >= 0:
-            above = height[owners[observation]]
-            if 0 <= above < nearest:
-                nearest = above
-                densities[cell] = evidence[observation, 0] / max(evidence[observation, 1] - prior_length, 1e-3)
-            observation = in_cell[observation]
