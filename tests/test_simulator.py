@@ -1,5 +1,6 @@
 """Whole simulations: determinism, what each scene is for, scan pairs, files, and the embedded log."""
 
+import gzip
 import subprocess
 import sys
 from dataclasses import replace
@@ -175,14 +176,11 @@ def test_the_command_writes_what_the_function_writes(tmp_path: Path) -> None:
 
 def test_the_embedded_log_is_what_the_simulator_makes(tmp_path: Path) -> None:
     write_demo(tmp_path)
-    made, embedded = read_carmen(tmp_path / "office.clf.gz"), read_carmen(demo_log_path())
-    assert made.ranges.shape == embedded.ranges.shape
-    # Another machine's sine may differ in its last bit and turn the rounding of one range in a great many.
-    assert np.mean(np.nan_to_num(made.ranges) != np.nan_to_num(embedded.ranges)) < 1e-4
-    np.testing.assert_allclose(made.odometry, embedded.odometry, atol=2e-6)
-    np.testing.assert_array_equal(made.stamps, embedded.stamps)
-    truth = np.loadtxt(tmp_path / "office.truth.csv", delimiter=",", skiprows=1)
-    np.testing.assert_allclose(truth, np.loadtxt(demo_truth_path(), delimiter=",", skiprows=1), atol=2e-6)
+    made, embedded = tmp_path / demo_log_path().name, demo_log_path()
+    assert gzip.decompress(made.read_bytes()) == gzip.decompress(embedded.read_bytes())
+    # No name and no time in either; how tightly the rest is packed is up to the machine's zlib.
+    assert made.read_bytes()[:8] == embedded.read_bytes()[:8] == b"\x1f\x8b\x08" + bytes(5)
+    assert (tmp_path / demo_truth_path().name).read_bytes() == demo_truth_path().read_bytes()
 
 
 def test_the_embedded_log_is_small_and_reads_as_simulated() -> None:

@@ -15,6 +15,9 @@ NO_RETURN = 81.83
 """What is written where a beam had no return [m]: a SICK LMS's own mark, beyond what any tool takes for a wall."""
 
 _HEADER = "# CARMEN log\n"
+_FLASER_FIELDS = (
+    "# FLASER num_readings [ranges] x y theta odom_x odom_y odom_theta ipc_timestamp host logger_timestamp\n"
+)
 _BLOCK = 1024  # scans
 
 
@@ -41,7 +44,7 @@ def write_carmen(path: Path | str, log: Log, *, range_decimals: int = 3) -> None
 def _text(log: Log, range_decimals: int) -> Iterator[str]:
     """The lines, a block of scans at a time."""
     line = _line_format(log.geometry, range_decimals)
-    yield _HEADER
+    yield _HEADER + (_FLASER_FIELDS if line.startswith("FLASER") else "")
     for start in range(0, len(log), _BLOCK):
         block = slice(start, start + _BLOCK)
         ranges = np.where(np.isfinite(log.ranges[block]), log.ranges[block], NO_RETURN)
