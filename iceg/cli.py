@@ -397,6 +397,10 @@ class Ablation:
     data: Annotated[
         Path | None, tyro.conf.arg(metavar="DIR", help="Folder of public logs; left out: $ICEG_DATA, else none.")
     ] = None
+    faults: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool],
+        tyro.conf.arg(help="Instead: what each fault of robot, laser and recorder does to a run (docs/robustness.md)."),
+    ] = False
 
     def __call__(self) -> None:
         """Run, print log by log, keep."""
@@ -405,6 +409,13 @@ class Ablation:
         from iceg.show.progress import compile_note
 
         data = self.data or (Path(os.environ["ICEG_DATA"]) if os.environ.get("ICEG_DATA") else None)
+        if self.faults:
+            from iceg.evaluation.robustness import write_faults
+
+            with compile_note():
+                rows = list(write_faults(logs_to_judge(self.logs, data), self.output))
+            print(f"\n{format_markdown(rows)}", flush=True)
+            return
         with compile_note():
             for name, rows in write_tables(logs_to_judge(self.logs, data), self.output):
                 print(f"\n{name.capitalize()}\n{format_markdown(rows)}", flush=True)

@@ -1,6 +1,7 @@
 """Each fault does to a log what its name says, and nothing else."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,8 +9,10 @@ import pytest
 from frontends.logs import read_log
 from frontends.scan import Log
 from graph.se2 import between
-from iceg.demo import demo_log_path
+from iceg.demo import demo_log_path, demo_truth_path
+from iceg.evaluation.bench.logs import BenchLog
 from iceg.evaluation.degradation import DEGRADATIONS
+from iceg.evaluation.robustness import write_faults
 
 
 @pytest.fixture(scope="module")
@@ -50,3 +53,12 @@ def test_what_some_of_them_do(log: Log) -> None:
     crowded = DEGRADATIONS["crowd of 4"](log).log.ranges
     assert np.nanmax(crowded - log.ranges) <= 0.0
     assert 0.02 < np.mean(crowded < log.ranges) < 0.5
+
+
+def test_each_fault_gives_a_row_that_tells_ruined_from_sane(tmp_path: Path) -> None:
+    office = BenchLog(name="office", path=demo_log_path(), known=demo_truth_path())
+    rows = list(write_faults([office], tmp_path, ["every 20th scan", "odometry dies"]))
+    assert [row["fault"] for row in rows] == ["none", "every 20th scan", "odometry dies"]
+    assert [row["verdict"] for row in rows[:2]] == ["sane", "sane"]
+    assert str(rows[2]["verdict"]).startswith("ruined") == (float(rows[2]["ATE [m]"] or 0.0) > 0.3)
+    assert len((tmp_path / "robustness.csv").read_text().splitlines()) == 4
