@@ -666,11 +666,17 @@ def _tell_finish(result: "SlamResult") -> None:
 def _tell_doubts(result: "SlamResult") -> None:
     """Say where the map may be wrong, and where only odometry carried it."""
     carried, lost = result.summary["scans_carried_by_odometry"], result.summary["lost_at_scans"]
-    if lost:
-        places = ", ".join(str(scan) for scan in lost[:8]) + (f" and {len(lost) - 8} more" if len(lost) > 8 else "")
+    breaks = result.summary["breaks"]
+    for found in breaks:
+        print(f"warning: {found['says']}", file=sys.stderr)
+    told = {found["scan"] for found in breaks}
+    untold = [scan for scan in lost if scan not in told]
+    if untold:
+        places = ", ".join(str(scan) for scan in untold[:8]) + (
+            f" and {len(untold) - 8} more" if len(untold) > 8 else ""
+        )
         print(
-            f"warning: from scan {places} on nothing matched what was known before; "
-            "unless odometry is good there, or a loop closes later, what follows may be displaced",
+            f"warning: from scan {places} on nothing matched what was known before; loop closures tie it to the rest",
             file=sys.stderr,
         )
     if carried > _MANY_CARRIED * len(result.log):

@@ -14,7 +14,8 @@ from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.long_steps import LONG_STEP, long_step
-from iceg.slam.loop_closure import Attempt, Candidate, Drift, LoopCloser, say_the_same
+from iceg.slam.loop_closure import Attempt, Candidate, Drift, LoopCloser, is_near, say_the_same
+from iceg.slam.relocalisation import LOST, Break, Doubt, Estimate, relocalise
 from iceg.slam.track import Track
 
 _UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
@@ -27,8 +28,10 @@ _CONFIRMING_MOVE, _CONFIRMING_TURN, _KNOWN_AFTER = 0.1, 0.03, 3
 """Ground is known where so many earlier passes confirm the newest pose this closely [m, rad]."""
 KNOWN_SPACING = 3.0
 """On known ground loops are looked for so many times more seldom."""
-_NEAR_DISTANCE, _NEAR_TURN = 0.4, 0.12
-"""A closure no farther than this from the estimate [m, rad] is believed at once."""
+_CARRIED = 0.6
+"""A match so far from odometry [m, or metres per metre driven if that is more] makes one wonder."""
+_UNMATCHED_DOUBT = 2.0
+"""How doubtful a step is whose scan matched nothing; one whose match contradicts odometry is between this and 1."""
 _JUMP_DISTANCE2, _USUAL_DISTANCE2 = 25.0, 3.0
 """Squared Mahalanobis distance from which on odometry contradicts a match, and the one it is then widened to."""
 
@@ -43,6 +46,7 @@ class Solution:
         attempts: every loop closure that was tried.
         offered: (k,) which key scans later ones are matched against; the others lie on known ground.
         odometry_jumps: steps in which the match contradicted odometry, which was then given little weight.
+        breaks: where the path from scan to scan does not hold.
     """
 
     graph: PoseGraph
@@ -50,6 +54,7 @@ class Solution:
     attempts: list[Attempt]
     offered: NDArray[np.bool_]
     odometry_jumps: int
+    breaks: tuple[Break, ...] = ()
 
 
 class BackEnd:
@@ -66,6 +71,7 @@ class BackEnd:
         self.graph.add_first_pose(np.zeros(3))
         self._poses = np.zeros((len(track.keys), 3))
         self.attempts: list[Attempt] = []
+        self.doubts = _front_end_doubts(track)
         self.odometry_jumps = 0
         self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
         self._since_search = np.zeros(2)
@@ -110,6 +116,10 @@ class BackEnd:
         T_track_match = compose(keys[keys[key].anchor].T_track_robot, match.T_ref_cur)
         offset = between(between(keys[key - 1].T_track_robot, T_track_match), motion.T_key_robot)
         distance2 = float(offset @ np.linalg.solve(match.covariance + motion.covariance, offset))
+        far = float(np.hypot(offset[0], offset[1]))
+        if distance2 > _JUMP_DISTANCE2 or far > _CARRIED * max(1.0, motion.distance):
+            reason = f"the match lies {far:.2f} m and {np.degrees(abs(offset[2])):.0f}° from odometry"
+            self.doubts.setdefault(key, Doubt(reason=reason, strength=_UNMATCHED_DOUBT - 1.0 / (1.0 + distance2)))
         if distance2 <= _JUMP_DISTANCE2:
             return motion.covariance
         self.odometry_jumps += 1
@@ -182,7 +192,7 @@ class BackEnd:
     def _insert(self, index: int, poses: NDArray[np.float64]) -> bool:
         """Insert a closure near the estimate at once; one far off waits for others that say the same."""
         attempt = self.attempts[index]
-        if _is_within(_offset(attempt, poses), _NEAR_DISTANCE, _NEAR_TURN):
+        if is_near(attempt, poses):
             self._close(attempt)
             return True
         partners = [other for other in self._pending if say_the_same(self.attempts[other], attempt, poses)]
@@ -241,14 +251,41 @@ def solve_track(
     Returns:
         The solved graph.
     """
-    back_end = BackEnd(track, LoopCloser(matcher, track, closures), graph_config)
+    closer = LoopCloser(matcher, track, closures)
+    back_end = BackEnd(track, closer, graph_config)
     steps = None if odometry is None else between(odometry[:-1], odometry[1:])
     broken = track.keys_after_breaks()
     for key in range(1, len(track.keys)):
         back_end.add(key, None if steps is None or key in broken else _motion(track, key, steps, noise))
         if progress is not None:
             progress(track.keys[key].index + 1)
-    return back_end.solution()
+    return _relocalised(back_end.solution(), back_end.doubts, closer, track, graph_config)
+
+
+def _relocalised(
+    solution: Solution, doubts: dict[int, Doubt], closer: LoopCloser, track: Track, graph_config: PoseGraphConfig
+) -> Solution:
+    """The same with the parts of the path joined that no loop closure on the way ties together."""
+    before = Estimate(factors=list(solution.graph.factors), poses=solution.poses, attempts=solution.attempts)
+    after = relocalise(closer, track, before, doubts, closer.config)
+    if after is before:
+        return solution
+    graph = solution.graph
+    if after.factors is not before.factors:
+        graph = PoseGraph.from_factors(after.factors, after.poses, graph_config)
+    return replace(solution, graph=graph, poses=after.poses, attempts=after.attempts, breaks=after.breaks)
+
+
+def _front_end_doubts(track: Track) -> dict[int, Doubt]:
+    """Key poses whose scans matched nothing that was known."""
+    lost = set(track.lost)
+    doubts = {}
+    for key, scan in enumerate(track.keys):
+        if scan.index in lost:
+            doubts[key] = Doubt(reason="nothing matched what was known before", strength=LOST)
+        elif isinstance(scan.match, NoMatch):
+            doubts[key] = Doubt(reason=scan.match.reason, strength=_UNMATCHED_DOUBT)
+    return doubts
 
 
 def _motion(track: Track, key: int, steps: NDArray[np.float64], noise: OdometryModel) -> OdometryMotion:

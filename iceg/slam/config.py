@@ -96,6 +96,14 @@ class LoopClosureConfig:
     """A closure far from the estimate waits until so many say the same."""
     max_deviations: float = 5.0
     """A closure farther than this from the path's estimate, in standard deviations of the search, is refused."""
+    relocalise: bool = True
+    """Where no closure ties what follows to what was before, look for places by what they look like, anywhere."""
+    places: int = 120
+    """Most pairs of places that look alike and are matched …"""
+    places_each: int = 3
+    """… and most for one place."""
+    place_confirmations: int = 4
+    """Key scans that must agree before places found by their looks are believed."""
     support_offsets: tuple[int, ...] = (-4, -2, 0, 2, 4)
     """Key scans asked to agree, relative to the one matched."""
 

@@ -16,7 +16,7 @@ from graph.se2 import between, compose, inverse
 from iceg.slam.back_end import KNOWN_SPACING
 from iceg.slam.config import FinishConfig, LoopClosureConfig
 from iceg.slam.joint_refinement import key_clouds, refine_jointly
-from iceg.slam.loop_closure import Attempt, LoopCloser, say_the_same
+from iceg.slam.loop_closure import Attempt, LoopCloser, say_the_same, without_contradicted
 from iceg.slam.track import Track
 
 Stage = Literal["solve", "rematch", "joint"]
@@ -101,7 +101,7 @@ def finish(
         The final poses and factors.
     """
     kernel = RobustKernel(name="dcs", width=config.kernel_width)
-    closer = LoopCloser(matcher, track, replace(closures, max_passes=config.max_passes))
+    closer = LoopCloser(matcher, track, replace(closures, max_passes=config.max_passes), parts)
     if offered is not None:
         closer.offered = offered
     chain = [factor for factor in factors if factor.kind != "closure" or factor in kept]
@@ -131,6 +131,7 @@ def finish(
             progress(count + 1)
         if largest < config.tolerance:
             break
+    attempts, loops = without_contradicted(attempts, loops, poses)
     factors = [*chain, *loops]
     if config.joint.enabled:
         factors, poses, done = _joint(factors, poses, track, config, scan_of, parts, clock)

@@ -1,5 +1,6 @@
 """Places seen again: candidates from the graph, ICE against a local map of the earlier pass, verification."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -7,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.matcher import Matcher
+from graph.factors import Factor, RobustKernel
 from graph.measurement import NoMatch, RelativePose
+from graph.problem import Problem
 from graph.se2 import between, compose
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
@@ -27,6 +30,7 @@ class Attempt:
         accepted: whether it may enter the graph.
         reason: why, or why not.
         overlap: share of the beams that fall on the earlier pass at the best pose found.
+        removed: whether it was in the graph before it was found to be wrong.
     """
 
     key_old: int
@@ -35,6 +39,7 @@ class Attempt:
     accepted: bool
     reason: str
     overlap: float = 0.0
+    removed: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,13 +54,18 @@ class Candidate:
 
 _NEAR_DEVIATIONS = np.array([0.3, 0.3, 0.1])
 """Up to here a search trusts the estimate [m, m, rad]."""
-_ANCHOR_SPACING = 4
+ANCHOR_SPACING = 4
+"""Key poses from one reference to the next."""
 _REFERENCES_KEPT = 6
 _STILL = 0.01
 """A reference is built anew when its scans have moved by more than this against each other [m, rad]."""
 _EXACT_DEVIATIONS = np.array([0.03, 0.03, 0.01])
+_ANYWHERE_DEVIATIONS = np.array([1.0, 1.0, np.pi / 3.0])
+"""Two places that look alike are searched within three times this [m, m, rad]."""
 
 
+_NEAR_DISTANCE, _NEAR_TURN = 0.4, 0.12
+"""A closure no farther than this from the estimate [m, rad] is near it."""
 _PARTNER_KEYS, _PARTNER_DISTANCE, _PARTNER_TURN = 60, 0.25, 0.05
 """Two closures within so many key poses confirm each other when they differ by less than this [m, rad]."""
 
@@ -84,6 +94,77 @@ class Drift:
         heading = self._heading[steps]
         variances = np.array([np.sum(self._position[steps] + heading * lever2), np.sum(heading)])
         return np.asarray(np.sqrt(variances), dtype=np.float64)
+
+
+def closure_factor(attempt: Attempt, kernel: RobustKernel | None = None) -> Factor:
+    """A closure that was matched, as a factor of the graph."""
+    assert attempt.match is not None
+    return Factor(
+        kind="closure",
+        i=attempt.key_old,
+        j=attempt.key_new,
+        T_i_j=attempt.match.T_ref_cur,
+        covariance=attempt.match.covariance,
+        kernel=kernel,
+    )
+
+
+_CONTRADICTED = 0.01
+"""A closure whose robust kernel leaves it a smaller weight than this is wrong."""
+
+
+def without_contradicted(
+    attempts: Sequence[Attempt], loops: Sequence[Factor], poses: NDArray[np.float64]
+) -> tuple[list[Attempt], list[Factor]]:
+    """Take out the closures that the rest of the graph contradicts so much that they no longer pull.
+
+    Args:
+        attempts: all that were tried.
+        loops: the factors of those accepted, each with its robust kernel.
+        poses: (n, 3) the optimum of all factors.
+
+    Returns:
+        The attempts, those taken out marked, and the factors that stay.
+    """
+    if not loops:
+        return list(attempts), []
+    at = Problem.of(loops, len(poses)).evaluate(poses)
+    gone = {
+        (loop.i, loop.j): f"contradicted by the rest of the graph, {norm**0.5:.0f} standard deviations off"
+        for loop, weight, norm in zip(loops, at.weights.tolist(), at.squared.tolist(), strict=True)
+        if weight < _CONTRADICTED
+    }
+    judged = [
+        replace(attempt, accepted=False, removed=True, reason=f"{why}; {attempt.reason}")
+        if attempt.accepted and (why := gone.get((attempt.key_old, attempt.key_new))) is not None
+        else attempt
+        for attempt in attempts
+    ]
+    return judged, [loop for loop in loops if (loop.i, loop.j) not in gone]
+
+
+def with_earlier(last: Sequence[Attempt], earlier: Sequence[Attempt]) -> list[Attempt]:
+    """The record of all closures: those tried last, and those of before whose key poses were not tried again.
+
+    Those accepted earlier are in force only if none was tried since.
+    """
+    if not last:
+        return list(earlier)
+    known = {(attempt.key_old, attempt.key_new) for attempt in last}
+    gone = [a for a in earlier if not a.accepted and (a.key_old, a.key_new) not in known]
+    return sorted([*gone, *last], key=lambda attempt: (attempt.key_new, attempt.key_old))
+
+
+def lies_near(attempt: Attempt, T_old_new: NDArray[np.float64]) -> bool:
+    """Whether a closure says what an estimate says, to within what a path is off in the ordinary course."""
+    assert attempt.match is not None
+    x, y, turn = between(T_old_new, attempt.match.T_ref_cur).tolist()
+    return bool(x * x + y * y < _NEAR_DISTANCE**2 and abs(turn) < _NEAR_TURN)
+
+
+def is_near(attempt: Attempt, poses: NDArray[np.float64]) -> bool:
+    """The same of the estimate given by (n, 3) poses."""
+    return lies_near(attempt, between(poses[attempt.key_old], poses[attempt.key_new]))
 
 
 def say_the_same(a: Attempt, b: Attempt, poses: NDArray[np.float64]) -> bool:
@@ -126,8 +207,21 @@ class _Reference:
 class LoopCloser:
     """Looks for earlier passes around a key pose and matches against their local maps."""
 
-    def __init__(self, matcher: Matcher, track: Track, config: LoopClosureConfig) -> None:
+    def __init__(self, matcher: Matcher, track: Track, config: LoopClosureConfig, parts: Sequence[int] = ()) -> None:
+        """Start with nothing matched.
+
+        Args:
+            matcher: ICE or any other.
+            track: key scans.
+            config: where passes are looked for and what is believed.
+            parts: key poses at which a part of the path begins that nothing ties to what was before: how they lie to
+                each other is unknown, so that no neighbours are looked for across.
+        """
         self._matcher = matcher
+        lost = set(track.lost)
+        begins = [key.index in lost for key in track.keys]
+        self._stretch = np.cumsum(begins)  # a reference holds scans of one stretch only
+        self._part = np.searchsorted(np.sort(np.asarray(parts, dtype=np.int64)), np.arange(len(begins)), side="right")
         self._keys = track.keys
         self.config = config
         self._path = np.cumsum([key.motion.distance for key in track.keys])
@@ -172,11 +266,25 @@ class LoopCloser:
         passes = self._passes(key_new, poses, self.config.radius, len(poses))
         return [_candidate(key, key_new, poses, deviations) for _, key in passes[: self.config.max_passes]]
 
+    def seen_from(
+        self,
+        key_new: int,
+        T_map_new: NDArray[np.float64],
+        poses: NDArray[np.float64],
+        before: int,
+        deviations: NDArray[np.float64],
+    ) -> list[Candidate]:
+        """Passes before key pose `before` around where `key_new` is supposed to be, to within `deviations`."""
+        supposed = poses[: key_new + 1].copy()
+        supposed[key_new] = T_map_new
+        passes = [key for _, key in self._passes(key_new, supposed, self.config.radius, len(poses)) if key < before]
+        return [_candidate(key, key_new, supposed, deviations) for key in passes[: self.config.max_passes]]
+
     def _passes(self, key_new: int, poses: NDArray[np.float64], reach: float, piece: int) -> list[tuple[float, int]]:
         """Distance of the views and key pose of each piece of an earlier pass within reach, nearest first."""
         config = self.config
         n_old = int(np.searchsorted(self._path, self._path[key_new] - config.min_path))
-        old = np.flatnonzero(self.offered[:n_old])
+        old = np.flatnonzero(self.offered[:n_old] & (self._part[:n_old] == self._part[key_new]))
         far = np.hypot(*(self._views(poses[old]) - self._views(poses[key_new])).T)
         near = np.flatnonzero(far < reach)
         if not len(near):
@@ -193,7 +301,7 @@ class LoopCloser:
 
     def _anchor(self, key: int, key_new: int) -> int:
         """The key pose whose frame a reference around `key` has: neighbours share one, so that it is built once."""
-        anchor = _ANCHOR_SPACING * round(key / _ANCHOR_SPACING)
+        anchor = ANCHOR_SPACING * round(key / ANCHOR_SPACING)
         return anchor if anchor < key_new else key
 
     def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
@@ -208,6 +316,20 @@ class LoopCloser:
         if attempt.accepted or candidate.deviations[0] <= _NEAR_DEVIATIONS[0]:
             return attempt
         return self._match_wide(reference, candidate) or attempt
+
+    def match_anywhere(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> Attempt:
+        """Match two key scans whose places look alike, whatever the poses say: metres off, any heading.
+
+        The pose must be the only one that fits there.
+        """
+        here = Candidate(key_old=key_old, key_new=key_new, T_old_new=np.zeros(3), deviations=_ANYWHERE_DEVIATIONS)
+        nothing = Attempt(key_old=key_old, key_new=key_new, match=None, accepted=False, reason="nothing fits")
+        return self._match_wide(self._reference(key_old, poses), here) or nothing
+
+    @property
+    def judge(self) -> IceMatcher:
+        """The matcher that verifies."""
+        return self._judge
 
     def _match_at(
         self,
@@ -262,6 +384,7 @@ class LoopCloser:
         """Local map of the key scans of one pass around `base`, in the frame of `base`."""
         half = self.config.reference_half
         members = np.arange(max(0, base - half), min(len(poses), base + half + 1))
+        members = members[self._stretch[members] == self._stretch[base]]
         placed = between(poses[base], poses[members])
         kept = self._references.get(base)
         if kept is not None and len(kept.placed) == len(placed) and np.abs(kept.placed - placed).max() < _STILL:
@@ -280,7 +403,7 @@ class LoopCloser:
         total = Agreement()
         for offset in self.config.support_offsets:
             other = key_new + offset
-            if 0 <= other < len(self._keys):
+            if 0 <= other < len(self._keys) and self._stretch[other] == self._stretch[key_new]:
                 T_new_other = between(self._keys[key_new].T_track_robot, self._keys[other].T_track_robot)
                 T_ref_other = compose(T_ref_new, T_new_other)
                 total += self._judge.agreement(reference.judged, self._keys[other].scan, T_ref_other)

@@ -21,8 +21,10 @@ from iceg.ice.matcher import IceMatcher
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.slam.back_end import Solution, solve_track
+from iceg.slam.broken_track import retied
 from iceg.slam.closure import Closure
 from iceg.slam.finish import Round, finish
+from iceg.slam.loop_closure import with_earlier
 from iceg.slam.manual_closures import (
     ManualClosure,
     add_by_hand,
@@ -32,6 +34,7 @@ from iceg.slam.manual_closures import (
 )
 from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.progress import Progress, ProgressCallback
+from iceg.slam.relocalisation import describe_break
 from iceg.slam.track import Track
 from iceg.slam.tracking import track_calibrating
 
@@ -98,6 +101,7 @@ def run(
         by_hand = manual_factors(closures, track)
         solution = _solve(track, log, matcher, calibration, config)
         solution = add_by_hand(solution, by_hand, config.graph)
+        track = _retied(track, solution, log, matcher)
     with clock.stage("finish"):
         solution, rounds = _finish(solution, track, log, matcher, config, by_hand)
     with clock.stage("covariances"):
@@ -159,6 +163,14 @@ def _solve(track: Track, log: Log, matcher: Matcher, calibration: OdometryCalibr
     return solve_track(track, odometry, calibration.lasting_noise, matcher, config.graph, config.loops)
 
 
+def _retied(track: Track, solution: Solution, log: Log, matcher: Matcher) -> Track:
+    """The track with the scans around each break on the right side of it."""
+    joined = [found.key for found in solution.breaks if found.outcome == "joined"]
+    if not joined:
+        return track
+    return retied(track, joined, log, matcher if isinstance(matcher, IceMatcher) else IceMatcher())
+
+
 def _finish(
     solution: Solution, track: Track, log: Log, matcher: Matcher, config: Config, by_hand: list[Factor]
 ) -> tuple[Solution, list[Round]]:
@@ -166,6 +178,7 @@ def _finish(
     if not config.finish.enabled or len(track.keys) < 2:
         return solution, []
     factors = list(solution.graph.factors)
+    parts = [found.key for found in solution.breaks if found.outcome == "apart"]
     finished = finish(
         factors,
         solution.poses,
@@ -176,9 +189,10 @@ def _finish(
         kept=by_hand,
         offered=solution.offered,
         scan_of=log.scan,
+        parts=parts,
     )
     graph = PoseGraph.from_factors(finished.factors, finished.poses, config.graph)
-    attempts = finished.attempts or solution.attempts
+    attempts = with_earlier(finished.attempts, solution.attempts)
     return replace(solution, graph=graph, poses=finished.poses, attempts=attempts), finished.rounds
 
 
@@ -200,7 +214,7 @@ def _closures(track: Track, solution: Solution) -> list[Closure]:
             score=0.0 if attempt.match is None else attempt.match.score,
             inliers=0 if attempt.match is None else attempt.match.inliers,
             overlap=0.0 if attempt.match is None else attempt.match.overlap,
-            verdict="accepted" if attempt.accepted else "rejected",
+            verdict="accepted" if attempt.accepted else "removed" if attempt.removed else "rejected",
             reason=attempt.reason,
         )
         for attempt in solution.attempts
@@ -222,10 +236,19 @@ def _summary(
         "log": log.path.name,
         "scans": len(log),
         "skipped_lines": log.skipped_lines,
-        "warnings": [*log.warnings, *doubts],
+        "warnings": [*log.warnings, *doubts, *(describe_break(found, track) for found in solution.breaks)],
         "key_poses": len(track.keys),
         "scans_carried_by_odometry": track.failures,
         "lost_at_scans": track.lost,
+        "breaks": [
+            {
+                "scan": track.keys[found.key].index,
+                "outcome": found.outcome,
+                "moved_m": round(found.moved, 3),
+                "says": describe_break(found, track),
+            }
+            for found in solution.breaks
+        ],
         "odometry_jumps": solution.odometry_jumps,
         "odometry_breaks_at_scans": track.breaks,
         "weak_matches": sum(1 for key in track.keys if getattr(key.match, "is_fully_observed", True) is False),

@@ -1,0 +1,75 @@
+"""Histograms over all pairs of features or points of a place, compiled."""
+
+from math import atan2, cos, floor, hypot, pi, sin, sqrt
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+F64 = NDArray[np.float64]
+I8 = NDArray[np.int8]
+
+_KINDS = 3
+_MULTIPLIER = 2654435761  # Knuth's multiplicative hash
+_CLOSEST = 0.3
+_MOST_HITS = 4.0
+
+
+@njit(cache=True)
+def _direction(row: F64) -> float:
+    """Heading of a feature: of its wall, or halfway between its two walls."""
+    a, b = row[2], row[3]
+    if np.isnan(a):
+        return float(b)
+    if np.isnan(b):
+        return float(a)
+    return atan2(sin(a) + sin(b), cos(a) + cos(b))
+
+
+@njit(cache=True)
+def _sector(angle: float, sectors: int) -> int:
+    return floor(angle / (2.0 * pi) * sectors + 0.5) % sectors
+
+
+@njit(cache=True)
+def count_pairs(kinds: I8, rows: F64, hits: F64, reach: float, cell: float, sectors: int, histogram: F64) -> None:
+    """Add every pair of features to a histogram of what does not change when the whole place is turned or moved.
+
+    A word is both kinds, the distance, and the sector in which each sees the other relative to its own walls; words are
+    spread over the bins by a hash, and a distance between two cells counts in both.
+
+    Args:
+        kinds: (n,) kind of each feature.
+        rows: (n, 10), see `iceg.ice.features.FeatureRows`.
+        hits: (n,) in how many scans each was seen.
+        reach: pairs farther apart are left out [m].
+        cell: width of the cells of distance [m].
+        sectors: number of sectors of a full turn.
+        histogram: (bins,) changed in place.
+    """
+    n_cells, bins, base = int(reach / cell) + 2, len(histogram), _KINDS * sectors
+    for i in range(len(kinds)):
+        for j in range(i + 1, len(kinds)):
+            dx, dy = rows[j, 0] - rows[i, 0], rows[j, 1] - rows[i, 1]
+            distance = hypot(dx, dy)
+            if distance < _CLOSEST or distance >= reach:
+                continue
+            bearing = atan2(dy, dx)
+            one = kinds[i] * sectors + _sector(_direction(rows[i]) - bearing, sectors)
+            other = kinds[j] * sectors + _sector(_direction(rows[j]) - bearing - pi, sectors)
+            weight = sqrt(min(hits[i], _MOST_HITS) * min(hits[j], _MOST_HITS))
+            word = (min(one, other) * base + max(one, other)) * n_cells
+            lower = floor(distance / cell)
+            share = distance / cell - lower
+            histogram[(word + lower) * _MULTIPLIER % bins] += weight * (1.0 - share)
+            histogram[(word + lower + 1) * _MULTIPLIER % bins] += weight * share
+
+
+@njit(cache=True)
+def count_distances(points: F64, cell: float, histogram: F64) -> None:
+    """Add the distance of every pair of points, (n, 2) [m], to a histogram with cells of that width [m]."""
+    for i in range(len(points)):
+        for j in range(i + 1, len(points)):
+            k = int(hypot(points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]) / cell)
+            if k < len(histogram):
+                histogram[k] += 1.0

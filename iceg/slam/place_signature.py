@@ -1,0 +1,125 @@
+"""What a place looks like, in numbers that do not depend on where the robot believes to be.
+
+The signature of a place is made of a local map of several key scans. Pairs of its features are words (kinds, distance,
+bearings relative to the walls), weighed by how rare they are in the log, as in text retrieval; the distances between
+all its points (the shape distribution D2 of Osada et al., Shape distributions, 2002) tell its free space. Both stay the
+same when the place is turned or moved.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.se2 import between, transform_points
+from iceg.ice import _hypothesis_kernels as hypothesis_kernels
+from iceg.ice.features import FeatureRows
+from iceg.ice.matcher import IceMatcher
+from iceg.slam import _signature_kernels as kernels
+from iceg.slam.track import KeyScan
+
+_HALF = 5
+"""Key scans on either side that make up the place."""
+_BINS, _REACH, _CELL, _SECTORS = 1024, 6.0, 0.4, 6
+_SEEN_TWICE = 2.0
+_FEATURES = 1500
+_POINT_EVERY = 3
+_POINT_REACH, _POINT_CELL = 8.0, 0.4
+_DISTANCES, _DISTANCE_CELL = 40, 0.25
+_SHAPE_WEIGHT = 0.3
+_STRETCH = 2
+"""Places on either side that make up a stretch."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlaceSignatures:
+    """The places of a log.
+
+    Attributes:
+        keys: (m,) the key pose in the middle of each place, increasing.
+        rows: (m, d) float32 signatures; the product of two is their likeness, at most 1 + 0.3.
+    """
+
+    keys: NDArray[np.int64]
+    rows: NDArray[np.float32]
+
+    def likeness(self, queries: NDArray[np.int64]) -> NDArray[np.float32]:
+        """(q, m) how much each of these places, given by their row, looks like every place."""
+        return np.asarray(self.rows[queries] @ self.rows.T, dtype=np.float32)
+
+    def likeness_along(self, ones: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.float32]:
+        """(n,) how much stretches around pairs of places look alike, driven the same way or the opposite way."""
+        last = len(self.rows) - 1
+        steps = np.arange(-_STRETCH, _STRETCH + 1)
+        means = [
+            np.mean(
+                [
+                    np.einsum(
+                        "nd,nd->n",
+                        self.rows[np.clip(ones + step, 0, last)],
+                        self.rows[np.clip(others + way * step, 0, last)],
+                    )
+                    for step in steps
+                ],
+                axis=0,
+            )
+            for way in (1, -1)
+        ]
+        return np.asarray(np.maximum(*means), dtype=np.float32)
+
+
+def place_signatures(keys: Sequence[KeyScan], matcher: IceMatcher, spacing: int) -> PlaceSignatures:
+    """Signatures of the places along a track.
+
+    Args:
+        keys: its key scans; only poses of neighbours relative to each other count.
+        matcher: extracts the features.
+        spacing: key scans from one place to the next.
+    """
+    middles = np.arange(0, len(keys), spacing, dtype=np.int64)
+    T_track_keys = np.array([key.T_track_robot for key in keys])
+    words, shapes = np.zeros((len(middles), _BINS)), np.zeros((len(middles), _DISTANCES))
+    for row, middle in enumerate(middles.tolist()):
+        members = range(max(0, middle - _HALF), min(len(keys), middle + _HALF + 1))
+        T_middle_members = between(T_track_keys[middle], T_track_keys[members])
+        observations = [matcher.observe(keys[member].scan) for member in members]
+        _count_words([observation.features for observation in observations], T_middle_members, words[row])
+        points = [observation.points.points for observation in observations[::_POINT_EVERY]]
+        kernels.count_distances(_thinned(points, T_middle_members[::_POINT_EVERY]), _DISTANCE_CELL, shapes[row])
+    rarity = np.log(len(middles) / np.maximum(1, np.count_nonzero(words, axis=0)))
+    looks = _unit(np.sqrt(words) * rarity)
+    shape = np.sqrt(shapes)
+    shape = _unit(shape - shape.mean(axis=0)) * np.sqrt(_SHAPE_WEIGHT)
+    return PlaceSignatures(keys=middles, rows=np.hstack([looks, shape]).astype(np.float32))
+
+
+def _count_words(
+    features: list[FeatureRows], T_middle_members: NDArray[np.float64], histogram: NDArray[np.float64]
+) -> None:
+    """Count the pairs among the features that several scans of the place saw."""
+    kinds, rows, hits = np.empty(_FEATURES, np.int8), np.empty((_FEATURES, 10)), np.empty(_FEATURES)
+    n = 0
+    for of_scan, T_middle_scan in zip(features, T_middle_members, strict=True):
+        n = hypothesis_kernels.merge_features(
+            of_scan.kinds, of_scan.rows, T_middle_scan, _MERGE_RADIUS, kinds, rows, hits, n
+        )
+    kept = (hits[:n] >= _SEEN_TWICE) & (rows[:n, 8] > 0.5)
+    kernels.count_pairs(kinds[:n][kept], rows[:n][kept], hits[:n][kept], _REACH, _CELL, _SECTORS, histogram)
+
+
+_MERGE_RADIUS = 0.25
+
+
+def _thinned(points: list[NDArray[np.float64]], T_middle_scans: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points near the middle, about one for each cell."""
+    placed = np.vstack([transform_points(T, p_robot) for T, p_robot in zip(T_middle_scans, points, strict=True)])
+    near = placed[np.hypot(placed[:, 0], placed[:, 1]) < _POINT_REACH]
+    cells = np.floor(near / _POINT_CELL).astype(np.int64)
+    _, first = np.unique(cells[:, 0] * 4096 + cells[:, 1], return_index=True)
+    return np.ascontiguousarray(near[first])
+
+
+def _unit(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    return np.asarray(rows / np.maximum(1e-12, length), dtype=np.float64)

@@ -1,0 +1,173 @@
+"""A robot that is carried away: found again by what it sees, or the run says where the path is broken."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from frontends.logs import read_log
+from frontends.scan import Log
+from frontends.simulator.simulation import simulate
+from graph.config import PoseGraphConfig
+from graph.odometry import OdometryModel
+from graph.se2 import between, compose
+from iceg.config import Config
+from iceg.demo import demo_log_path, demo_truth_path
+from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
+from iceg.ice.matcher import IceMatcher
+from iceg.maps.config import GridConfig
+from iceg.slam import back_end
+from iceg.slam.broken_track import retied
+from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
+from iceg.slam.loop_closure import Candidate, Drift, LoopCloser
+from iceg.slam.pipeline import SlamResult, run
+from iceg.slam.track import Track
+from iceg.slam.tracking import track_log
+
+_QUICK = Config(grid=GridConfig(resolution=0.2), finish=FinishConfig(enabled=False))
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return read_log(demo_log_path())
+
+
+@pytest.fixture(scope="module")
+def truth() -> NDArray[np.float64]:
+    return read_truth_csv(demo_truth_path())
+
+
+def _joined(first: Log, second: Log) -> Log:
+    """One log after the other, as if nothing had happened in between: odometry does not see it."""
+    moved = compose(first.odometry[-1], between(second.odometry[0], second.odometry))
+    return replace(
+        first,
+        ranges=np.vstack([first.ranges, second.ranges]),
+        odometry=np.vstack([first.odometry, moved]),
+        stamps=0.2 * np.arange(len(first) + len(second)),
+    )
+
+
+def _part(log: Log, first: int, last: int) -> Log:
+    return replace(log, ranges=log.ranges[first:last], odometry=log.odometry[first:last], stamps=log.stamps[first:last])
+
+
+def _carried(log: Log, cut: int, on: int) -> Log:
+    """The log without the scans from `cut` to `on`: that far the robot was carried."""
+    return _joined(_part(log, 0, cut), _part(log, on, len(log)))
+
+
+def _rmse(result: SlamResult, truth: NDArray[np.float64], cut: int, on: int) -> float:
+    return trajectory_errors(result.trajectory, np.vstack([truth[:cut], truth[on:]])).ate_rmse
+
+
+@pytest.mark.parametrize(("cut", "on"), [(400, 900), (300, 600), (700, 1000)])
+def test_a_robot_carried_to_a_known_place_is_found_there(
+    log: Log, truth: NDArray[np.float64], cut: int, on: int
+) -> None:
+    result = run(_carried(log, cut, on), _QUICK)
+    assert _rmse(result, truth, cut, on) < 0.15
+    (found,) = result.summary["breaks"]
+    assert found["outcome"] == "joined"
+    assert abs(found["scan"] - cut) <= 3
+    moved = np.hypot(*(truth[on] - truth[cut])[:2])
+    assert found["moved_m"] == pytest.approx(moved, abs=2.0)
+    assert found["says"] in result.summary["warnings"]
+
+
+def test_the_finish_keeps_what_was_joined(log: Log, truth: NDArray[np.float64]) -> None:
+    result = run(_carried(log, 400, 900), replace(_QUICK, finish=FinishConfig()))
+    assert _rmse(result, truth, 400, 900) < 0.03
+
+
+def test_a_robot_carried_to_a_place_never_seen_is_told_apart(log: Log) -> None:
+    elsewhere = simulate("rooms", seed=2).log
+    cut = 900
+    result = run(_joined(_part(log, 0, cut), _part(elsewhere, 0, 900)), replace(_QUICK, finish=FinishConfig()))
+    (found,) = result.summary["breaks"]
+    assert found["outcome"] == "apart"
+    assert cut <= found["scan"] <= cut + 10
+    assert "no loop closure ties the rest" in found["says"]
+    ends = [(closure.scan_i, closure.scan_j) for closure in result.closures if closure.verdict == "accepted"]
+    assert not [pair for pair in ends if pair[0] < cut <= pair[1]]
+
+
+def test_a_jump_that_nothing_gave_away_is_reported_and_changes_nothing(log: Log) -> None:
+    # Into a corridor that looks like the one before: the front end does not notice, later places do.
+    result = run(_carried(log, 500, 1300), _QUICK)
+    (found,) = result.summary["breaks"]
+    assert found["outcome"] == "contradicted"
+    assert abs(found["scan"] - 500) <= 5
+    assert "the map follows the path" in found["says"]
+    alike = [closure for closure in result.closures if closure.reason.startswith("looks alike")]
+    assert alike
+    assert all(closure.verdict == "rejected" for closure in alike)
+
+
+def test_a_log_in_order_has_no_breaks(log: Log) -> None:
+    assert run(log, _QUICK).summary["breaks"] == []
+
+
+def test_scans_taken_before_the_next_key_scan_belong_to_it(log: Log) -> None:
+    # The robot stands still for six scans after it was carried: they are no key scans, but they see the new place.
+    still = _joined(_part(log, 0, 400), _part(log, 900, 901))
+    for _ in range(5):
+        still = _joined(still, _part(log, 900, 901))
+    track = track_log(_joined(still, _part(log, 901, 1000)), IceMatcher(), OdometryModel(), FrontEndConfig())
+    key = next(k for k, scan in enumerate(track.keys) if scan.index >= 400)
+    assert (track.key_of_scan[400:405] == key - 1).all()
+    tied = retied(track, [key], _joined(still, _part(log, 901, 1000)), IceMatcher())
+    assert (tied.key_of_scan[400 : track.keys[key].index + 1] == key).all()
+    assert (tied.key_of_scan[:400] == track.key_of_scan[:400]).all()
+    poses = np.array([scan.T_track_robot for scan in track.keys])
+    np.testing.assert_allclose(tied.trajectory(poses), track.trajectory(poses), atol=1e-9)
+
+
+def test_references_and_supporters_stay_on_their_side_of_a_loss(log: Log) -> None:
+    track = track_log(_carried(log, 400, 900), IceMatcher(), OdometryModel(), FrontEndConfig())
+    poses = np.array([key.T_track_robot for key in track.keys])
+    key = next(k for k, scan in enumerate(track.keys) if scan.index in track.lost)
+    closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
+    sizes = [len(closer._reference(base, poses).placed) for base in (key - 20, key - 1, key, key + 20)]
+    assert sizes == [15, 8, 8, 15]
+
+
+def test_neighbours_are_not_sought_across_parts_that_nothing_ties(log: Log) -> None:
+    track = track_log(_part(log, 0, 1500), IceMatcher(), OdometryModel(), FrontEndConfig())
+    poses = np.array([key.T_track_robot for key in track.keys])
+    newest, deviations = len(track.keys) - 1, np.array([0.3, 0.3, 0.1])
+    whole = LoopCloser(IceMatcher(), track, LoopClosureConfig())
+    parted = LoopCloser(IceMatcher(), track, LoopClosureConfig(), parts=[newest - 100])
+
+    def earliest(closer: LoopCloser) -> int:
+        found = [c.key_old for key in range(200, newest, 5) for c in closer.neighbours(key, poses, deviations)]
+        return min(found, default=newest)
+
+    assert earliest(whole) < newest - 100
+    keys = range(newest - 99, newest + 1)
+    across = [c for key in keys for c in parted.neighbours(key, poses, deviations) if c.key_old < newest - 100]
+    assert not across
+
+
+class _Shortsighted(LoopCloser):
+    """Sees no loop on the way, as if the drift were larger than any search."""
+
+    def candidates(self, key_new: int, poses: NDArray[np.float64], drift: Drift) -> list[Candidate]:
+        del key_new, poses, drift
+        return []
+
+
+def test_what_the_drift_left_behind_is_found_by_its_looks(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    track = track_log(log, IceMatcher(), OdometryModel(), FrontEndConfig())
+    monkeypatch.setattr(back_end, "LoopCloser", _Shortsighted)
+
+    def solved(track: Track, *, relocalise: bool) -> back_end.Solution:
+        config = LoopClosureConfig(relocalise=relocalise)
+        return back_end.solve_track(track, log.odometry, OdometryModel(), IceMatcher(), PoseGraphConfig(), config)
+
+    assert not solved(track, relocalise=False).attempts
+    found = solved(track, relocalise=True)
+    assert found.breaks == ()
+    assert sum(attempt.accepted for attempt in found.attempts) >= 8
+    assert all("looks" in attempt.reason for attempt in found.attempts)
