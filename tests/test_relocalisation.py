@@ -45,7 +45,7 @@ def _joined(first: Log, second: Log) -> Log:
         first,
         ranges=np.vstack([first.ranges, second.ranges]),
         odometry=np.vstack([first.odometry, moved]),
-        stamps=0.2 * np.arange(len(first) + len(second)),
+        stamps=np.arange(len(first) + len(second), dtype=np.float64),
     )
 
 

@@ -207,7 +207,11 @@ class _Relocalisation:
         inner = (self._path > _LOG_END) & (self._path < self._path[-1] - _LOG_END)
         self._breaks: dict[int, Break] = {}
         spanned = self._spanned()
-        self._doubts = {key: doubt for key, doubt in doubts.items() if inner[key] and spanned[key] < _VOUCHED}
+        self._doubts = {
+            key: doubt
+            for key, doubt in doubts.items()
+            if inner[key] and (spanned[key] < _VOUCHED or doubt.strength >= LOST)
+        }
         self._untied = inner & (spanned == 0)
         self._untied[list(self._doubts)] = True
 
@@ -419,12 +423,14 @@ class _Relocalisation:
         self._close(closures)
 
     def _part(self, key: int, doubt: Doubt) -> None:
-        """What follows a break hangs on odometry alone, unless enough closures on the way say otherwise."""
-        spanning = {factor.j for factor in self._factors if factor.kind == "closure" and _spans(factor, key)}
-        if len(spanning) >= self._config.confirmations:
-            return
+        """What follows a break hangs on odometry alone, unless the closures across it stand an examination."""
+        across = [a for a in self._attempts if a.accepted and a.key_old < key <= a.key_new]
+        if len({attempt.key_new for attempt in across}) >= self._config.confirmations:
+            exam = self._examined(_Hypothesis(key=key, closures=across), moved=False)
+            if exam.is_passed:
+                return
         self._breaks[key] = Break(key=key, outcome="apart", reason=doubt.reason)
-        if spanning:
+        if across:
             self._take_out(key, "too few agree across a break of the path", keep_near=False)
             self._poses = optimize(self._factors, self._poses, _BATCH).poses
 
