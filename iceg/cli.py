@@ -666,10 +666,7 @@ def _tell_finish(result: "SlamResult") -> None:
 def _tell_doubts(result: "SlamResult") -> None:
     """Say where the map may be wrong, and where only odometry carried it."""
     carried, lost = result.summary["scans_carried_by_odometry"], result.summary["lost_at_scans"]
-    breaks = result.summary["breaks"]
-    for found in breaks:
-        print(f"warning: {found['says']}", file=sys.stderr)
-    told = {found["scan"] for found in breaks}
+    told = {found["scan"] for found in result.summary["breaks"]}
     untold = [scan for scan in lost if scan not in told]
     if untold:
         places = ", ".join(str(scan) for scan in untold[:8]) + (

@@ -73,7 +73,7 @@ def test_a_robot_carried_to_a_known_place_is_found_there(
     assert abs(found["scan"] - cut) <= 3
     moved = np.hypot(*(truth[on] - truth[cut])[:2])
     assert found["moved_m"] == pytest.approx(moved, abs=2.0)
-    assert found["says"] in result.summary["warnings"]
+    assert any(f"before scan {found['scan']} " in said for said in result.summary["warnings"])
 
 
 def test_the_finish_keeps_what_was_joined(log: Log, truth: NDArray[np.float64]) -> None:
@@ -88,7 +88,7 @@ def test_a_robot_carried_to_a_place_never_seen_is_told_apart(log: Log) -> None:
     (found,) = result.summary["breaks"]
     assert found["outcome"] == "apart"
     assert cut <= found["scan"] <= cut + 10
-    assert "no loop closure ties the rest" in found["says"]
+    assert any("no loop closure ties the rest" in said for said in result.summary["warnings"])
     ends = [(closure.scan_i, closure.scan_j) for closure in result.closures if closure.verdict == "accepted"]
     assert not [pair for pair in ends if pair[0] < cut <= pair[1]]
 
@@ -99,7 +99,7 @@ def test_a_jump_that_nothing_gave_away_is_reported_and_changes_nothing(log: Log)
     (found,) = result.summary["breaks"]
     assert found["outcome"] == "contradicted"
     assert abs(found["scan"] - 500) <= 5
-    assert "the map follows the path" in found["says"]
+    assert any("the map follows the path" in said for said in result.summary["warnings"])
     alike = [closure for closure in result.closures if closure.reason.startswith("looks alike")]
     assert alike
     assert all(closure.verdict == "rejected" for closure in alike)

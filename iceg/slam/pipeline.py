@@ -241,12 +241,7 @@ def _summary(
         "scans_carried_by_odometry": track.failures,
         "lost_at_scans": track.lost,
         "breaks": [
-            {
-                "scan": track.keys[found.key].index,
-                "outcome": found.outcome,
-                "moved_m": round(found.moved, 3),
-                "says": describe_break(found, track),
-            }
+            {"scan": track.keys[found.key].index, "outcome": found.outcome, "moved_m": round(found.moved, 3)}
             for found in solution.breaks
         ],
         "odometry_jumps": solution.odometry_jumps,
