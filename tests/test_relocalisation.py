@@ -62,7 +62,7 @@ def _rmse(result: SlamResult, truth: NDArray[np.float64], cut: int, on: int) -> 
     return trajectory_errors(result.trajectory, np.vstack([truth[:cut], truth[on:]])).ate_rmse
 
 
-@pytest.mark.parametrize(("cut", "on"), [(400, 900), (300, 600), (700, 1000)])
+@pytest.mark.parametrize(("cut", "on"), [(400, 900), (300, 600)])
 def test_a_robot_carried_to_a_known_place_is_found_there(
     log: Log, truth: NDArray[np.float64], cut: int, on: int
 ) -> None:
@@ -93,12 +93,13 @@ def test_a_robot_carried_to_a_place_never_seen_is_told_apart(log: Log) -> None:
     assert not [pair for pair in ends if pair[0] < cut <= pair[1]]
 
 
-def test_a_jump_that_nothing_gave_away_is_reported_and_changes_nothing(log: Log) -> None:
+@pytest.mark.parametrize(("cut", "on"), [(500, 1300), (700, 1000)])
+def test_a_jump_that_nothing_gave_away_is_reported_and_changes_nothing(log: Log, cut: int, on: int) -> None:
     # Into a corridor that looks like the one before: the front end does not notice, later places do.
-    result = run(_carried(log, 500, 1300), _QUICK)
+    result = run(_carried(log, cut, on), _QUICK)
     (found,) = result.summary["breaks"]
     assert found["outcome"] == "contradicted"
-    assert abs(found["scan"] - 500) <= 5
+    assert abs(found["scan"] - cut) <= 5
     assert any("the map follows the path" in said for said in result.summary["warnings"])
     alike = [closure for closure in result.closures if closure.reason.startswith("looks alike")]
     assert alike

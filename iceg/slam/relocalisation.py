@@ -120,6 +120,8 @@ _LOG_END = 12.0
 """A break so near to the beginning or the end of the path matters to nobody [m]."""
 _VOUCHED = 10
 """Closures that span a doubtful step and settle the doubt."""
+_WEAK_SCORE = 0.7
+"""A match that explains less of a scan leaves room for doubt where few closures span it."""
 _SAME_PASS = 3
 """Places so few rows apart are one pass."""
 _PLACES_AT_ONCE = 512
@@ -212,7 +214,9 @@ class _Relocalisation:
             for key, doubt in doubts.items()
             if inner[key] and (spanned[key] < _VOUCHED or doubt.strength >= LOST)
         }
-        self._untied = inner & (spanned == 0)
+        scores = np.array([getattr(key.match, "score", 0.0) for key in track.keys])
+        self._weak = inner & (scores < _WEAK_SCORE) & (spanned < _VOUCHED)
+        self._untied = inner & (spanned == 0) | self._weak
         self._untied[list(self._doubts)] = True
 
     def run(self) -> None:
@@ -407,7 +411,8 @@ class _Relocalisation:
         ]
         self._factors = [*self._factors, *(closure_factor(closure) for closure in closures)]
         self._poses = optimize(self._factors, self._poses, _BATCH).poses
-        self._untied &= self._spanned() == 0
+        spanned = self._spanned()
+        self._untied &= (spanned == 0) | (self._weak & (spanned < _VOUCHED))
         self._untied[list(self._doubts)] = True
 
     def _join(self, key: int, closures: list[Attempt], correction: NDArray[np.float64]) -> None:
