@@ -138,7 +138,9 @@ _EXAM_KEYS = 24
 _FEWEST_VOTES, _MAJORITY = 6, 3.0
 """A hypothesis needs at least so many votes, and so many times those against it …"""
 _BELIEF = 2.0
-"""… and so many times what speaks for the path."""
+"""… and so many times what speaks for the path …"""
+_SURE = 6.0
+"""… but so many times those against it to contradict a path in which nothing else is doubtful."""
 _MOST = 0.75
 _MOST_HYPOTHESES = 6
 _UNKNOWN = np.diag([100.0, 100.0, np.pi]) ** 2
@@ -341,6 +343,8 @@ class _Relocalisation:
             self._close(closures)
             return
         doubt, is_known = self._doubt(key), key in self._doubts
+        if not is_known and len(exam.agreeing) < _SURE * exam.against:
+            return
         correction = self._correction(hypothesis)
         moved = (compose(correction, self._poses[key]) - self._poses[key])[:2]
         self._breaks[key] = Break(
