@@ -18,7 +18,10 @@ import iceg
 from frontends.scan import Log
 from graph.se2 import compose
 from iceg import results
-from iceg.cli import Eval, PrintConfig, Run, main, parse
+from iceg.cli import main, parse
+from iceg.cli.judge import Eval
+from iceg.cli.run import Run
+from iceg.cli.tools import PrintConfig
 from iceg.config import Config, format_config, parse_config
 from iceg.demo import demo_log_path, demo_truth_path
 from iceg.slam.progress import Progress, ProgressCallback

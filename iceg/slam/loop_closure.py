@@ -16,6 +16,7 @@ from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.verification import Agreement
 from iceg.slam.config import LoopClosureConfig
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.track import Track
 
 
@@ -353,11 +354,12 @@ class LoopCloser:
         )
 
     def _match_wide(self, reference: _Reference, candidate: Candidate) -> Attempt | None:
-        alternatives = getattr(self._matcher, "alternatives", None)
-        if alternatives is None:
+        if not isinstance(self._matcher, MapMatcher):
             return None
         scan = self._keys[candidate.key_new].scan
-        found = alternatives(reference.matched, scan, candidate.T_old_new, np.diag(candidate.deviations**2))
+        found = self._matcher.alternatives(
+            reference.matched, scan, candidate.T_old_new, np.diag(candidate.deviations**2)
+        )
         fitting = [T for T in found if self._is_supported(self._support(reference, candidate.key_new, T))]
         if not fitting:
             return None

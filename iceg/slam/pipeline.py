@@ -14,6 +14,7 @@ from frontends.matchers import make_matcher
 from frontends.scan import Log
 from graph.batch import marginal_covariances
 from graph.factors import Factor
+from graph.measurement import RelativePose
 from graph.pose_graph import PoseGraph
 from iceg.config import Config
 from iceg.ice.features import extract_features
@@ -231,6 +232,7 @@ def _summary(
     doubts: list[str],
 ) -> dict[str, Any]:
     factors = solution.graph.factors
+    matches = [key.match for key in track.keys if isinstance(key.match, RelativePose)]
     kinds = ("prior", "odometry", "ice", "closure")
     return {
         "log": log.path.name,
@@ -246,7 +248,9 @@ def _summary(
         ],
         "odometry_jumps": solution.odometry_jumps,
         "odometry_breaks_at_scans": track.breaks,
-        "weak_matches": sum(1 for key in track.keys if getattr(key.match, "is_fully_observed", True) is False),
+        "weak_matches": sum(
+            isinstance(key.match, RelativePose) and not key.match.is_fully_observed for key in track.keys
+        ),
         "factors": {kind: sum(1 for factor in factors if factor.kind == kind) for kind in kinds},
         "closures": {
             "tried": len(solution.attempts),

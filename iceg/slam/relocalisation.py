@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from graph.batch import BatchConfig, optimize
 from graph.consistency import cumulative_covariances, maximum_clique, pairwise_consistency
 from graph.factors import Factor
+from graph.measurement import NoMatch
 from graph.se2 import between, compose, inverse, logmap
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.loop_closure import ANCHOR_SPACING, Attempt, LoopCloser, closure_factor, is_near, lies_near
 from iceg.slam.place_signature import place_signatures
-from iceg.slam.track import Track
+from iceg.slam.track import KeyScan, Track
 
 Outcome = Literal["joined", "apart", "contradicted"]
 
@@ -216,7 +217,7 @@ class _Relocalisation:
             for key, doubt in doubts.items()
             if inner[key] and (spanned[key] < _VOUCHED or doubt.strength >= LOST)
         }
-        scores = np.array([getattr(key.match, "score", 0.0) for key in track.keys])
+        scores = np.array([_score(key) for key in track.keys])
         self._weak = inner & (scores < _WEAK_SCORE) & (spanned < _VOUCHED)
         self._untied = inner & (spanned == 0) | self._weak
         self._untied[list(self._doubts)] = True
@@ -327,7 +328,7 @@ class _Relocalisation:
         known = self._doubts.get(key)
         if known is not None:
             return known
-        score = getattr(self._keys[key].match, "score", 0.0)
+        score = _score(self._keys[key])
         return Doubt(reason=f"only {score:.0%} of the beams agreed with what was known before", strength=1.0 - score)
 
     def _try(self, hypothesis: _Hypothesis) -> None:
@@ -487,3 +488,8 @@ def _distinct(closures: Sequence[Attempt]) -> list[Attempt]:
 
 def _spans(factor: Factor, key: int) -> bool:
     return factor.i is not None and min(factor.i, factor.j) < key <= max(factor.i, factor.j)
+
+
+def _score(key: KeyScan) -> float:
+    """Of the match of a key scan, 0 without one."""
+    return 0.0 if isinstance(key.match, NoMatch) else key.match.score

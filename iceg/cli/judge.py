@@ -1,0 +1,118 @@
+"""Commands that tell what is in a log, and how good a result is."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from iceg.cli.options import SkipBadLines, UsageError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Info:
+    """Tell what is in a log."""
+
+    log: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LOG", help="The recorded log.")]
+    skip_bad_lines: SkipBadLines = False
+
+    def __call__(self) -> None:
+        """Read and describe."""
+        from frontends.logs import describe_log, read_log
+
+        print(describe_log(read_log(self.log, skip_bad_lines=self.skip_bad_lines)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Eval:
+    """Judge a trajectory by benchmark relations, a reference trajectory or the truth."""
+
+    trajectory: Annotated[
+        tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRAJECTORY", help="A trajectory.tum or the folder of a run.")
+    ]
+    relations: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE",
+            help="Relative poses known: a CSV by scan, or the benchmark's .relations by stamp (needs --log).",
+        ),
+    ] = None
+    log: Annotated[Path | None, tyro.conf.arg(metavar="LOG", help="The log, to tie stamps to scans.")] = None
+    reference: Annotated[
+        Path | None, tyro.conf.arg(metavar="CSV", help="Reference poses of some scans: scan,x_m,y_m,theta_rad.")
+    ] = None
+    truth: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="CSV", help="True pose of every scan: t_s,x_m,y_m,theta_rad. A run folder also gets its NEES."
+        ),
+    ] = None
+    consistency: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool],
+        tyro.conf.arg(help="Judge each factor of a run's graph by all the others: needs no reference."),
+    ] = False
+    json: Annotated[tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="One JSON object instead of a table.")] = (
+        False
+    )
+
+    def __call__(self) -> None:
+        """Compare and print."""
+        from iceg.evaluation.report import format_json, format_table
+
+        report, title = self._report()
+        print(format_json(report) if self.json else format_table(report, title))
+
+    def _report(self) -> tuple[dict[str, float], str]:
+        given = [path for path in (self.relations, self.reference, self.truth) if path is not None]
+        if len(given) + self.consistency != 1:
+            raise UsageError(
+                f"found {len(given) + self.consistency} of --relations, --reference, --truth and --consistency,"
+                " expected exactly one"
+            )
+        if self.log is not None and (self.relations is None or _is_csv(self.relations)):
+            raise UsageError("--log is only needed with relations by stamp")
+        if self.consistency:
+            from iceg.evaluation.cross_validation import cross_validation_report
+
+            return cross_validation_report(self.trajectory), f"{self.trajectory}, each factor against all the others:"
+        title = f"{self.trajectory} against {given[0]}:"
+        return self._figures(), title
+
+    def _figures(self) -> dict[str, float]:
+        from iceg.evaluation.judge import (
+            reference_report,
+            relations_by_stamp_report,
+            relations_csv_report,
+            truth_report,
+        )
+
+        if self.reference is not None:
+            return reference_report(self.trajectory, self.reference)
+        if self.truth is not None:
+            return truth_report(self.trajectory, self.truth)
+        assert self.relations is not None
+        if _is_csv(self.relations):
+            return relations_csv_report(self.trajectory, self.relations)
+        if self.log is None:
+            raise UsageError(
+                f"{self.relations.name} names scans by their stamps: give the log they are from with --log"
+            )
+        return relations_by_stamp_report(self.trajectory, self.relations, self.log)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plot:
+    """Draw the pictures of a run again, from the files in its folder."""
+
+    results: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR", help="The folder of a run.")]
+
+    def __call__(self) -> None:
+        """Read the folder, draw, name the pictures."""
+        from iceg.show.run_plots import plot_results
+
+        for path in plot_results(self.results):
+            print(path)
+
+
+def _is_csv(path: Path) -> bool:
+    return path.suffix.lower() == ".csv"

@@ -1,0 +1,198 @@
+"""Commands that measure: methods against each other, what each part buys, covariances against the truth."""
+
+import os
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import tyro
+
+from graph.errors import IcegError
+from iceg.cli.options import UsageError
+
+if TYPE_CHECKING:
+    from iceg.evaluation.bench.outcome import Outcome
+
+
+class BenchError(IcegError):
+    """Runs of a benchmark that failed."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench:
+    """Compare methods on logs; without FILE, ICE's accuracy and speed on the embedded and the public logs.
+
+    FILE names methods, logs, seeds and parameter sweeps (docs/benchmark.md). Runs that are in DIR already, with the
+    same settings and logs, are not made again.
+    """
+
+    file: Annotated[
+        tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="FILE", help="TOML file of an experiment.")
+    ] = None
+    output: Annotated[
+        Path, tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for runs, tables and pictures.")
+    ] = Path("bench-output")
+    workers: Annotated[
+        int | None, tyro.conf.arg(metavar="N", help="FILE: runs at a time; left out: one for each core.")
+    ] = None
+    scheduler: Annotated[
+        str | None,
+        tyro.conf.arg(metavar="ADDRESS", help="FILE: run on a Dask cluster, such as tcp://127.0.0.1:8786."),
+    ] = None
+    overwrite: Annotated[tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="FILE: make all runs again.")] = False
+    data: Annotated[
+        Path | None,
+        tyro.conf.arg(metavar="DIR", help="Without FILE: folder of public logs; left out: $ICEG_DATA, else none."),
+    ] = None
+    parts: Annotated[
+        tuple[Literal["runs", "recall", "consistency", "ablation", "growth"], ...],
+        tyro.conf.arg(help="Without FILE: which tables; left out: all but growth, which takes many minutes."),
+    ] = ()
+
+    def __call__(self) -> None:
+        """Run, print, keep."""
+        with_file, without = (self.workers, self.scheduler, self.overwrite or None), (self.data, self.parts or None)
+        if any(value is not None for value in (with_file if self.file is None else without)):
+            raise UsageError(
+                "--workers, --scheduler and --overwrite need an experiment FILE"
+                if self.file is None
+                else "--data and --parts belong to the benchmark without FILE"
+            )
+        if self.workers is not None and self.workers < 1:
+            raise UsageError(f"found --workers {self.workers}, expected at least 1")
+        if self.file is None:
+            self._real_logs()
+        else:
+            self._experiment(self.file)
+
+    def _real_logs(self) -> None:
+        from iceg.evaluation.bench.real_logs import PARTS, folder_of_logs, real_log_tables
+        from iceg.evaluation.bench.tables import format_markdown
+
+        data = folder_of_logs(self.data)
+        if data is None:
+            print("No folder of public logs (--data, or ICEG_DATA): the embedded log only.")
+        for name, rows in real_log_tables(data, self.output, self.parts or PARTS):
+            print(f"\n{name.replace('-', ' ').capitalize()}\n{format_markdown(rows)}", flush=True)
+
+    def _experiment(self, file: Path) -> None:
+        from iceg.evaluation.bench.comparison import run_experiment
+        from iceg.evaluation.bench.experiment import read_experiment
+        from iceg.evaluation.bench.plots import save_plots
+        from iceg.evaluation.bench.summary import summary_rows, write_results
+        from iceg.evaluation.bench.tables import format_markdown
+
+        experiment = read_experiment(file)
+        try:
+            outcomes = run_experiment(
+                experiment,
+                self.output,
+                workers=self.workers,
+                scheduler=self.scheduler,
+                overwrite=self.overwrite,
+                tell=_tell_outcome,
+            )
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(f"complete runs are kept in {self.output}, the same command goes on") from None
+        files = [*write_results(outcomes, self.output), *save_plots(outcomes, self.output)]
+        print(f"\n{format_markdown(summary_rows(outcomes))}")
+        print(f"Results are in {self.output}: {', '.join(path.name for path in files)}; each run in cells/")
+        failures = sum(outcome.error is not None for outcome in outcomes)
+        if failures:
+            raise BenchError(f"{failures} of {len(outcomes)} runs failed; the same command tries them again")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ablation:
+    """What each stage of a run gains, and what calibrated covariances buy: tables for logs with a reference."""
+
+    logs: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]],
+        tyro.conf.arg(
+            metavar="LOG",
+            help="Logs with NAME.relations.csv, .truth.csv or .reference.csv beside them; left out: the embedded log "
+            "and the public ones.",
+        ),
+    ] = ()
+    output: Annotated[
+        Path, tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for the tables as CSV, made if missing.")
+    ] = Path("ablation-output")
+    data: Annotated[
+        Path | None, tyro.conf.arg(metavar="DIR", help="Folder of public logs; left out: $ICEG_DATA, else none.")
+    ] = None
+    faults: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool],
+        tyro.conf.arg(help="Instead: what each fault of robot, laser and recorder does to a run (docs/robustness.md)."),
+    ] = False
+
+    def __call__(self) -> None:
+        """Run, print log by log, keep."""
+        from iceg.evaluation.ablation import logs_to_judge, write_tables
+        from iceg.evaluation.bench.tables import format_markdown
+        from iceg.show.progress import compile_note
+
+        data = self.data or (Path(os.environ["ICEG_DATA"]) if os.environ.get("ICEG_DATA") else None)
+        if self.faults:
+            from iceg.evaluation.robustness import write_faults
+
+            with compile_note():
+                rows = list(write_faults(logs_to_judge(self.logs, data), self.output))
+            print(f"\n{format_markdown(rows)}", flush=True)
+            return
+        with compile_note():
+            for name, rows in write_tables(logs_to_judge(self.logs, data), self.output):
+                print(f"\n{name.capitalize()}\n{format_markdown(rows)}", flush=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Nees:
+    """Whether the covariances are right: NEES of factors and poses against the truth, over many simulated runs."""
+
+    logs: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]],
+        tyro.conf.arg(metavar="LOG", help="Logs with NAME.truth.csv beside them; left out: simulated scenes."),
+    ] = ()
+    output: Annotated[
+        Path, tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for tables and picture, made if missing.")
+    ] = Path("nees-output")
+    runs: Annotated[int, tyro.conf.arg(help="Simulated runs in all, spread evenly over the scenes.")] = 50
+    scenes: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            metavar="SCENE", help="Scenes that come with iceg, or .world files; left out: rooms, corridors, an office."
+        ),
+    ] = ()
+
+    def __call__(self) -> None:
+        """Run, tell run by run, print the table."""
+        from iceg.evaluation.bench.tables import format_markdown
+        from iceg.evaluation.nees_study import SCENES, recorded, simulated, study, summarise
+        from iceg.show.progress import compile_note
+
+        if self.runs < 1:
+            raise UsageError(f"found --runs {self.runs}, expected at least 1")
+        if self.logs and self.scenes:
+            raise UsageError("found logs and --scenes, expected one of them")
+        judged = []
+        with compile_note():
+            recordings = recorded(self.logs) if self.logs else simulated(self.scenes or SCENES, self.runs)
+            for one in study(recordings, self.output):
+                judged.append(one)
+                means = ", ".join(f"{kind} {values.mean():.2f}" for kind, values in one.values.items())
+                print(f"{one.scene} {one.seed}: {means}", flush=True)
+        print(f"\n{format_markdown(summarise(judged))}")
+        print(f"Tables and picture are in {self.output}: nees.csv, nees-runs.csv and nees.png")
+
+
+def _tell_outcome(outcome: "Outcome", done: int, of: int) -> None:
+    from iceg.evaluation.bench.summary import error_of
+
+    head = f"[{done}/{of}] {outcome.cell.name}"
+    if outcome.error is not None:
+        print(f"{head}: failed: {outcome.error}", file=sys.stderr, flush=True)
+        return
+    error = error_of(outcome)
+    shown = "" if error is None else f"{error:.4f} m, "
+    again = ", from before" if outcome.is_reused else ""
+    print(f"{head}: {shown}{outcome.figures['scans_per_cpu_s']:.0f} scans/CPU s{again}", flush=True)

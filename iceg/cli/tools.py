@@ -1,0 +1,94 @@
+"""Commands beside the main job: simulated logs, any pose graph, all settings."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from iceg.cli.options import ConfigFile, Settings
+from iceg.config import Config
+
+
+@dataclass(frozen=True, kw_only=True)
+class Simulate:
+    """Drive a robot through a simulated scene: a log in two formats, and the truth."""
+
+    scene: Annotated[
+        tyro.conf.Positional[str],
+        tyro.conf.arg(
+            metavar="SCENE", help="A scene that comes with iceg, such as rooms, or the path of a .world file."
+        ),
+    ]
+    output: Annotated[
+        Path,
+        tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for log.clf, log.usarsim and truth.csv."),
+    ]
+    seed: Annotated[int, tyro.conf.arg(help="Of all that is random.")] = 0
+
+    def __call__(self) -> None:
+        """Simulate and write."""
+        from frontends.simulator.output import write_simulation
+        from frontends.simulator.simulation import simulate
+        from iceg.show.progress import compile_note
+
+        with compile_note():
+            simulation = simulate(self.scene, self.seed)
+            write_simulation(self.output, simulation)
+        seconds = float(simulation.log.stamps[-1])
+        print(f"{len(simulation.log)} scans in {seconds:.1f} s of '{simulation.scene.name}' are in {self.output}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Optimize:
+    """Solve any planar pose graph (g2o), robustly against false closures."""
+
+    graph: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="GRAPH", help="The pose graph, a g2o file.")]
+    output: Annotated[
+        Path, tyro.conf.arg(aliases=["-o"], metavar="FILE", help="The solved graph, with the edges that hold.")
+    ]
+    kernel: Annotated[
+        Literal["given", "none", "huber", "cauchy", "geman_mcclure", "dcs"],
+        tyro.conf.arg(help="Robust kernel of the closures; given: what the file says."),
+    ] = "given"
+    kernel_width: Annotated[float, tyro.conf.arg(help="Where it begins to fade.")] = 5.0
+    gnc: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Decide by graduated non-convexity which closures hold.")
+    ] = False
+    pcm: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Drop closures that disagree with most others first.")
+    ] = False
+    incremental: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Grow the graph pose by pose before solving it at once.")
+    ] = False
+
+    def __call__(self) -> None:
+        """Read, solve, write, tell."""
+        from graph.g2o import read_g2o, write_g2o
+        from graph.optimize_g2o import OptimizeOptions, format_report, optimize_g2o
+
+        options = OptimizeOptions(
+            kernel=self.kernel,
+            kernel_width=self.kernel_width,
+            gnc=self.gnc,
+            pcm=self.pcm,
+            incremental=self.incremental,
+        )
+        solved = optimize_g2o(read_g2o(self.graph), options)
+        write_g2o(self.output, solved.poses, solved.factors, solved.ids)
+        print(format_report(solved))
+        print(f"The solved graph is {self.output}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class PrintConfig:
+    """Print all settings with their documentation, as a file for --config."""
+
+    config: ConfigFile = None
+    settings: Settings = field(default_factory=Config)
+
+    def __call__(self) -> None:
+        """Print the settings that would be used."""
+        from iceg.config import format_config
+
+        print(format_config(self.settings), end="")
