@@ -248,9 +248,7 @@ def _summary(
         ],
         "odometry_jumps": solution.odometry_jumps,
         "odometry_breaks_at_scans": track.breaks,
-        "weak_matches": sum(
-            isinstance(key.match, RelativePose) and not key.match.is_fully_observed for key in track.keys
-        ),
+        "weak_matches": sum(not match.is_fully_observed for match in matches),
         "factors": {kind: sum(1 for factor in factors if factor.kind == kind) for kind in kinds},
         "closures": {
             "tried": len(solution.attempts),
