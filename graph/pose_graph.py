@@ -4,7 +4,6 @@ import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import gtsam
 import numpy as np
@@ -13,7 +12,7 @@ from numpy.typing import NDArray
 from graph.batch import check_determined, marginal_covariances
 from graph.config import Factorization, PoseGraphConfig
 from graph.errors import GraphError
-from graph.factors import Factor, RobustKernel
+from graph.factors import Factor, FactorKind, RobustKernel
 from graph.gtsam_bridge import (
     from_gtsam_pose,
     from_gtsam_values,
@@ -146,6 +145,10 @@ class PoseGraph:
         """Add a match along the way, of pose j against a reference in the frame of pose i; returns its index."""
         return self._add_relative_pose("ice", i, j, match, kernel)
 
+    def add_stretch(self, i: int, j: int, match: RelativePose) -> int:
+        """Add what matches say of a stretch of several key poses beyond their single steps; returns its index."""
+        return self._add_relative_pose("stretch", i, j, match, None)
+
     def add_closure(self, i: int, j: int, match: RelativePose, kernel: RobustKernel | None) -> int:
         """Add a loop closure, pose j found again from pose i; returns its index."""
         return self._add_relative_pose("closure", i, j, match, kernel)
@@ -259,7 +262,7 @@ class PoseGraph:
         )
 
     def _add_relative_pose(
-        self, kind: Literal["ice", "closure"], i: int, j: int, match: RelativePose, kernel: RobustKernel | None
+        self, kind: FactorKind, i: int, j: int, match: RelativePose, kernel: RobustKernel | None
     ) -> int:
         return self.add(Factor(kind=kind, i=i, j=j, T_i_j=match.T_ref_cur, covariance=match.covariance, kernel=kernel))
 

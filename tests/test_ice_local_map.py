@@ -180,7 +180,8 @@ def test_agreements_add_up() -> None:
     one = Agreement(points=10, known=8, inliers=6, seen=3, contradicted=1)
     both = one + one
     assert (both.overlap, both.fit, both.view) == (0.8, 0.75, 0.75)
-    assert (Agreement().overlap, Agreement().fit, Agreement().view) == (0.0, 0.0, 0.0)
+    assert (Agreement().overlap, Agreement().fit) == (0.0, 0.0)
+    assert Agreement().view == 1.0, "where nothing is in view nothing is contradicted"
 
 
 def test_settings_out_of_range_are_refused() -> None:

@@ -29,7 +29,7 @@ from graph.problem import Problem
 from graph.se2 import between_jacobians
 from iceg.evaluation.consistency import Consistency, consistency
 
-KINDS: tuple[FactorKind, ...] = ("odometry", "ice", "closure")
+KINDS: tuple[FactorKind, ...] = ("odometry", "ice", "stretch", "closure")
 _LEAST_REDUNDANCY = 1e-3
 FADED = 0.5
 """A factor that its robust kernel leaves no more weight than this is out of force."""

@@ -101,7 +101,7 @@ class BackEnd:
             self.graph.add_match(current.anchor, key, match)
             known.append(match.covariance)
         if key % LONG_STEP == 0 and (step_of_many := long_step(self._track, key)) is not None:
-            self.graph.add_match(key - LONG_STEP, key, step_of_many)
+            self.graph.add_stretch(key - LONG_STEP, key, step_of_many)
         if not known:
             self.graph.add_odometry(key - 1, key, step, _UNKNOWN_MOTION)
             known.append(_UNKNOWN_MOTION)

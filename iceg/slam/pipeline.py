@@ -233,7 +233,7 @@ def _summary(
 ) -> dict[str, Any]:
     factors = solution.graph.factors
     matches = [key.match for key in track.keys if isinstance(key.match, RelativePose)]
-    kinds = ("prior", "odometry", "ice", "closure")
+    kinds = ("prior", "odometry", "ice", "stretch", "closure")
     return {
         "log": log.path.name,
         "scans": len(log),
