@@ -13,10 +13,13 @@ from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import KNOWN_SPACING, BackEnd, solve_track
+from iceg.slam.closure_attempt import Attempt
+from iceg.slam.closure_candidates import Candidate
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
+from iceg.slam.drift import Drift
 from iceg.slam.finish import _spaced_keys, finish
 from iceg.slam.long_steps import LONG_STEP, long_step
-from iceg.slam.loop_closure import Attempt, Candidate, Drift, LoopCloser
+from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 from iceg.slam.tracking import track_log
 

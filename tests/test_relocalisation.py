@@ -19,8 +19,11 @@ from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
 from iceg.slam import back_end
 from iceg.slam.broken_track import retied
+from iceg.slam.closure_candidates import Candidate
+from iceg.slam.closure_reference import References
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
-from iceg.slam.loop_closure import Candidate, Drift, LoopCloser
+from iceg.slam.drift import Drift
+from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.pipeline import SlamResult, run
 from iceg.slam.track import Track
 from iceg.slam.tracking import track_log
@@ -136,9 +139,11 @@ def test_references_and_supporters_stay_on_their_side_of_a_loss(log: Log) -> Non
     track = track_log(_carried(log, 400, 900), IceMatcher(), OdometryModel(), FrontEndConfig())
     poses = np.array([key.T_track_robot for key in track.keys])
     key = next(k for k, scan in enumerate(track.keys) if scan.index in track.lost)
-    closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
-    sizes = [len(closer._reference(base, poses).placed) for base in (key - 20, key - 1, key, key + 20)]
+    matcher = IceMatcher()
+    references = References(matcher, matcher, track, LoopClosureConfig().reference_half)
+    sizes = [len(references.around(base, poses).placed) for base in (key - 20, key - 1, key, key + 20)]
     assert sizes == [15, 8, 8, 15]
+    assert [references.is_one_stretch(key, other) for other in (key - 1, key + 1)] == [False, True]
 
 
 def test_neighbours_are_not_sought_across_parts_that_nothing_ties(log: Log) -> None:

@@ -12,10 +12,14 @@ from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose
+from iceg.slam.closure_attempt import Attempt, is_near, say_the_same
+from iceg.slam.closure_candidates import Candidate
 from iceg.slam.config import LoopClosureConfig
+from iceg.slam.drift import Drift
 from iceg.slam.long_steps import LONG_STEP, long_step
-from iceg.slam.loop_closure import Attempt, Candidate, Drift, LoopCloser, is_near, say_the_same
-from iceg.slam.relocalisation import LOST, Break, Doubt, Estimate, relocalise
+from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.path_break import LOST, Break, Doubt
+from iceg.slam.relocalisation import Estimate, relocalise
 from iceg.slam.track import Track
 
 _UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])

@@ -14,9 +14,12 @@ from graph.batch import BatchConfig, optimize
 from graph.factors import Factor, RobustKernel
 from graph.se2 import between, compose, inverse
 from iceg.slam.back_end import KNOWN_SPACING
+from iceg.slam.closure_attempt import Attempt, say_the_same
+from iceg.slam.closure_candidates import Candidate
+from iceg.slam.closure_record import without_contradicted
 from iceg.slam.config import FinishConfig, LoopClosureConfig
 from iceg.slam.joint_refinement import key_clouds, refine_jointly
-from iceg.slam.loop_closure import Attempt, LoopCloser, say_the_same, without_contradicted
+from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 
 Stage = Literal["solve", "rematch", "joint"]
@@ -246,7 +249,7 @@ def _second_look(
     pairs = sorted({(a.key_old, a.key_new + step) for a in doubtful for step in _AROUND})
     pairs = [(old, new) for old, new in pairs if old < new < len(poses)]
     pairs = pairs[:: max(1, -(-len(pairs) // config.doubts))]
-    candidates = [closer.candidate(old, new, poses, deviations) for old, new in pairs]
+    candidates = [Candidate.of(old, new, poses, deviations) for old, new in pairs]
     wide = [closer.match(candidate, poses) for candidate in candidates]
     accepted = [attempt for attempt in wide if attempt.accepted and _is_elsewhere(attempt, poses)]
     return [

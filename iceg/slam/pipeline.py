@@ -24,8 +24,8 @@ from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.broken_track import retied
 from iceg.slam.closure import Closure
+from iceg.slam.closure_record import with_earlier
 from iceg.slam.finish import Round, finish
-from iceg.slam.loop_closure import with_earlier
 from iceg.slam.manual_closures import (
     ManualClosure,
     add_by_hand,
@@ -34,8 +34,8 @@ from iceg.slam.manual_closures import (
     manual_records,
 )
 from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
+from iceg.slam.path_break import describe_break
 from iceg.slam.progress import Progress, ProgressCallback
-from iceg.slam.relocalisation import describe_break
 from iceg.slam.track import Track
 from iceg.slam.tracking import track_calibrating
 

@@ -1,0 +1,81 @@
+"""Pairs of places that look alike: where to look for loop closures when the path cannot say."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from iceg.ice.matcher import IceMatcher
+from iceg.slam.closure_candidates import ANCHOR_SPACING
+from iceg.slam.config import LoopClosureConfig
+from iceg.slam.place_signature import PlaceSignatures, place_signatures
+from iceg.slam.track import Track
+
+_PLACES_AT_ONCE = 512
+_SAME_PASS = 3
+"""Places so few rows apart are one pass."""
+
+
+def alike_places(
+    track: Track, judge: IceMatcher, untied: NDArray[np.bool_], config: LoopClosureConfig
+) -> list[tuple[int, int]]:
+    """Pairs of key poses of parts that nothing ties together whose places look alike.
+
+    Half of them where the place itself does, half where the stretches around do: among hundreds of places that look
+    alike anyway, as along the doors of a corridor, only a stretch tells.
+
+    Args:
+        track: key scans.
+        judge: prepares them.
+        untied: (k,) whether nothing ties the step that leads to a key pose.
+        config: how many are wanted, and how much path must lie between the two.
+
+    Returns:
+        The earlier and the later key pose of each pair, the most alike first.
+    """
+    signatures = place_signatures(track.keys, judge, ANCHOR_SPACING)
+    places = signatures.keys
+    path = np.cumsum([key.motion.distance for key in track.keys])[places]
+    likeness_of, pairs = _most_alike(signatures, path, np.cumsum(untied, dtype=np.int64)[places], config)
+    if not len(pairs):
+        return []
+    along = signatures.likeness_along(pairs[:, 1], pairs[:, 0])
+    order = np.argsort(np.minimum(_ranks(likeness_of), _ranks(along)), kind="stable")[: config.places]
+    return [(int(places[old]), int(places[new])) for old, new in pairs[order].tolist()]
+
+
+def _most_alike(
+    signatures: PlaceSignatures, path: NDArray[np.float64], breaks_before: NDArray[np.int64], config: LoopClosureConfig
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Likeness (n,) and rows (n, 2) of the pairs of an earlier and a later place, a few for each later one."""
+    likeness_of, rows = [], []
+    for first in range(0, len(path), _PLACES_AT_ONCE):
+        queries = np.arange(first, min(first + _PLACES_AT_ONCE, len(path)))
+        likeness = signatures.likeness(queries)
+        apart = breaks_before[queries, None] > breaks_before[None, :]
+        earlier = path[queries, None] - path[None, :] > config.min_path
+        likeness[~(apart & earlier)] = 0.0
+        for query, row in zip(queries.tolist(), likeness, strict=True):
+            best = _best(row, config.places_each)
+            likeness_of += [value for value, _ in best]
+            rows += [(other, query) for _, other in best]
+    return np.array(likeness_of), np.array(rows, dtype=np.int64)
+
+
+def _best(likeness: NDArray[np.float32], wanted: int) -> list[tuple[float, int]]:
+    """The places most alike and how much, the best of each pass."""
+    found = []
+    for _ in range(wanted):
+        best = int(likeness.argmax())
+        if likeness[best] <= 0.0:
+            break
+        found.append((float(likeness[best]), best))
+        likeness[max(0, best - _SAME_PASS) : best + _SAME_PASS + 1] = 0.0
+    return found
+
+
+def _ranks(values: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+    """(n,) place of each value among all, the largest first."""
+    ranks = np.empty(len(values), dtype=np.int64)
+    ranks[np.argsort(-values, kind="stable")] = np.arange(len(values))
+    return ranks

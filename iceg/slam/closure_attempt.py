@@ -1,0 +1,88 @@
+"""A loop closure that was tried: what it says, and whether that agrees with an estimate or with another closure."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.factors import Factor, RobustKernel
+from graph.measurement import RelativePose
+from graph.se2 import between, compose
+
+_NEAR_DISTANCE, _NEAR_TURN = 0.4, 0.12
+"""A closure no farther than this from the estimate [m, rad] is near it."""
+_PARTNER_KEYS, _PARTNER_DISTANCE, _PARTNER_TURN = 60, 0.25, 0.05
+"""Two closures within so many key poses confirm each other when they differ by less than this [m, rad]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Attempt:
+    """One loop closure that was tried.
+
+    Attributes:
+        key_old: index of the earlier key pose.
+        key_new: index of the later one.
+        match: what the matcher said, None if it found nothing credible.
+        accepted: whether it may enter the graph.
+        reason: why, or why not.
+        overlap: share of the beams that fall on the earlier pass at the best pose found.
+        removed: whether it was in the graph before it was found to be wrong.
+    """
+
+    key_old: int
+    key_new: int
+    match: RelativePose | None
+    accepted: bool
+    reason: str
+    overlap: float = 0.0
+    removed: bool = False
+
+
+def closure_factor(attempt: Attempt, kernel: RobustKernel | None = None) -> Factor:
+    """A closure that was matched, as a factor of the graph."""
+    assert attempt.match is not None
+    return Factor(
+        kind="closure",
+        i=attempt.key_old,
+        j=attempt.key_new,
+        T_i_j=attempt.match.T_ref_cur,
+        covariance=attempt.match.covariance,
+        kernel=kernel,
+    )
+
+
+def closed_pose(attempt: Attempt, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) T_map_robot of the later key pose as a closure says, the earlier one being where (n, 3) poses put it."""
+    assert attempt.match is not None
+    return compose(poses[attempt.key_old], attempt.match.T_ref_cur)
+
+
+def lies_near(attempt: Attempt, T_old_new: NDArray[np.float64]) -> bool:
+    """Whether a closure says what an estimate says, to within what a path is off in the ordinary course."""
+    assert attempt.match is not None
+    x, y, turn = between(T_old_new, attempt.match.T_ref_cur).tolist()
+    return bool(x * x + y * y < _NEAR_DISTANCE**2 and abs(turn) < _NEAR_TURN)
+
+
+def is_near(attempt: Attempt, poses: NDArray[np.float64]) -> bool:
+    """The same of the estimate given by (n, 3) poses."""
+    return lies_near(attempt, between(poses[attempt.key_old], poses[attempt.key_new]))
+
+
+def say_the_same(a: Attempt, b: Attempt, poses: NDArray[np.float64]) -> bool:
+    """Whether two closures agree on how the later path lies to the earlier (pairwise consistency, Mangelson 2018).
+
+    Args:
+        a: one of them.
+        b: the other.
+        poses: (n, 3) estimates, good between neighbouring key poses.
+
+    Returns:
+        True if going one way round the cycle or the other leads to the same place.
+    """
+    if a.match is None or b.match is None or a.key_new == b.key_new or abs(a.key_new - b.key_new) > _PARTNER_KEYS:
+        return False
+    left = compose(a.match.T_ref_cur, between(poses[a.key_new], poses[b.key_new]))
+    right = compose(between(poses[a.key_old], poses[b.key_old]), b.match.T_ref_cur)
+    x, y, turn = between(left, right).tolist()
+    return bool(x * x + y * y < _PARTNER_DISTANCE**2 and abs(turn) < _PARTNER_TURN)

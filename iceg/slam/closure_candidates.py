@@ -1,0 +1,129 @@
+"""Where loop closures are looked for: earlier passes that look at what a key scan sees.
+
+A pass is a stretch of the path through the surroundings. Each offers the one key pose whose view lies nearest: its
+neighbours are in the same reference and would only say the same again.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.se2 import between
+from iceg.slam.config import LoopClosureConfig
+from iceg.slam.drift import Drift
+from iceg.slam.track import Track
+
+TRUSTED_DEVIATIONS = np.array([0.3, 0.3, 0.1])
+"""Up to here a search trusts the estimate [m, m, rad]."""
+ANCHOR_SPACING = 4
+"""Key poses from one reference to the next."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Candidate:
+    """An earlier pass that may have seen what a key scan sees.
+
+    Attributes:
+        key_old: the key pose of that pass whose view lies nearest.
+        key_new: of the key scan.
+        T_old_new: (3,) how they lie to each other as far as is known.
+        deviations: (3,) how well that is known [m, m, rad].
+    """
+
+    key_old: int
+    key_new: int
+    T_old_new: NDArray[np.float64]
+    deviations: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, key_old: int, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> "Candidate":
+        """Two given key poses, known to within `deviations` [m, m, rad] of each other."""
+        T_old_new = between(poses[key_old], poses[key_new])
+        return cls(key_old=key_old, key_new=key_new, T_old_new=T_old_new, deviations=deviations)
+
+
+class EarlierPasses:
+    """Finds the passes around a key pose, by what is known of where it is."""
+
+    def __init__(self, track: Track, config: LoopClosureConfig, parts: Sequence[int]) -> None:
+        """Start with every key scan on offer.
+
+        Args:
+            track: key scans.
+            config: how far passes are looked for, and how many are tried.
+            parts: key poses at which a part of the path begins that nothing ties to what was before.
+        """
+        n_keys = len(track.keys)
+        self._config = config
+        self._part = np.searchsorted(np.sort(np.asarray(parts, dtype=np.int64)), np.arange(n_keys), side="right")
+        self._path = np.cumsum([key.motion.distance for key in track.keys])
+        self.offered = np.ones(n_keys, dtype=np.bool_)
+        """(n_keys,) which key scans later ones are matched against: not those that only confirm a known place."""
+
+    def within_drift(self, key_new: int, poses: NDArray[np.float64], drift: Drift) -> list[Candidate]:
+        """Those that the drift since the last closure leaves possible, nearest first.
+
+        After much drift the nearest need not be the right one, so that each piece of every pass is offered.
+        """
+        config = self._config
+        if not (config.enabled or config.revisits):
+            return []
+        widest = float(self._search_deviations(drift.between(0, key_new, poses))[0])
+        is_adrift = widest > 2 * TRUSTED_DEVIATIONS[0]
+        piece = 2 * config.reference_half if is_adrift else len(poses)
+        found = []
+        for distance, key in self._nearest(key_new, poses, config.radius + 2.0 * widest, piece):
+            deviations = self._search_deviations(drift.between(key, key_new, poses))
+            if distance < config.radius + 2.0 * deviations[0]:
+                found.append(Candidate.of(key, key_new, poses, deviations))
+        return found[: config.max_pieces if is_adrift else config.max_passes]
+
+    def within(
+        self, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64], before: int | None = None
+    ) -> list[Candidate]:
+        """Those around where poses, all known to within `deviations` [m, m, rad], put a key scan.
+
+        Args:
+            key_new: of the key scan.
+            poses: (n, 3) T_map_robot.
+            deviations: (3,) of every candidate.
+            before: only passes before this key pose, if given.
+        """
+        keys = [key for _, key in self._nearest(key_new, poses, self._config.radius, len(self._path))]
+        if before is not None:
+            keys = [key for key in keys if key < before]
+        return [Candidate.of(key, key_new, poses, deviations) for key in keys[: self._config.max_passes]]
+
+    def _search_deviations(self, drift: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Standard deviations [m, m, rad] of a search, from those of the path."""
+        config = self._config
+        most = config.max_drift if config.enabled else config.revisit_drift
+        position = min(most, config.drift_factor * float(drift[0]) + config.drift_floor)
+        heading = min(config.max_turn, config.drift_factor * float(drift[1]) + config.turn_floor)
+        return np.array([position, position, heading])
+
+    def _nearest(self, key_new: int, poses: NDArray[np.float64], reach: float, piece: int) -> list[tuple[float, int]]:
+        """Distance of the views and key pose of each piece of an earlier pass within reach, nearest first."""
+        n_old = int(np.searchsorted(self._path, self._path[key_new] - self._config.min_path))
+        old = np.flatnonzero(self.offered[:n_old] & (self._part[:n_old] == self._part[key_new]))
+        far = np.hypot(*(self._views(poses[old]) - self._views(poses[key_new])).T)
+        near = np.flatnonzero(far < reach)
+        if not len(near):
+            return []
+        passes = np.split(near, np.flatnonzero(np.diff(old[near]) > self._config.pass_gap) + 1)
+        pieces = [part for p in passes for part in np.array_split(p, -(-len(p) // piece))]
+        nearest = [int(p[far[p].argmin()]) for p in pieces]
+        return sorted((float(far[k]), _anchor(int(old[k]), key_new)) for k in nearest)
+
+    def _views(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(..., 2) what key poses look at."""
+        ahead = np.stack([np.cos(poses[..., 2]), np.sin(poses[..., 2])], axis=-1)
+        return poses[..., :2] + self._config.view_distance * ahead
+
+
+def _anchor(key: int, key_new: int) -> int:
+    """The key pose whose frame a reference around `key` has: neighbours share one, so that it is built once."""
+    anchor = ANCHOR_SPACING * round(key / ANCHOR_SPACING)
+    return anchor if anchor < key_new else key

@@ -1,0 +1,56 @@
+"""The record of all loop closures tried, as the graph changes: what it contradicts taken out, what was before kept."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.factors import Factor
+from graph.problem import Problem
+from iceg.slam.closure_attempt import Attempt
+
+_CONTRADICTED = 0.01
+"""A closure whose robust kernel leaves it a smaller weight than this is wrong."""
+
+
+def without_contradicted(
+    attempts: Sequence[Attempt], loops: Sequence[Factor], poses: NDArray[np.float64]
+) -> tuple[list[Attempt], list[Factor]]:
+    """Take out the closures that the rest of the graph contradicts so much that they no longer pull.
+
+    Args:
+        attempts: all that were tried.
+        loops: the factors of those accepted, each with its robust kernel.
+        poses: (n, 3) the optimum of all factors.
+
+    Returns:
+        The attempts, those taken out marked, and the factors that stay.
+    """
+    if not loops:
+        return list(attempts), []
+    at = Problem.of(loops, len(poses)).evaluate(poses)
+    gone = {
+        (loop.i, loop.j): f"contradicted by the rest of the graph, {norm**0.5:.0f} standard deviations off"
+        for loop, weight, norm in zip(loops, at.weights.tolist(), at.squared.tolist(), strict=True)
+        if weight < _CONTRADICTED
+    }
+    judged = [
+        replace(attempt, accepted=False, removed=True, reason=f"{why}; {attempt.reason}")
+        if attempt.accepted and (why := gone.get((attempt.key_old, attempt.key_new))) is not None
+        else attempt
+        for attempt in attempts
+    ]
+    return judged, [loop for loop in loops if (loop.i, loop.j) not in gone]
+
+
+def with_earlier(last: Sequence[Attempt], earlier: Sequence[Attempt]) -> list[Attempt]:
+    """The record of all closures: those tried last, and those of before whose key poses were not tried again.
+
+    Those accepted earlier are in force only if none was tried since.
+    """
+    if not last:
+        return list(earlier)
+    known = {(attempt.key_old, attempt.key_new) for attempt in last}
+    gone = [a for a in earlier if not a.accepted and (a.key_old, a.key_new) not in known]
+    return sorted([*gone, *last], key=lambda attempt: (attempt.key_new, attempt.key_old))

@@ -1,0 +1,77 @@
+"""Local maps of earlier passes, which later scans are matched against and judged by."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.matcher import Matcher
+from graph.se2 import between
+from iceg.ice.local_map import LocalMap
+from iceg.ice.matcher import IceMatcher
+from iceg.slam.track import Track
+
+_KEPT = 6
+_STILL = 0.01
+"""A reference is built anew when its scans have moved by more than this against each other [m, rad]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reference:
+    """An earlier pass, prepared for the matcher and for the judge of its matches.
+
+    Attributes:
+        matched: what the matcher made of it.
+        judged: its local map, in the frame of the key pose it is built around.
+        placed: (m, 3) poses of its scans in that frame.
+    """
+
+    matched: Any
+    judged: LocalMap
+    placed: NDArray[np.float64]
+
+
+class References:
+    """Builds references; keeps the last few, since consecutive searches look at the same passes."""
+
+    def __init__(self, matcher: Matcher, judge: IceMatcher, track: Track, half: int) -> None:
+        """Start with none.
+
+        Args:
+            matcher: matches against them.
+            judge: judges the matches; may be the same.
+            track: key scans.
+            half: how many key scans on either side of a key pose its reference holds.
+        """
+        self._matcher = matcher
+        self._judge = judge
+        self._keys = track.keys
+        self._half = half
+        lost = set(track.lost)
+        self._stretch = np.cumsum([key.index in lost for key in track.keys])
+        self._kept: dict[int, Reference] = {}
+
+    def is_one_stretch(self, key: int, other: int) -> bool:
+        """Whether the robot was never lost between two key poses, so that the track says how they lie."""
+        return bool(self._stretch[key] == self._stretch[other])
+
+    def around(self, base: int, poses: NDArray[np.float64]) -> Reference:
+        """Local map of the key scans of one stretch around `base`, in the frame of `base`."""
+        members = np.arange(max(0, base - self._half), min(len(poses), base + self._half + 1))
+        members = members[self._stretch[members] == self._stretch[base]]
+        placed = between(poses[base], poses[members])
+        kept = self._kept.get(base)
+        if kept is not None and len(kept.placed) == len(placed) and np.abs(kept.placed - placed).max() < _STILL:
+            return kept
+        if len(self._kept) >= _KEPT:
+            del self._kept[next(iter(self._kept))]
+        self._kept[base] = self._built(base, members, placed)
+        return self._kept[base]
+
+    def _built(self, base: int, members: NDArray[np.int64], placed: NDArray[np.float64]) -> Reference:
+        nearest_last = np.argsort(-np.abs(members - base), kind="stable")
+        scans, poses_ref = [self._keys[members[k]].scan for k in nearest_last], placed[nearest_last]
+        matched = self._matcher.prepare(scans, poses_ref)
+        judged = matched if self._judge is self._matcher else self._judge.prepare(scans, poses_ref)
+        return Reference(matched=matched, judged=judged, placed=placed)

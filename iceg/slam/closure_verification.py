@@ -1,0 +1,121 @@
+"""Candidates matched and judged: a closure must fit its scan and the neighbours of its scan.
+
+A match alone cannot be believed: along a corridor much fits anywhere. So the scans before and after must agree with
+the earlier pass, too, at the poses that the closure implies for them, and a search that is wide must find one place
+only.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.matcher import Matcher
+from graph.measurement import NoMatch
+from graph.se2 import between, compose
+from iceg.ice.matcher import IceMatcher
+from iceg.ice.verification import Agreement
+from iceg.slam.closure_attempt import Attempt
+from iceg.slam.closure_candidates import TRUSTED_DEVIATIONS, Candidate
+from iceg.slam.closure_reference import Reference, References
+from iceg.slam.config import LoopClosureConfig
+from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.track import Track
+
+_EXACT_DEVIATIONS = np.array([0.03, 0.03, 0.01])
+"""Of a pose that a wide search has found already [m, m, rad]."""
+_ANYWHERE_DEVIATIONS = np.array([1.0, 1.0, np.pi / 3.0])
+"""Two places that look alike are searched within three times this [m, m, rad]."""
+
+
+class ClosureVerifier:
+    """Matches key scans against earlier passes and says which matches are believed."""
+
+    def __init__(self, matcher: Matcher, track: Track, config: LoopClosureConfig) -> None:
+        """Start with nothing matched.
+
+        Args:
+            matcher: ICE or any other, whose matches ICE then judges.
+            track: key scans.
+            config: what is believed.
+        """
+        self._matcher = matcher
+        self._keys = track.keys
+        self._config = config
+        self.judge = matcher if isinstance(matcher, IceMatcher) else IceMatcher()
+        """The matcher that verifies."""
+        self.references = References(matcher, self.judge, track, config.reference_half)
+
+    def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
+        """Match a candidate close to the estimate; if nothing fits there, and the drift allows more, widely."""
+        reference = self.references.around(candidate.key_old, poses)
+        near = np.minimum(candidate.deviations, TRUSTED_DEVIATIONS)
+        attempt = self._match_at(reference, candidate, candidate.T_old_new, near)
+        if attempt.accepted or candidate.deviations[0] <= TRUSTED_DEVIATIONS[0]:
+            return attempt
+        return self._match_wide(reference, candidate) or attempt
+
+    def match_anywhere(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> Attempt:
+        """Match two key scans metres off and at any heading."""
+        here = Candidate(key_old=key_old, key_new=key_new, T_old_new=np.zeros(3), deviations=_ANYWHERE_DEVIATIONS)
+        nothing = Attempt(key_old=key_old, key_new=key_new, match=None, accepted=False, reason="nothing fits")
+        return self._match_wide(self.references.around(key_old, poses), here) or nothing
+
+    def _match_at(
+        self,
+        reference: Reference,
+        candidate: Candidate,
+        T_old_guess: NDArray[np.float64],
+        deviations: NDArray[np.float64],
+    ) -> Attempt:
+        """Match once, around a guess."""
+        attempt = Attempt(key_old=candidate.key_old, key_new=candidate.key_new, match=None, accepted=False, reason="")
+        scan = self._keys[candidate.key_new].scan
+        found = self._matcher.match(reference.matched, scan, T_old_guess, np.diag(deviations**2))
+        if isinstance(found, NoMatch):
+            return replace(attempt, reason=found.reason)
+        support = self._support(reference, candidate.key_new, found.T_ref_cur)
+        return replace(
+            attempt,
+            match=replace(found, covariance=found.covariance * self._config.covariance_factor),
+            accepted=self._is_supported(support),
+            reason=_describe(support),
+            overlap=support.overlap,
+        )
+
+    def _match_wide(self, reference: Reference, candidate: Candidate) -> Attempt | None:
+        """Match in the whole window; what fits in several places is not believed in any."""
+        if not isinstance(self._matcher, MapMatcher):
+            return None
+        scan = self._keys[candidate.key_new].scan
+        found = self._matcher.alternatives(
+            reference.matched, scan, candidate.T_old_new, np.diag(candidate.deviations**2)
+        )
+        fitting = [T for T in found if self._is_supported(self._support(reference, candidate.key_new, T))]
+        if not fitting:
+            return None
+        attempt = self._match_at(reference, candidate, fitting[0], _EXACT_DEVIATIONS)
+        if len(fitting) > 1:
+            return replace(attempt, accepted=False, reason=f"{len(fitting)} places fit; {attempt.reason}")
+        return attempt
+
+    def _support(self, reference: Reference, key_new: int, T_ref_new: NDArray[np.float64]) -> Agreement:
+        """How a key scan and its neighbours agree with the reference at the poses a closure implies for them."""
+        total = Agreement()
+        for offset in self._config.support_offsets:
+            other = key_new + offset
+            if 0 <= other < len(self._keys) and self.references.is_one_stretch(other, key_new):
+                T_new_other = between(self._keys[key_new].T_track_robot, self._keys[other].T_track_robot)
+                T_ref_other = compose(T_ref_new, T_new_other)
+                total += self.judge.agreement(reference.judged, self._keys[other].scan, T_ref_other)
+        return total
+
+    def _is_supported(self, support: Agreement) -> bool:
+        config = self._config
+        return (
+            support.overlap >= config.min_overlap and support.fit >= config.min_fit and support.view >= config.min_view
+        )
+
+
+def _describe(support: Agreement) -> str:
+    return f"overlap {support.overlap:.2f}, fit {support.fit:.2f}, view {support.view:.2f}"

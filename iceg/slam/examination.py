@@ -1,0 +1,127 @@
+"""The examination that a hypothesis must pass, and the present estimate with it.
+
+Put as it says, do the scans after the break agree with what was seen there before it? They would hardly do so by
+chance all along a stretch, and where they do at both places, nothing is decided.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.se2 import between, compose
+from iceg.slam.closure_attempt import Attempt, closed_pose, lies_near
+from iceg.slam.closure_candidates import ANCHOR_SPACING, Candidate
+from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.place_hypothesis import Hypothesis
+from iceg.slam.track import Track
+
+_FEWEST_VOTES, _MAJORITY = 6, 3.0
+"""A hypothesis needs at least so many votes, and so many times those against it …"""
+_BELIEF = 2.0
+"""… and so many times what speaks for the path …"""
+_SURE = 6.0
+"""… but so many times those against it to contradict a path in which nothing else is doubtful."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exam:
+    """How scans fit where they are put.
+
+    Attributes:
+        agreeing: matches that say the same.
+        against: how many scans contradict what else was seen there, or fit better elsewhere.
+    """
+
+    agreeing: list[Attempt]
+    against: int
+
+    @property
+    def is_passed(self) -> bool:
+        """Whether enough agree, and hardly any do not."""
+        return len(self.agreeing) >= max(_FEWEST_VOTES, _MAJORITY * self.against)
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether so few do not agree that a path may be contradicted in which nothing else is doubtful."""
+        return len(self.agreeing) >= _SURE * self.against
+
+    def beats(self, other: "Exam") -> bool:
+        """Whether this is clearly the better of two."""
+        return len(self.agreeing) - self.against > _BELIEF * (len(other.agreeing) - other.against)
+
+
+_DEVIATIONS = np.array([0.3, 0.3, 0.1])
+"""How well the place of a scan is supposed to be known [m, m, rad]."""
+_OVERLAP = 0.5
+"""From here on a scan that does not agree contradicts what was seen there."""
+_REACH = 8.0
+"""Key scans within so much path of a closure are examined [m] …"""
+_PASS = 16.0
+"""… against the pass of the closure, within so much path [m] …"""
+_KEYS = 24
+"""… at most so many."""
+
+
+class Examiner:
+    """Matches key scans after a break against everything before it."""
+
+    def __init__(self, closer: LoopCloser, track: Track) -> None:
+        self._closer = closer
+        self._keys = track.keys
+        self._path = np.cumsum([key.motion.distance for key in track.keys])
+
+    def of_hypothesis(self, hypothesis: Hypothesis, poses: NDArray[np.float64]) -> Exam:
+        """Examine scans where a hypothesis puts them.
+
+        Args:
+            hypothesis: what is claimed.
+            poses: (k, 3) T_map_robot; those before the break are believed.
+        """
+        seen = (
+            candidate
+            for key, nearest in self._to_examine(hypothesis)
+            for candidate in self._around(key, self._put_by(nearest, key, poses), poses, hypothesis)
+            # other passes may have drifted away from this one
+            if abs(self._path[candidate.key_old] - self._path[nearest.key_old]) <= _PASS
+        )
+        return self._exam(seen, poses)
+
+    def of_estimate(self, hypothesis: Hypothesis, poses: NDArray[np.float64]) -> Exam:
+        """Examine the same scans where the poses put them."""
+        seen = (
+            candidate
+            for key, _ in self._to_examine(hypothesis)
+            for candidate in self._around(key, poses[key], poses, hypothesis)
+        )
+        return self._exam(seen, poses)
+
+    def _to_examine(self, hypothesis: Hypothesis) -> list[tuple[int, Attempt]]:
+        """Key poses near those of a hypothesis, each with the closure nearest to it along the path."""
+        path, ends = self._path, np.array([closure.key_new for closure in hypothesis.closures])
+        keys = np.arange(hypothesis.key, len(self._keys), ANCHOR_SPACING)
+        far = np.abs(path[keys][:, None] - path[ends][None, :])
+        near = np.flatnonzero(far.min(axis=1) < _REACH)
+        near = near[:: max(1, -(-len(near) // _KEYS))]
+        return [(int(keys[k]), hypothesis.closures[int(far[k].argmin())]) for k in near]
+
+    def _put_by(self, closure: Attempt, key: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(3,) T_map_robot of a key pose that lies to the later end of a closure as the front end saw it."""
+        T_near_key = between(self._keys[closure.key_new].T_track_robot, self._keys[key].T_track_robot)
+        return compose(closed_pose(closure, poses), T_near_key)
+
+    def _around(
+        self, key: int, T_map_key: NDArray[np.float64], poses: NDArray[np.float64], hypothesis: Hypothesis
+    ) -> list[Candidate]:
+        return self._closer.seen_from(key, T_map_key, poses, hypothesis.key, _DEVIATIONS)
+
+    def _exam(self, seen: Iterator[Candidate], poses: NDArray[np.float64]) -> Exam:
+        agreeing, against = [], 0
+        for candidate in seen:
+            attempt = self._closer.match(candidate, poses)
+            if attempt.accepted and lies_near(attempt, candidate.T_old_new):
+                agreeing.append(attempt)
+            elif attempt.overlap >= _OVERLAP:
+                against += 1
+        return Exam(agreeing=agreeing, against=against)

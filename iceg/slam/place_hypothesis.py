@@ -1,0 +1,105 @@
+"""Closures that agree about how what follows a step of the path lies to what was before.
+
+One pair of places that look alike says nothing. Several that agree pairwise along the path as the front end saw it
+are a hypothesis, to be examined.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.consistency import cumulative_covariances, maximum_clique, pairwise_consistency
+from graph.factors import Factor
+from graph.se2 import compose, inverse, logmap
+from iceg.slam.closure_attempt import Attempt, closed_pose, closure_factor
+from iceg.slam.track import Track
+from iceg.slam.untied_steps import UntiedSteps
+
+_MOST = 0.75
+"""Share of the most closures that span one step, from which on a step may be the one that they are about."""
+_BIAS_SIGMAS2 = 9.0
+"""The path explains an offset if errors of up to three standard deviations at every step, all alike, do."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hypothesis:
+    """Closures that agree about how what follows a key pose lies to what was before.
+
+    Attributes:
+        key: the first key pose after the break, or after the stretch whose drift they end.
+        closures: they.
+    """
+
+    key: int
+    closures: list[Attempt]
+
+    @property
+    def support(self) -> int:
+        """How many key scans say so."""
+        return len({closure.key_new for closure in self.closures})
+
+    def correction(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(3,) what moves the poses after the break, in the map: that of the closure nearest to the break."""
+        return _correction(min(self.closures, key=lambda closure: closure.key_new), poses)
+
+    def is_drift(self, factors: Sequence[Factor], poses: NDArray[np.float64]) -> bool:
+        """Whether the path, with errors at every step that are larger than it claims and all alike, explains it."""
+        cumulative = cumulative_covariances(_path(factors), poses)
+        for closure in self.closures:
+            error = logmap(_correction(closure, poses))
+            covariance = cumulative[closure.key_new] - cumulative[closure.key_old]
+            steps = closure.key_new - closure.key_old
+            if error @ np.linalg.solve(covariance, error) > _BIAS_SIGMAS2 * steps:
+                return False
+        return True
+
+
+def agreeing_sets(
+    closures: Sequence[Attempt], factors: Sequence[Factor], track: Track, fewest: int
+) -> list[list[Attempt]]:
+    """Sets of closures that agree pairwise along the path as the front end saw it, the largest first.
+
+    Args:
+        closures: that matched.
+        factors: of the graph.
+        track: what the front end saw.
+        fewest: closures of a set.
+    """
+    T_track_keys = np.array([key.T_track_robot for key in track.keys])
+    cumulative = cumulative_covariances(_path(factors), T_track_keys)
+    agree = pairwise_consistency([closure_factor(closure) for closure in closures], T_track_keys, cumulative)
+    left, sets = np.arange(len(closures)), []
+    while len(left) >= fewest:
+        members = maximum_clique(agree[np.ix_(left, left)])
+        sets.append([closures[index] for index in left[members].tolist()])
+        left = left[~members]
+    return sorted(sets, key=len, reverse=True)
+
+
+def about_one_step(closures: Sequence[Attempt], steps: UntiedSteps) -> Hypothesis | None:
+    """Those that span the same untied step: the most doubtful among the steps that most of them span.
+
+    Not all need to: the reference of a closure may hold key scans from both sides of a break.
+    """
+    change = np.zeros(len(steps.untied) + 1, dtype=np.int64)
+    for closure in closures:
+        change[closure.key_old + 1] += 1
+        change[closure.key_new + 1] -= 1
+    spans = np.where(steps.untied, np.cumsum(change)[:-1], 0)
+    if not spans.any():
+        return None
+    spanned = np.flatnonzero(spans >= _MOST * spans.max()).tolist()
+    key = max(spanned, key=lambda step: (steps.doubt(step).strength, step))
+    return Hypothesis(key=key, closures=[c for c in closures if c.key_old < key <= c.key_new])
+
+
+def _correction(closure: Attempt, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(3,) what moves the later key pose, in the map, to where a closure puts it."""
+    return compose(closed_pose(closure, poses), inverse(poses[closure.key_new]))
+
+
+def _path(factors: Sequence[Factor]) -> list[Factor]:
+    """Those from key pose to key pose."""
+    return [factor for factor in factors if factor.kind in {"odometry", "ice"}]
