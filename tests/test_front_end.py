@@ -136,40 +136,53 @@ def test_without_odometry_the_velocity_is_taken_as_constant() -> None:
     np.testing.assert_allclose(np.array(poses), truth, atol=1e-6)
 
 
+class CorridorMatcher(TruthMatcher):
+    """Sees nothing along x, where its key scans slide by 0.2 m; between key scans it takes the guess."""
+
+    def match(
+        self,
+        reference: NDArray[np.float64],
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> RelativePose | NoMatch:
+        match = super().match(reference, scan, T_ref_guess, covariance_guess)
+        assert isinstance(match, RelativePose)
+        slid = match.T_ref_cur + np.array([0.2, 0.0, 0.0])
+        return replace(
+            match,
+            T_ref_cur=slid,
+            covariance=np.diag([1.0, 1e-6, 1e-6]),
+            weak_directions=np.array([[1.0, 0.0, 0.0]]),
+        )
+
+    def track(
+        self,
+        reference: NDArray[np.float64],
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        del reference, scan, covariance_guess
+        return T_ref_guess
+
+
 def test_odometry_speaks_along_a_direction_the_match_cannot_see() -> None:
     truth = _straight(40)
-
-    class CorridorMatcher(TruthMatcher):
-        def match(
-            self,
-            reference: NDArray[np.float64],
-            scan: Scan,
-            T_ref_guess: NDArray[np.float64],
-            covariance_guess: NDArray[np.float64],
-        ) -> RelativePose | NoMatch:
-            match = super().match(reference, scan, T_ref_guess, covariance_guess)
-            assert isinstance(match, RelativePose)
-            slid = match.T_ref_cur + np.array([0.2, 0.0, 0.0])
-            return replace(
-                match,
-                T_ref_cur=slid,
-                covariance=np.diag([1.0, 1e-6, 1e-6]),
-                weak_directions=np.array([[1.0, 0.0, 0.0]]),
-            )
-
-        def track(
-            self,
-            reference: NDArray[np.float64],
-            scan: Scan,
-            T_ref_guess: NDArray[np.float64],
-            covariance_guess: NDArray[np.float64],
-        ) -> NDArray[np.float64]:
-            del reference, scan, covariance_guess
-            return T_ref_guess
-
     front_end = FrontEnd(CorridorMatcher(np.vstack([np.zeros(3), truth])), OdometryModel(), _CONFIG)
     poses = _follow(front_end, truth)
     np.testing.assert_allclose(poses[:, 0], truth[:, 0], atol=0.05)
+
+
+def test_odometry_that_the_match_refutes_says_nothing_along_others_either() -> None:
+    truth = _straight(7)
+    odometry = truth.copy()
+    odometry[6] += [0.6, 0.0, 1.0]  # it jumps where the first key scan comes
+    precise = OdometryModel(heading_per_radian=0.03)
+    front_end = FrontEnd(CorridorMatcher(np.vstack([np.zeros(3), truth])), precise, _CONFIG)
+    poses = _follow(front_end, odometry)
+    assert [key.index for key in front_end.keys] == [0, 6]
+    np.testing.assert_allclose(poses[6], truth[6] + [0.2, 0.0, 0.0], atol=1e-3)
 
 
 def test_the_reference_holds_no_more_than_the_window() -> None:

@@ -35,6 +35,8 @@ _CONTRADICTED = 25.0
 """Squared Mahalanobis distance from which on a match contradicts odometry: one near odometry is preferred …"""
 _LEAST_SHARE, _SHARE_PER_DISTANCE2 = 0.75, 1.0 / 800.0
 """… if it explains nearly as much: this share at least, and all of it but for so much per squared distance."""
+_REFUTED = 200.0
+"""Squared Mahalanobis distance from which on odometry is no longer imprecise but wrong: the match stands alone."""
 _TRACKING_COVARIANCE = np.diag((0.02, 0.02, 0.01)) ** 2
 """Of a pose between two key scans [m², m², rad²]."""
 _SAME_OPTIMUM = (0.08, 0.05)
@@ -184,8 +186,7 @@ class FrontEnd:
         expected = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
         if _is_within(_apart(found, expected), _SAME_OPTIMUM):
             return None
-        offset = between(found, expected)
-        distance2 = float(offset @ np.linalg.solve(self._motion.covariance + covariance, offset))
+        distance2 = _distance2(between(found, expected), self._motion.covariance + covariance)
         if distance2 < _CONTRADICTED:
             return None
         held = self._map_matcher.held(reference, scan, expected)
@@ -233,7 +234,8 @@ class FrontEnd:
     def _fuse(self, match: RelativePose, T_track_key: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where the match is weaker than odometry since the key scan, odometry speaks, and only there.
 
-        Elsewhere it would pull every match a little towards its own bias, and the local map with it.
+        Elsewhere it would pull every match a little towards its own bias, and the local map with it. Odometry that the
+        match refutes, as where it jumped or lagged behind, says nothing.
         """
         if not self._has_odometry:
             return match.T_ref_cur
@@ -247,6 +249,8 @@ class FrontEnd:
         if not share.any():
             return match.T_ref_cur
         offset = between(match.T_ref_cur, compose(T_track_key, self._motion.T_key_robot))
+        if _distance2(offset, odometry + match.covariance) >= _REFUTED:
+            return match.T_ref_cur
         directions = whiten.T @ axes
         return compose(match.T_ref_cur, odometry @ directions @ (share * (directions.T @ offset)))
 
@@ -315,6 +319,11 @@ def _apart(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> tuple[floa
     """Distance [m] and angle [rad] between two poses; plain floats, for the loop over scans."""
     (x, y, heading), (x_c, y_c, heading_c) = T_a_b.tolist(), T_a_c.tolist()
     return math.hypot(x_c - x, y_c - y), abs(wrap_angle(heading_c - heading))
+
+
+def _distance2(offset: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+    """Squared Mahalanobis distance."""
+    return float(offset @ np.linalg.solve(covariance, offset))
 
 
 def _is_within(apart: tuple[float, float], limits: tuple[float, float]) -> bool:
