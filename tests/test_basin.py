@@ -29,7 +29,7 @@ from iceg.evaluation.basin import (
 )
 from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.relations import read_relations_csv
-from iceg.evaluation.scan_pairs import ScanPair, recorded_pairs, shared_view, simulated_pairs
+from iceg.evaluation.scan_pairs import ScanPair, posed_pairs, recorded_pairs, shared_view, simulated_pairs
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.ice.config import Search
 from iceg.ice.matcher import IceMatcher
@@ -106,6 +106,31 @@ def test_recorded_pairs_are_two_passes_that_share_their_view(data_dir: Any) -> N
     assert len(every) > 50
     with pytest.raises(EvaluationError, match=f"found {len(every)} pairs"):
         recorded_pairs(log, relations, len(every) + 1)
+
+
+def test_posed_pairs_are_two_passes_close_together_with_the_pose_between_them() -> None:
+    drive = simulate("office")
+    scans = np.arange(0, len(drive.log), 3)
+    pairs = posed_pairs(drive.log, scans, drive.truth[scans], 10, seed=1, max_translation=0.8, max_rotation=0.5)
+    of_ranges = {drive.log.ranges[k].tobytes(): k for k in scans.tolist()}
+    for pair in pairs:
+        i, j = of_ranges[pair.reference.ranges.tobytes()], of_ranges[pair.current.ranges.tobytes()]
+        assert abs(i - j) > 200
+        np.testing.assert_allclose(compose(drive.truth[i], pair.T_ref_cur)[:2], drive.truth[j, :2], atol=1e-9)
+        assert np.hypot(*pair.T_ref_cur[:2]) <= 0.8
+        assert abs(pair.T_ref_cur[2]) <= 0.5
+        assert shared_view(pair) >= 0.5
+    again = posed_pairs(drive.log, scans, drive.truth[scans], 10, seed=1, max_translation=0.8, max_rotation=0.5)
+    assert [pair.reference.ranges.tobytes() for pair in pairs] == [pair.reference.ranges.tobytes() for pair in again]
+
+
+def test_poses_of_a_single_pass_make_no_pairs() -> None:
+    drive = simulate("office")
+    with pytest.raises(EvaluationError, match="100 scans of known poses: found 0 pairs"):
+        posed_pairs(drive.log, np.arange(100), drive.truth[:100], 1)
+    far_apart = np.array([0, len(drive.log) // 2])
+    with pytest.raises(EvaluationError, match="found 0 pairs"):
+        posed_pairs(drive.log, far_apart, np.array([[0.0, 0.0, 0.0], [99.0, 0.0, 0.0]]), 1)
 
 
 def test_starts_are_off_by_what_is_asked(pairs: list[ScanPair]) -> None:

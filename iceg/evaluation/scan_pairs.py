@@ -101,6 +101,45 @@ def recorded_pairs(
     return _first_that_share(pairs, n, least_shared, str(relations.path))
 
 
+def posed_pairs(
+    log: Log,
+    scans: NDArray[np.int64],
+    poses: NDArray[np.float64],
+    n: int,
+    seed: int = 0,
+    *,
+    least_shared: float = 0.5,
+    max_translation: float = 1.0,
+    max_rotation: float = np.pi / 4,
+) -> list[ScanPair]:
+    """Pairs of a recorded log whose scans have known poses, two passes of the same place each.
+
+    Args:
+        log: the log.
+        scans: (m,) whose poses are known, counted from 0; those more than 200 scans apart are paired.
+        poses: (m, 3) T_world_robot of these scans.
+        n: how many.
+        seed: of the choice among them.
+        least_shared: of their view.
+        max_translation: the two poses lie at most this far apart [m] …
+        max_rotation: … and are turned by at most this [rad].
+
+    Raises:
+        EvaluationError: too few pairs share that much.
+    """
+    from scipy.spatial import cKDTree
+
+    i, j = np.asarray(cKDTree(poses[:, :2]).query_pairs(max_translation, output_type="ndarray")).T
+    T_i_j = between(poses[i], poses[j])
+    usable = (np.abs(T_i_j[:, 2]) <= max_rotation) & (np.abs(scans[i] - scans[j]) > SEPARATE_PASSES)
+    order = np.random.default_rng(seed).permutation(np.flatnonzero(usable))
+    pairs = (
+        ScanPair(reference=log.scan(int(scans[i[k]])), current=log.scan(int(scans[j[k]])), T_ref_cur=T_i_j[k])
+        for k in order.tolist()
+    )
+    return _first_that_share(pairs, n, least_shared, f"{len(scans)} scans of known poses")
+
+
 def errors_against(
     T_ref_cur: NDArray[np.float64], T_true: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
