@@ -37,6 +37,15 @@ def test_a_long_pause_explains_a_long_step() -> None:
     assert sudden_steps(odometry, np.zeros(301))[100]  # stamps that stall explain nothing
 
 
+def test_a_pause_explains_no_more_than_usual_driving_makes_of_it() -> None:
+    steps, stamps = _usual(), 0.2 * np.arange(301.0)
+    for pause in range(10, 300, 20):  # more than one step in a hundred
+        steps[pause, 0] = 1.0
+        stamps[pause + 1 :] += 1.0
+    steps[90, 0] = 9.0
+    assert np.flatnonzero(sudden_steps(_driven(steps), stamps)).tolist() == [90]
+
+
 def test_long_steps_are_usual_in_sparse_logs_and_short_logs_have_none() -> None:
     assert not sudden_steps(_driven(np.tile([2.0, 0.0, 0.9], (50, 1)))).any()
     assert not len(sudden_steps(np.zeros((1, 3)), np.zeros(1)))

@@ -10,7 +10,7 @@ _NEARLY_ALL = 0.99
 
 
 def sudden_steps(odometry: NDArray[np.float64], stamps: NDArray[np.float64] | None = None) -> NDArray[np.bool_]:
-    """Which steps stand out: longer than 1 m or 0.8 rad, and than three times nearly all others in the same time.
+    """Which steps stand out: longer than 1 m or 0.8 rad, and three times as fast as nearly all others.
 
     Args:
         odometry: (n, 3) at each scan.
@@ -33,5 +33,5 @@ def _waits(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _stand_out(lengths: NDArray[np.float64], least: float, waits: NDArray[np.float64]) -> NDArray[np.bool_]:
-    usual = float(np.quantile(lengths, _NEARLY_ALL)) if len(lengths) else 0.0
+    usual = float(np.quantile(lengths / waits, _NEARLY_ALL)) if len(lengths) else 0.0
     return lengths > np.maximum(least, _FACTOR * usual * waits)
