@@ -108,6 +108,17 @@ def test_a_shifted_laser_mount_is_found() -> None:
     assert found.T_odometry_laser == pytest.approx(mount, abs=0.015)
 
 
+def test_noise_in_the_steps_does_not_shrink_the_scale() -> None:
+    truth = _drive(3000)
+    steps = between(truth[:-1], truth[1:])
+    steps[:, :2] *= 1.0 + np.random.default_rng(5).normal(0.0, 1.0, (len(steps), 1))
+    noisy = [truth[0]]
+    for step in steps:
+        noisy.append(compose(noisy[-1], step))
+    found = calibrate_odometry(_track(truth, every=2), np.array(noisy))
+    assert abs(found.translation_scale) < 0.2  # −0.30 when fitted to single steps
+
+
 def test_applying_the_calibration_undoes_the_error() -> None:
     truth = _drive(2500)
     odometry = _spoiled(truth, 0.04, -0.03, 0.05, -0.4, np.array([0.1, 0.0, 0.0]))

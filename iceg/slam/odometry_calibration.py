@@ -19,6 +19,8 @@ _TRANSLATION_PRIOR = np.array([0.05, 0.03, 0.7, 0.2, 0.1])
 _ROBUST_ROUNDS = 15
 _LARGEST_EXCESS = 4.0
 _FEWEST_KEYS = 20
+_WINDOW = 5
+"""Key scans over which moves are compared: noise in the steps of odometry makes a scale fitted to them too small."""
 _CLEAR = 4.0
 """F statistic from which on one more coefficient explains more than chance would."""
 _LAGS = 6
@@ -96,18 +98,17 @@ def calibrate_odometry(track: Track, odometry: NDArray[np.float64]) -> OdometryC
     samples = _Samples.collect(track, odometry)
     if samples is None:
         return OdometryCalibration(noise=OdometryModel())
-    m, o, change = samples.matched, samples.motions, samples.speed_change
-    c, s = np.cos(m[:, 2]), np.sin(m[:, 2])
-    error = m - o
-    error[:, 2] = wrap_angle(error[:, 2])
-    turning = np.column_stack([o[:, 2], samples.distance, change[:, 2]])
+    error, turning, rows_x, rows_y = _equations(samples)
     heading, _ = _robust_fit(turning, error[:, 2], _HEADING_PRIOR)
-    zero = np.zeros(len(m))
-    rows_x = np.column_stack([o[:, 0], zero, change[:, 0], c - 1.0, -s])
-    rows_y = np.column_stack([o[:, 1], o[:, 0], change[:, 1], s, c - 1.0])
-    translation, deviations = _robust_fit(
-        np.vstack([rows_x, rows_y]), np.concatenate([error[:, 0], error[:, 1]]), _TRANSLATION_PRIOR
+    long_error, _, long_x, long_y = _equations(_Samples.collect(track, odometry, _WINDOW) or samples)
+    scaled, deviations = _robust_fit(
+        np.vstack([long_x, long_y]), np.concatenate([long_error[:, 0], long_error[:, 1]]), _TRANSLATION_PRIOR
     )
+    deviations = deviations * math.sqrt(_WINDOW)  # the windows overlap
+    rows = np.vstack([rows_x, rows_y])
+    unscaled = np.concatenate([error[:, 0], error[:, 1]]) - scaled[0] * rows[:, 0]
+    others, _ = _robust_fit(rows[:, 1:], unscaled, _TRANSLATION_PRIOR[1:])
+    translation = np.append(scaled[0], others)
     left = np.column_stack(
         [error[:, 0] - rows_x @ translation, error[:, 1] - rows_y @ translation, error[:, 2] - turning @ heading]
     )
@@ -136,11 +137,12 @@ class _Samples:
     speed_change: NDArray[np.float64]
 
     @classmethod
-    def collect(cls, track: Track, odometry: NDArray[np.float64]) -> "_Samples | None":
+    def collect(cls, track: Track, odometry: NDArray[np.float64], window: int = 1) -> "_Samples | None":
+        """Motions over so many key scans, all of them matched."""
         pairs = [
-            (previous, key, key.match)
-            for previous, key in zip(track.keys[:-1], track.keys[1:], strict=True)
-            if not isinstance(key.match, NoMatch) and key.match.is_fully_observed
+            (track.keys[k - window], track.keys[k], match)
+            for k, match in ((k, track.keys[k].match) for k in range(window, len(track.keys)))
+            if not isinstance(match, NoMatch) and all(map(_is_seen, track.keys[k - window + 1 : k + 1]))
         ]
         if len(pairs) < _FEWEST_KEYS:
             return None
@@ -161,9 +163,27 @@ class _Samples:
         )
 
 
+def _equations(
+    samples: _Samples,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """(n, 3) match minus odometry, and the rows of its regression: heading (n, 3), x and y (n, 5)."""
+    m, o, change = samples.matched, samples.motions, samples.speed_change
+    c, s = np.cos(m[:, 2]), np.sin(m[:, 2])
+    error = m - o
+    error[:, 2] = wrap_angle(error[:, 2])
+    turning = np.column_stack([o[:, 2], samples.distance, change[:, 2]])
+    rows_x = np.column_stack([o[:, 0], np.zeros(len(m)), change[:, 0], c - 1.0, -s])
+    rows_y = np.column_stack([o[:, 1], o[:, 0], change[:, 1], s, c - 1.0])
+    return error, turning, rows_x, rows_y
+
+
 def _step(track: Track, previous: KeyScan, anchor: int, match: RelativePose) -> NDArray[np.float64]:
     """The match as a step from the previous key scan."""
     return between(previous.T_track_robot, compose(track.keys[anchor].T_track_robot, match.T_ref_cur))
+
+
+def _is_seen(key: KeyScan) -> bool:
+    return not isinstance(key.match, NoMatch) and key.match.is_fully_observed
 
 
 def _robust_fit(
@@ -221,8 +241,7 @@ def _unseen(track: Track) -> float:
     """Longest stretch without a match that observes all directions [m of odometry]."""
     longest = stretch = 0.0
     for key in track.keys[1:]:
-        is_seen = not isinstance(key.match, NoMatch) and key.match.is_fully_observed
-        stretch = 0.0 if is_seen else stretch + key.motion.distance
+        stretch = 0.0 if _is_seen(key) else stretch + key.motion.distance
         longest = max(longest, stretch)
     return longest
 
