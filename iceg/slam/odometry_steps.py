@@ -26,10 +26,11 @@ def sudden_steps(odometry: NDArray[np.float64], stamps: NDArray[np.float64] | No
 
 
 def _waits(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n - 1,) time from scan to scan, in usual ones; at least one."""
+    """(n - 1,) time from scan to scan, in usual ones, at least one; odometry may come a scan late after a pause."""
     periods = np.diff(stamps)
     usual = float(np.median(periods)) if len(periods) else 0.0
-    return np.maximum(periods / usual, 1.0) if usual > 0.0 else np.ones(len(periods))
+    waits = np.maximum(periods / usual, 1.0) if usual > 0.0 else np.ones(len(periods))
+    return np.maximum(waits, np.append(1.0, waits[:-1]))
 
 
 def _stand_out(lengths: NDArray[np.float64], least: float, waits: NDArray[np.float64]) -> NDArray[np.bool_]:
