@@ -30,7 +30,7 @@ def _waits(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
     periods = np.diff(stamps)
     usual = float(np.median(periods)) if len(periods) else 0.0
     waits = np.maximum(periods / usual, 1.0) if usual > 0.0 else np.ones(len(periods))
-    return np.maximum(waits, np.append(1.0, waits[:-1]))
+    return np.asarray(np.maximum(waits, np.append(1.0, waits[:-1])), dtype=np.float64)
 
 
 def _stand_out(lengths: NDArray[np.float64], least: float, waits: NDArray[np.float64]) -> NDArray[np.bool_]:
