@@ -1,5 +1,6 @@
 """The command line: parse, call the library, print."""
 
+import gc
 import os
 import sys
 from collections.abc import Sequence
@@ -20,6 +21,8 @@ from iceg.config import Config, read_config
 from iceg.settings_file import read_settings
 
 _DESCRIPTION = "2D laser SLAM for recorded logs. 'iceg COMMAND --help' tells more; 'iceg --version' the version."
+_COLLECTION = (100_000, 20, 20)
+"""Thresholds of the garbage collector: hardly anything here forms cycles, and looking for them takes time."""
 _FAILED, _USAGE, _INTERRUPTED = 1, 2, 130
 
 Command = Run | DpSlam | Demo | Info | Eval | Plot | Simulate | Optimize | Bench | Ablation | Nees | PrintConfig
@@ -35,6 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit code: 0, 1 for an error in the data, 2 in the arguments or settings, 130 when interrupted.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    gc.set_threshold(*_COLLECTION)
     try:
         return _main(words)
     except KeyboardInterrupt as err:
