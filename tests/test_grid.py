@@ -19,7 +19,7 @@ from iceg.maps.config import GridConfig, GridError, GridSizeError
 from iceg.maps.grid import FREE, OCCUPIED, OccupancyGrid, render_grid, render_grid_that_fits
 
 F64 = NDArray[np.float64]
-HIT, MISS, LIMIT = math.log(0.7 / 0.3), math.log(0.35 / 0.65), math.log(0.97 / 0.03)
+HIT, MISS, LIMIT = math.log(0.7 / 0.3), math.log(0.44 / 0.56), math.log(0.97 / 0.03)
 ORIGIN = np.zeros((1, 3))
 
 
@@ -304,8 +304,8 @@ def test_evidence_is_clamped_and_the_map_changes_its_mind() -> None:
     standing = render_grid(poses, np.tile(wall, (40, 1)), geometry, every_scan)
     assert at(standing, 3.01, 0.0) == pytest.approx(LIMIT, rel=1e-4)
     assert standing.log_odds.min() == pytest.approx(-LIMIT, rel=1e-4)
-    gone = np.concatenate([np.tile(wall, (30, 1)), np.full((12, 181), 5.0, np.float32)])
-    grid = render_grid(np.zeros((42, 3)), gone, geometry, every_scan)
+    gone = np.concatenate([np.tile(wall, (30, 1)), np.full((24, 181), 5.0, np.float32)])
+    grid = render_grid(np.zeros((54, 3)), gone, geometry, every_scan)
     assert grid.classes()[grid.cell(np.array([3.01, 0.0]))] == FREE
 
 

@@ -29,13 +29,14 @@ class GridConfig:
     """probabilistic: evidence adds up in log-odds. binary: the latest observation of a cell decides."""
     hit_probability: float = 0.7
     """Probability of a cell being occupied after one return from it alone; a wider footprint shares the evidence."""
-    miss_probability: float = 0.35
-    """Probability of a cell being occupied after one beam through it."""
+    miss_probability: float = 0.44
+    """Probability of a cell being occupied after one beam through it. Nearer to a half than a return's: of a wall on the
+    border of two cells, each is hit by some scans and passed through by others."""
     clamp_probability: float = 0.97
     """Log-odds are clamped to ± those of this probability, so that the map can change its mind."""
     occupied_above: float = 0.6
     """A cell counts as occupied above this probability."""
-    free_below: float = 0.4
+    free_below: float = 0.45
     """A cell counts as free below this probability; between the two it is unknown."""
     max_range: float = 20.0
     """Beams are used up to here [m]: free space before, returns within."""
