@@ -30,8 +30,8 @@ class GridConfig:
     hit_probability: float = 0.7
     """Probability of a cell being occupied after one return from it alone; a wider footprint shares the evidence."""
     miss_probability: float = 0.44
-    """Probability of a cell being occupied after one beam through it. Nearer to a half than a return's: of a wall on the
-    border of two cells, each is hit by some scans and passed through by others."""
+    """Probability of a cell being occupied after one beam through it. Nearer to a half than a return's: of a wall on
+    the border of two cells, each is hit by some scans and passed through by others."""
     clamp_probability: float = 0.97
     """Log-odds are clamped to ± those of this probability, so that the map can change its mind."""
     occupied_above: float = 0.6
