@@ -137,6 +137,7 @@ def _unit_minimum(S: NDArray[np.float64], h: NDArray[np.float64]) -> float:
 
 @njit(cache=True)
 def move(points: NDArray[np.float64], pose: NDArray[np.float64], moved: NDArray[np.float64]) -> None:
+    """Place (n, 2) points at a pose, into `moved`, which the descent fills anew at every step."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     for i in range(len(points)):
         px, py = points[i]
