@@ -46,7 +46,7 @@ def write_dp_slam_results(
         write_ros_map(grid, folder)
 
     def picture(folder: Path) -> None:
-        from iceg.show.plots import save_map_png
+        from iceg.show.map_picture import save_map_png
 
         save_map_png(folder / "map.png", grid, result.trajectory)
 

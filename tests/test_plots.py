@@ -18,7 +18,9 @@ from frontends.scan import Scan, ScanGeometry
 from iceg.ice.features import Features
 from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
-from iceg.show import plots
+from iceg.show import map_picture
+from iceg.show.map_image import known_box, map_image, scaled
+from iceg.show.map_picture import save_map_png
 from iceg.show.plots import (
     draw_alignment,
     draw_correlation_surface,
@@ -26,8 +28,6 @@ from iceg.show.plots import (
     draw_error_over_time,
     draw_map,
     draw_scan_features,
-    known_box,
-    save_map_png,
 )
 
 F64 = NDArray[np.float64]
@@ -142,8 +142,34 @@ def test_walls_are_drawn_where_they_are(ax: Axes) -> None:
 
 def test_rarely_seen_landmarks_are_left_out(ax: Axes) -> None:
     draw_map(ax, room_grid(), landmarks=landmarks(), min_seen=3)
-    markers = [line for line in ax.lines if line.get_marker() in {"s", "o", "x"}]
-    assert sum(len(np.atleast_1d(np.asarray(line.get_xdata()))) for line in markers) == 3  # seen 3, 4 and 5 times
+    image = painted(ax).astype(int)
+    height = image.shape[0]
+    coloured = []
+    for x, y in landmarks().positions:
+        column, row = (int(value) for value in ax.transData.transform((x, y)))
+        patch = image[height - 3 - row : height + 2 - row, column - 2 : column + 3]
+        coloured.append(bool((patch.min(axis=2) < 250).any()))
+    assert coloured == [False, False, False, True, True, True]  # seen 0 to 5 times
+
+
+def test_what_lies_on_the_map_is_painted_where_it_is() -> None:
+    grid, box = room_grid(), (0.0, 8.0, 0.0, 5.0)
+    straight = np.stack([np.linspace(1.0, 7.0, 50), np.ones(50), np.zeros(50)], axis=1)
+    ends = np.array([[1.0, 4.0, 0.0], [7.0, 2.0, 0.0]])
+    image = np.asarray(map_image(grid, straight, ends, landmarks(), None, box=box, long_side=800)).astype(int)
+    assert image.shape == (500, 800, 3)
+
+    def colour(x: float, y: float) -> list[int]:
+        patch = image[round(500 - 100 * y) - 1 : round(500 - 100 * y) + 1, round(100 * x) - 1 : round(100 * x) + 1]
+        return [round(value) for value in patch.mean(axis=(0, 1))]
+
+    start, finish = colour(1.2, 1.0), colour(6.8, 1.0)
+    assert start[0] > 200 > start[2]  # orange …
+    assert finish[2] > 100 > finish[0]  # … to blue
+    assert max(colour(1.0, 4.0)) < 120  # a key pose
+    assert colour(4.0, 3.0) == [255, 255, 255]
+    joined = map_image(grid, ends, None, None, np.array([[0, 1]]), box=box, long_side=800)
+    assert np.asarray(joined).astype(int)[200, 400].tolist() != [255, 255, 255]
 
 
 def test_a_scan_with_its_features(ax: Axes) -> None:
@@ -187,12 +213,14 @@ def test_a_scan_on_its_reference_where_it_was_expected_and_matched(ax: Axes) -> 
     np.testing.assert_allclose(matched[0], [0.0, -2.0], atol=1e-6)
 
 
-@pytest.mark.parametrize(("sheet", "beside"), [(12.0, True), (4.6, False), (1.5, False)])
-def test_the_legend_goes_below_the_scale_bar_where_it_would_overlap_it(sheet: float, beside: bool) -> None:
-    handles = 2 * plots._legend_handles(True, True, None, np.zeros((12, 2), np.int64), 3)
-    columns, lines = plots._legend_layout(handles, sheet, 1.3, "")
-    assert (lines == 0) == beside
-    assert columns * max(lines, 1) >= len(handles)
+@pytest.mark.parametrize(("sheet", "beside"), [(2000, True), (1000, False), (250, False)])
+def test_the_legend_goes_below_the_scale_bar_where_it_would_overlap_it(sheet: int, beside: bool) -> None:
+    widths = [110.0, 230.0, 190.0, 120.0, 260.0]
+    rows = map_picture._rows(widths, sheet, 280.0)
+    assert (rows is None) == beside
+    if rows is not None:
+        assert [width for row in rows for width in widths[row]] == widths
+        assert all(sum(widths[row]) <= sheet or len(widths[row]) == 1 for row in rows)
 
 
 def test_errors_beside_what_was_claimed(ax: Axes) -> None:
@@ -209,13 +237,18 @@ def test_drawing_needs_no_display_and_no_global_state() -> None:
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
+def test_the_picture_of_a_run_does_not_load_a_plotting_library() -> None:
+    code = "import sys, iceg.show.map_picture, iceg.show.run_plots; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
 @pytest.mark.parametrize(("cells", "pixels"), [((40, 20), (200, 100)), ((150, 90), (150, 90)), ((900, 7), (300, 3))])
 def test_a_cell_is_a_whole_number_of_pixels_or_the_reverse(cells: tuple[int, int], pixels: tuple[int, int]) -> None:
     image = np.full(cells, 255, np.uint8)
     image[3, 2] = 20
-    scaled = plots._scaled(image, long_side=200)
-    assert scaled.shape == pixels
-    assert scaled.min() == 20
+    pixelwise = scaled(image, long_side=200)
+    assert pixelwise.shape == pixels
+    assert pixelwise.min() == 20
 
 
 def test_a_long_narrow_map_leaves_room_for_its_legend(tmp_path: Path) -> None:

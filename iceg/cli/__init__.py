@@ -1,5 +1,6 @@
 """The command line: parse, call the library, print."""
 
+import atexit
 import gc
 import os
 import sys
@@ -21,7 +22,7 @@ from iceg.config import Config, read_config
 from iceg.settings_file import read_settings
 
 _DESCRIPTION = "2D laser SLAM for recorded logs. 'iceg COMMAND --help' tells more; 'iceg --version' the version."
-_COLLECTION = (100_000, 20, 20)
+_COLLECTION = (500_000, 20, 20)
 """Thresholds of the garbage collector: hardly anything here forms cycles, and looking for them takes time."""
 _FAILED, _USAGE, _INTERRUPTED = 1, 2, 130
 
@@ -39,6 +40,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     gc.set_threshold(*_COLLECTION)
+    atexit.register(gc.freeze)  # nothing to look for at the end either
     try:
         return _main(words)
     except KeyboardInterrupt as err:

@@ -69,7 +69,7 @@ def save_map_picture(
         landmarks: all of them; expired ones are left out.
         closures: all that were tried.
     """
-    from iceg.show.plots import save_map_png
+    from iceg.show.map_picture import save_map_png
 
     accepted = [(closure.scan_i, closure.scan_j) for closure in closures if closure.verdict == "accepted"]
     save_map_png(

@@ -1,0 +1,268 @@
+"""A map as an image: the grid, and on it the trajectory, key poses, landmarks and loop closures.
+
+Drawn with Pillow on twice the pixels and averaged, so that lines are smooth: a run pays for no plotting library.
+"""
+
+import itertools
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+if TYPE_CHECKING:
+    from iceg.maps.feature_map import Landmarks
+    from iceg.maps.grid import OccupancyGrid
+
+KIND_COLOURS = ("#c1272d", "#0072b2", "#7a7a7a")  # corner, end of wall, intersection
+KIND_LABELS = ("corner", "end of wall", "intersection")
+TIME_COLOURS = ("#f4a259", "#d1495b", "#8e3b8a", "#3b3b98")  # start to end, all readable on white
+CLOSURE_COLOUR = "#2a9d8f"
+INK = "#222222"
+SMOOTHING = 2
+"""Pixels drawn for one pixel of the image, along each axis."""
+
+_UNKNOWN, _FREE, _OCCUPIED = 232.0, 255.0, 20.0  # greys
+_PIECES = 128
+_STROKE = 0.25
+
+Box = tuple[float, float, float, float]
+
+
+def map_image(
+    grid: "OccupancyGrid",
+    trajectory: NDArray[np.float64] | None = None,
+    key_poses: NDArray[np.float64] | None = None,
+    landmarks: "Landmarks | None" = None,
+    closures: NDArray[np.int64] | None = None,
+    *,
+    box: Box,
+    long_side: int = 2000,
+    line_width: float = 2.4,
+) -> Image.Image:
+    """Paint a map: white is free, black is occupied, light grey is unknown.
+
+    Args:
+        grid: the occupancy grid.
+        trajectory: (n, 3) T_map_robot, painted as a line coloured by time.
+        key_poses: (k, 3) T_map_key, painted as dots.
+        landmarks: painted by kind, with short strokes along their walls.
+        closures: (c, 2) pairs of rows of the trajectory joined by loop closures.
+        box: x_min, x_max, y_min, y_max to show [m], on cell borders.
+        long_side: of the image [pixels], about: a cell gets a whole number of pixels where there is room for one.
+        line_width: of the trajectory [pixels]; other strokes and markers follow it.
+
+    Returns:
+        The image, the y axis of the map upwards.
+    """
+    shades = scaled(_shades_in(grid, box), long_side)[::-1]
+    image = Image.fromarray(shades).convert("RGB")
+    image = image.resize((SMOOTHING * image.width, SMOOTHING * image.height), Image.Resampling.NEAREST)
+    pen = _Pen(image, box, SMOOTHING * line_width)
+    if landmarks is not None:
+        _paint_landmarks(pen, landmarks)
+    if closures is not None and trajectory is not None:
+        for pair in trajectory[closures][:, :, :2]:
+            pen.line(pair, CLOSURE_COLOUR, 0.4, opacity=0.45)
+    if trajectory is not None:
+        _paint_trajectory(pen, trajectory)
+    if key_poses is not None:
+        pen.dots(key_poses[:, :2], INK, 1.2)
+    if trajectory is not None and len(trajectory):
+        pen.marker(trajectory[0, :2], "o", TIME_COLOURS[0], 5.0, edge="white")
+        pen.marker(trajectory[-1, :2], "D", TIME_COLOURS[-1], 7.0, edge="white")
+    return image.reduce(SMOOTHING)
+
+
+class _Pen:
+    """Paints in map coordinates; sizes are in widths of the trajectory's line."""
+
+    def __init__(self, image: Image.Image, box: Box, width: float) -> None:
+        self._draw = ImageDraw.Draw(image, "RGBA")
+        self._pixels_per_metre = image.width / (box[1] - box[0])
+        self._corner = (box[0], box[3])
+        self._width = width
+
+    def line(self, points: NDArray[np.float64], colour: str, width: float, *, opacity: float = 1.0) -> None:
+        """A line through (n, 2) points."""
+        self._draw.line(self._pixels(points), fill=_faded(colour, opacity), width=max(1, round(width * self._width)))
+
+    def dots(self, points: NDArray[np.float64], colour: str, diameter: float, *, opacity: float = 1.0) -> None:
+        """A dot at each of (n, 2) points."""
+        radius, fill = 0.5 * diameter * self._width, _faded(colour, opacity)
+        for x, y in self._pixels(points):
+            self._draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=fill)
+
+    def squares(self, points: NDArray[np.float64], colour: str, side: float) -> None:
+        """A square at each of (n, 2) points."""
+        half = 0.5 * side * self._width
+        for x, y in self._pixels(points):
+            self._draw.rectangle((x - half, y - half, x + half, y + half), fill=colour)
+
+    def crosses(self, points: NDArray[np.float64], colour: str, side: float, *, opacity: float = 1.0) -> None:
+        """An x at each of (n, 2) points."""
+        half, fill, width = 0.5 * side * self._width, _faded(colour, opacity), max(1, round(0.3 * self._width))
+        for x, y in self._pixels(points):
+            self._draw.line((x - half, y - half, x + half, y + half), fill=fill, width=width)
+            self._draw.line((x - half, y + half, x + half, y - half), fill=fill, width=width)
+
+    def marker(self, point: NDArray[np.float64], shape: str, colour: str, size: float, *, edge: str) -> None:
+        """One large marker, see `draw_marker`."""
+        ((x, y),) = self._pixels(point[None])
+        draw_marker(self._draw, x, y, shape, colour, size * self._width, edge=edge)
+
+    def _pixels(self, points: NDArray[np.float64]) -> list[tuple[float, float]]:
+        x = (points[:, 0] - self._corner[0]) * self._pixels_per_metre
+        y = (self._corner[1] - points[:, 1]) * self._pixels_per_metre
+        return list(zip(x.tolist(), y.tolist(), strict=True))
+
+
+def draw_marker(
+    draw: ImageDraw.ImageDraw, x: float, y: float, shape: str, colour: str, size: float, *, edge: str | None = None
+) -> None:
+    """Paint one marker.
+
+    Args:
+        draw: what to paint with.
+        x: of its centre [pixels].
+        y: of its centre [pixels].
+        shape: "o" round, "D" diamond, "s" square, "x" cross.
+        colour: of the marker.
+        size: its width [pixels].
+        edge: colour of a thin rim; none when left out.
+    """
+    half, rim = 0.5 * size, max(1, round(0.1 * size))
+    around = (x - half, y - half, x + half, y + half)
+    if shape == "o":
+        draw.ellipse(around, fill=colour, outline=edge, width=rim if edge else 0)
+    elif shape == "D":
+        corners = [(x, y - half), (x + half, y), (x, y + half), (x - half, y)]
+        draw.polygon(corners, fill=colour, outline=edge, width=rim if edge else 0)
+    elif shape == "s":
+        draw.rectangle(around, fill=colour, outline=edge, width=rim if edge else 0)
+    else:
+        width = max(1, round(0.25 * size))
+        draw.line((x - half, y - half, x + half, y + half), fill=colour, width=width)
+        draw.line((x - half, y + half, x + half, y - half), fill=colour, width=width)
+
+
+def known_box(grid: "OccupancyGrid", trajectory: NDArray[np.float64] | None = None, margin: float = 0.75) -> Box:
+    """The part of a grid worth showing: walls and trajectory, without the few returns from far behind windows.
+
+    Args:
+        grid: the grid.
+        trajectory: (n, 3) poses that must be inside.
+        margin: added on all sides [m].
+
+    Returns:
+        x_min, x_max, y_min, y_max [m], on cell borders.
+    """
+    classes = grid.classes()
+    marked = classes > 0
+    if not marked.any():
+        marked = classes == 0
+    bounds = []
+    for axis, origin in ((0, grid.origin[0]), (1, grid.origin[1])):
+        mass = marked.sum(axis=axis).cumsum()
+        low, high = np.searchsorted(mass, [0.002 * mass[-1], 0.998 * mass[-1]]) if mass[-1] else (0, len(mass) - 1)
+        start, stop = origin + low * grid.resolution, origin + (high + 1) * grid.resolution
+        if trajectory is not None and len(trajectory):
+            start, stop = min(start, trajectory[:, axis].min()), max(stop, trajectory[:, axis].max())
+        first = math.floor((start - margin - origin) / grid.resolution)
+        last = math.ceil((stop + margin - origin) / grid.resolution)
+        bounds += [float(origin + first * grid.resolution), float(origin + last * grid.resolution)]
+    return bounds[0], bounds[1], bounds[2], bounds[3]
+
+
+def wall_strokes(positions: NDArray[np.float64], directions: NDArray[np.float64], length: float) -> NDArray[np.float64]:
+    """One stroke from each position along each of its directions that is there.
+
+    Args:
+        positions: (n, 2) features or landmarks [m].
+        directions: (n, 2) directions of their walls [rad], NaN for a missing one.
+        length: of a stroke [m].
+
+    Returns:
+        (s, 2, 2) both ends of each stroke [m].
+    """
+    rows, walls = np.nonzero(np.isfinite(directions))
+    angles = directions[rows, walls]
+    ends = positions[rows] + length * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    return np.stack([positions[rows], ends], axis=1)
+
+
+def scaled(image: NDArray[np.uint8], long_side: int) -> NDArray[np.uint8]:
+    """A whole number of pixels a cell, or of cells a pixel (the darkest counts, so that walls remain).
+
+    Args:
+        image: (height, width) greys of the cells.
+        long_side: about as many pixels should the longer side get.
+
+    Returns:
+        Greys of the pixels.
+    """
+    cells = max(image.shape)
+    if cells > 2 * long_side:
+        factor = math.ceil(cells / (2 * long_side))
+        rows, cols = (-(-n // factor) * factor for n in image.shape)
+        padded = np.full((rows, cols), 255, dtype=np.uint8)
+        padded[: image.shape[0], : image.shape[1]] = image
+        blocks = padded.reshape(rows // factor, factor, cols // factor, factor)
+        return np.asarray(blocks.min(axis=(1, 3)), dtype=np.uint8)
+    factor = max(1, round(long_side / cells))
+    return image.repeat(factor, axis=0).repeat(factor, axis=1)
+
+
+def _faded(colour: str, opacity: float) -> tuple[int, int, int, int]:
+    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    return red, green, blue, round(255 * opacity)
+
+
+def _shades(occupancy: NDArray[np.float32]) -> NDArray[np.uint8]:
+    """Greys of probabilities: unknown in between, fully white and black well before certainty."""
+    certainty = np.clip((occupancy - 0.5) / 0.35, -1.0, 1.0)
+    shades = _UNKNOWN + np.where(certainty < 0, (_UNKNOWN - _FREE) * certainty, (_OCCUPIED - _UNKNOWN) * certainty)
+    return np.asarray(np.round(shades), dtype=np.uint8)
+
+
+def _shades_in(grid: "OccupancyGrid", box: Box) -> NDArray[np.uint8]:
+    """Greys of the cells in a box whose borders are cell borders; unknown where it leaves the grid."""
+    first_col, end_col = np.rint((np.array(box[:2]) - grid.origin[0]) / grid.resolution).astype(int)
+    first_row, end_row = np.rint((np.array(box[2:]) - grid.origin[1]) / grid.resolution).astype(int)
+    shades = np.full((end_row - first_row, end_col - first_col), round(_UNKNOWN), dtype=np.uint8)
+    n_rows, n_cols = grid.shape
+    rows = slice(max(first_row, 0), max(min(end_row, n_rows), 0))
+    cols = slice(max(first_col, 0), max(min(end_col, n_cols), 0))
+    inside = _shades(grid.occupancy()[rows, cols])
+    row, col = rows.start - first_row, cols.start - first_col
+    shades[row : row + inside.shape[0], col : col + inside.shape[1]] = inside
+    return shades
+
+
+def _paint_trajectory(pen: _Pen, trajectory: NDArray[np.float64]) -> None:
+    """A line coloured by time: few pieces of one colour each, which join at their ends."""
+    borders = np.unique(np.linspace(0, len(trajectory) - 1, _PIECES + 1).astype(int))
+    shares = np.linspace(0.0, 1.0, max(len(borders) - 1, 1))
+    for (first, last), share in zip(itertools.pairwise(borders), shares, strict=False):
+        pen.line(trajectory[first : last + 1, :2], _time_colour(share), 1.0)
+
+
+def _time_colour(share: float) -> str:
+    """Colour of a moment, the start being 0 and the end 1."""
+    stops = np.array([_faded(colour, 1.0)[:3] for colour in TIME_COLOURS], dtype=np.float64)
+    place = share * (len(stops) - 1)
+    index = min(int(place), len(stops) - 2)
+    mixed = stops[index] + (place - index) * (stops[index + 1] - stops[index])
+    return "#" + "".join(f"{round(value):02x}" for value in mixed)
+
+
+def _paint_landmarks(pen: _Pen, landmarks: "Landmarks") -> None:
+    """Intersections below, ends of walls, corners on top."""
+    crossing, end, corner = (landmarks[landmarks.kinds == kind] for kind in (2, 1, 0))
+    pen.crosses(crossing.positions, KIND_COLOURS[2], 1.2, opacity=0.35)
+    for chosen, colour in ((end, KIND_COLOURS[1]), (corner, KIND_COLOURS[0])):
+        for stroke in wall_strokes(chosen.positions, chosen.directions, _STROKE):
+            pen.line(stroke, colour, 1.0)
+    pen.dots(end.positions, KIND_COLOURS[1], 2.2)
+    pen.squares(corner.positions, KIND_COLOURS[0], 2.2)

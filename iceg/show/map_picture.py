@@ -1,0 +1,182 @@
+"""The picture of a map as one would print it: the map, and below it scale bar, title and legend."""
+
+import io
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from graph.atomic import write_atomically
+from iceg.show.map_image import (
+    CLOSURE_COLOUR,
+    INK,
+    KIND_COLOURS,
+    KIND_LABELS,
+    SMOOTHING,
+    TIME_COLOURS,
+    draw_marker,
+    known_box,
+    map_image,
+)
+
+if TYPE_CHECKING:
+    from iceg.maps.feature_map import Landmarks
+    from iceg.maps.grid import OccupancyGrid
+
+_DPI = 220
+_NARROWEST = 1000  # width of the sheet [pixels], as are all sizes below
+_STRIP, _LEGEND_LINE = 92, 36
+_MARGIN, _GAP = 32, 34
+_TEXT = 21
+_SYMBOL = 40
+_KIND_SHAPES = ("s", "o", "x")
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """One entry of the legend: a line of a width (0 for none), a marker of a size (0 for none), and its text."""
+
+    text: str
+    colour: str
+    line: int = 0
+    shape: str = "o"
+    size: int = 0
+
+
+def save_map_png(
+    path: Path,
+    grid: "OccupancyGrid",
+    trajectory: NDArray[np.float64] | None = None,
+    key_poses: NDArray[np.float64] | None = None,
+    landmarks: "Landmarks | None" = None,
+    closures: NDArray[np.int64] | None = None,
+    *,
+    min_seen: int = 3,
+    long_side: int = 2000,
+    title: str = "",
+) -> None:
+    """Save the picture of a map with its legend and scale bar.
+
+    Args:
+        path: the PNG file, written atomically.
+        grid: the occupancy grid.
+        trajectory: (n, 3) T_map_robot.
+        key_poses: (k, 3) T_map_key.
+        landmarks: the valid landmarks.
+        closures: (c, 2) pairs of rows of the trajectory.
+        min_seen: landmarks seen less often are left out.
+        long_side: of the map, in pixels, about: a cell gets a whole number of pixels where there is room for one.
+        title: a line beside the scale bar.
+    """
+    if landmarks is not None:
+        landmarks = landmarks[landmarks.seen >= min_seen]
+    box = known_box(grid, trajectory)
+    image = map_image(grid, trajectory, key_poses, landmarks, closures, box=box, long_side=long_side)
+    width = max(image.width, _NARROWEST)
+    entries = _legend_entries(trajectory is not None, key_poses is not None, landmarks, closures)
+    below = _strip(width, image.width / (box[1] - box[0]), entries, title)
+    sheet = Image.new("RGB", (width, image.height + below.height), "white")
+    sheet.paste(image, ((width - image.width) // 2, 0))
+    sheet.paste(below, (0, image.height))
+    content = io.BytesIO()
+    sheet.save(content, format="PNG", compress_level=2, dpi=(_DPI, _DPI))
+    write_atomically(path, content.getvalue())
+
+
+def _legend_entries(
+    has_trajectory: bool, has_key_poses: bool, landmarks: "Landmarks | None", closures: NDArray[np.int64] | None
+) -> list[_Entry]:
+    entries: list[_Entry] = []
+    if has_trajectory:
+        entries.append(_Entry("start", TIME_COLOURS[0], line=4, shape="o", size=13))
+        entries.append(_Entry("end", TIME_COLOURS[-1], line=4, shape="D", size=17))
+    if has_key_poses:
+        entries.append(_Entry("key pose", INK, shape="o", size=6))
+    if closures is not None and len(closures):
+        entries.append(_Entry(f"loop closure ({len(closures)})", CLOSURE_COLOUR, line=2))
+    if landmarks is not None:
+        counts = np.bincount(landmarks.kinds, minlength=3)
+        for colour, shape, label, count in zip(KIND_COLOURS, _KIND_SHAPES, KIND_LABELS, counts, strict=True):
+            if count:
+                entries.append(_Entry(f"{label} ({count})", colour, shape=shape, size=11))
+    return entries
+
+
+def _strip(width: int, pixels_per_metre: float, entries: list[_Entry], title: str) -> Image.Image:
+    """The sheet's part below the map; the legend stands beside the scale bar where there is room, else below it."""
+    font = ImageFont.load_default(SMOOTHING * _TEXT)
+    widths = [_SYMBOL + font.getlength(entry.text) / SMOOTHING + _GAP for entry in entries]
+    taken = _scale_bar_end(pixels_per_metre) + (2 * _GAP + font.getlength(title) / SMOOTHING if title else 0.0)
+    rows = _rows(widths, width, taken)
+    height = _STRIP + (0 if rows is None else _LEGEND_LINE * len(rows))
+    strip = Image.new("RGB", (SMOOTHING * width, SMOOTHING * height), "white")
+    draw = ImageDraw.Draw(strip)
+    _draw_scale_bar(draw, pixels_per_metre, font)
+    if title:
+        place = (SMOOTHING * (_scale_bar_end(pixels_per_metre) + _GAP), SMOOTHING * _STRIP // 2)
+        draw.text(place, title, fill=INK, font=font, anchor="lm")
+    if rows is None:
+        _draw_entries(draw, entries, widths, width - _MARGIN - sum(widths) + _GAP, 0.5 * _STRIP, font)
+    for line, row in enumerate(rows or ()):
+        _draw_entries(draw, entries[row], widths[row], _MARGIN, _STRIP + line * _LEGEND_LINE, font)
+    return strip.reduce(SMOOTHING)
+
+
+def _rows(widths: list[float], sheet: float, taken: float) -> list[slice] | None:
+    """The entries of each line of the legend; None where all fit beside what has taken the left of the sheet."""
+    if taken + _GAP + sum(widths) + _MARGIN <= sheet:
+        return None
+    rows, first, used = [], 0, 0.0
+    for index, width in enumerate(widths):
+        if index > first and used + width > sheet - 2 * _MARGIN + _GAP:
+            rows.append(slice(first, index))
+            first, used = index, 0.0
+        used += width
+    return [*rows, slice(first, len(widths))]
+
+
+def _draw_entries(
+    draw: ImageDraw.ImageDraw,
+    entries: list[_Entry],
+    widths: list[float],
+    left: float,
+    middle: float,
+    font: ImageFont.FreeTypeFont | ImageFont.ImageFont,
+) -> None:
+    y = SMOOTHING * middle
+    for entry, width in zip(entries, widths, strict=True):
+        x, reach = SMOOTHING * left, SMOOTHING * (_SYMBOL - 10)
+        if entry.line:
+            draw.line((x, y, x + reach, y), fill=entry.colour, width=SMOOTHING * entry.line)
+        if entry.size:
+            draw_marker(draw, x + 0.5 * reach, y, entry.shape, entry.colour, SMOOTHING * entry.size)
+        draw.text((x + SMOOTHING * _SYMBOL, y), entry.text, fill=INK, font=font, anchor="lm")
+        left += width
+
+
+def _scale_bar_length(pixels_per_metre: float) -> float:
+    """A round length that takes about an inch [m]."""
+    lengths = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000)
+    return min(lengths, key=lambda metres: abs(math.log(metres * pixels_per_metre / _DPI)))
+
+
+def _scale_bar_end(pixels_per_metre: float) -> float:
+    """Where the bar and its label end, seen from the left edge of the sheet."""
+    return _MARGIN + _scale_bar_length(pixels_per_metre) * pixels_per_metre + _MARGIN
+
+
+def _draw_scale_bar(
+    draw: ImageDraw.ImageDraw, pixels_per_metre: float, font: ImageFont.FreeTypeFont | ImageFont.ImageFont
+) -> None:
+    length = _scale_bar_length(pixels_per_metre)
+    left, top, height = SMOOTHING * _MARGIN, SMOOTHING * 0.62 * _STRIP, SMOOTHING * 9
+    quarter = SMOOTHING * length * pixels_per_metre / 4
+    for part in range(4):
+        around = (left + part * quarter, top, left + (part + 1) * quarter, top + height)
+        draw.rectangle(around, fill=INK if part % 2 == 0 else "white", outline=INK, width=SMOOTHING)
+    for place, text in ((left, "0"), (left + 4 * quarter, f"{length:g} m")):
+        draw.text((place, top - SMOOTHING * 8), text, fill=INK, font=font, anchor="mb")
