@@ -258,9 +258,9 @@ def solve_track(
     closer = LoopCloser(matcher, track, closures)
     back_end = BackEnd(track, closer, graph_config)
     steps = None if odometry is None else between(odometry[:-1], odometry[1:])
-    broken = track.keys_after_breaks()
+    unknown = track.keys_without_odometry()
     for key in range(1, len(track.keys)):
-        back_end.add(key, None if steps is None or key in broken else _motion(track, key, steps, noise))
+        back_end.add(key, None if steps is None or key in unknown else _motion(track, key, steps, noise))
         if progress is not None:
             progress(track.keys[key].index + 1)
     return _relocalised(back_end.solution(), back_end.doubts, closer, track, graph_config)

@@ -75,6 +75,7 @@ class FrontEnd:
         self._on_trial = False
         self._is_blind = False
         self._motion = self._odometry.start()
+        self._knows_motion = self._has_odometry
         self._T_track_robot = np.zeros(3)
         self._newest_step = (np.zeros(3), np.zeros(3))
         self.failures = 0
@@ -94,7 +95,7 @@ class FrontEnd:
         Args:
             index: which scan of the log it is.
             scan: the scan.
-            T_prev_cur: (3,) odometry since the scan before; None in a log without, where the velocity is taken as
+            T_prev_cur: (3,) odometry since the scan before; None where there is none, and the velocity is taken as
                 constant.
             is_sudden: the step is much longer than others: perhaps the odometry jumped, and the robot did not.
 
@@ -105,12 +106,14 @@ class FrontEnd:
         if not self.keys:
             self._start(index, scan)
             return self._T_track_robot
-        step, before = T_prev_cur, self._T_track_robot
-        if step is None or (is_sudden and self._goes_on(scan, step)):
-            step = between(*self._newest_step)
-            if T_prev_cur is not None:
-                self._break_off(index)
-        self._motion = self._odometry.extend(self._motion, step)
+        step, before, noise = T_prev_cur, self._T_track_robot, self._odometry
+        if step is not None and is_sudden and self._goes_on(scan, step):
+            self.breaks.append(index)
+            step = None
+        if step is None:
+            step, noise = between(*self._newest_step), _UNKNOWN_ODOMETRY
+            self._forget_motion()
+        self._motion = noise.extend(self._motion, step)
         self._follow(scan, compose(before, step))
         if self._is_key():
             self._add_key(index, scan)
@@ -129,9 +132,11 @@ class FrontEnd:
         support = self._map_matcher.agreement(self._reference, scan, found)
         return support.evidence if support.fit >= _JUMP_FIT and support.view >= _JUMP_VIEW else 0.0
 
-    def _break_off(self, index: int) -> None:
+    def _forget_motion(self) -> None:
         """From here on the odometry since the last key scan says nothing about where the robot is."""
-        self.breaks.append(index)
+        if not self._knows_motion:
+            return
+        self._knows_motion = False
         T_key_robot = between(self.keys[-1].T_track_robot, self._T_track_robot)
         unknown = _UNKNOWN_ODOMETRY.start().covariance + self._motion.covariance
         self._motion = replace(self._motion, T_key_robot=T_key_robot, covariance=unknown)
@@ -237,7 +242,7 @@ class FrontEnd:
         Elsewhere it would pull every match a little towards its own bias, and the local map with it. Odometry that the
         match refutes, as where it jumped or lagged behind, says nothing.
         """
-        if not self._has_odometry:
+        if not self._knows_motion:
             return match.T_ref_cur
         odometry = self._motion.covariance
         # The sum of the ratios bounds the largest: most matches need no more.
@@ -276,7 +281,7 @@ class FrontEnd:
                 T_track_robot=self._T_track_robot,
             )
         )
-        self._motion = self._odometry.start()
+        self._motion, self._knows_motion = self._odometry.start(), self._has_odometry
         self._extend_reference(isinstance(match, NoMatch))
 
     def _extend_reference(self, is_unmatched: bool) -> None:

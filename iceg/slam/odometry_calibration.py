@@ -139,10 +139,13 @@ class _Samples:
     @classmethod
     def collect(cls, track: Track, odometry: NDArray[np.float64], window: int = 1) -> "_Samples | None":
         """Motions over so many key scans, all of them matched."""
+        unknown = track.keys_without_odometry()
         pairs = [
             (track.keys[k - window], track.keys[k], match)
             for k, match in ((k, track.keys[k].match) for k in range(window, len(track.keys)))
-            if not isinstance(match, NoMatch) and all(map(_is_seen, track.keys[k - window + 1 : k + 1]))
+            if not isinstance(match, NoMatch)
+            and all(map(_is_seen, track.keys[k - window + 1 : k + 1]))
+            and unknown.isdisjoint(range(k - window + 1, k + 1))
         ]
         if len(pairs) < _FEWEST_KEYS:
             return None

@@ -34,6 +34,7 @@ from iceg.slam.manual_closures import (
     manual_records,
 )
 from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
+from iceg.slam.odometry_standstill import describe_dead, with_odometry_between_readings
 from iceg.slam.path_break import describe_break
 from iceg.slam.progress import Progress, ProgressCallback
 from iceg.slam.track import Track
@@ -96,6 +97,7 @@ def run(
     matcher = matcher or (IceMatcher(config.ice) if config.matcher == "ice" else make_matcher(config.matcher))
     clock = _StageClock()
     with clock.stage("front_end"):
+        log = with_odometry_between_readings(log)
         track, first = _track(log, matcher, config, progress)
     with clock.stage("graph"):
         calibration = _recalibrate(track, log, first, config)
@@ -233,6 +235,7 @@ def _summary(
 ) -> dict[str, Any]:
     factors = solution.graph.factors
     matches = [key.match for key in track.keys if isinstance(key.match, RelativePose)]
+    doubts = [*doubts, *(describe_dead(*stretch) for stretch in track.dead)]
     kinds = ("prior", "odometry", "ice", "stretch", "closure")
     return {
         "log": log.path.name,

@@ -43,6 +43,7 @@ class Track:
         failures: scans without a credible match, carried by odometry.
         lost: scans from which on nothing matched what was known, so that a new local reference was begun.
         breaks: scans before which the odometry jumped, and the robot did not.
+        dead: first and last scans of the stretches over which the odometry stood still, and the robot did not.
     """
 
     keys: list[KeyScan]
@@ -51,11 +52,16 @@ class Track:
     failures: int
     lost: list[int]
     breaks: list[int] = field(default_factory=list)
+    dead: list[tuple[int, int]] = field(default_factory=list)
 
     def trajectory(self, key_poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n_scans, 3) pose of every scan, given the (k, 3) poses of the key scans."""
         return compose(key_poses[self.key_of_scan], self.T_key_scan)
 
-    def keys_after_breaks(self) -> set[int]:
+    def keys_without_odometry(self) -> set[int]:
         """Indices into `keys` of those whose way from the one before the odometry does not know."""
-        return set(np.searchsorted([key.index for key in self.keys], self.breaks).tolist())
+        indices = [key.index for key in self.keys]
+        unknown = set(np.searchsorted(indices, self.breaks).tolist())
+        for first, last in self.dead:
+            unknown.update(range(int(np.searchsorted(indices, first + 1)), int(np.searchsorted(indices, last + 1)) + 1))
+        return unknown

@@ -12,6 +12,7 @@ from graph.se2 import between
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.front_end import FrontEnd
 from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
+from iceg.slam.odometry_standstill import dead_stretches
 from iceg.slam.odometry_steps import sudden_steps
 from iceg.slam.track import Track
 
@@ -102,6 +103,8 @@ class _Journey:
         self._progress = progress
         self._front_end = FrontEnd(matcher, noise if log.has_odometry else None, config)
         self._sudden = sudden_steps(log.odometry, log.stamps)
+        self._dead = dead_stretches(log.odometry, log.ranges) if log.has_odometry else []
+        self._is_known = _known_steps(self._dead, len(log))
         self._key_of_scan: list[int] = []
         self._T_track_scan: list[NDArray[np.float64]] = []
 
@@ -115,7 +118,8 @@ class _Journey:
         start = len(self._key_of_scan)
         steps = between(odometry[max(start - 1, 0) : end - 1], odometry[max(start, 1) : end])
         for index in range(start, end):
-            step = steps[index - max(start, 1)] if log.has_odometry and index else None
+            is_known = log.has_odometry and index > 0 and self._is_known[index - 1]
+            step = steps[index - max(start, 1)] if is_known else None
             is_sudden = step is not None and bool(self._sudden[index - 1])
             self._T_track_scan.append(front_end.add(index, log.scan(index), step, is_sudden=is_sudden))
             self._key_of_scan.append(len(front_end.keys) - 1)
@@ -134,4 +138,13 @@ class _Journey:
             failures=front_end.failures,
             lost=list(front_end.lost),
             breaks=list(front_end.breaks),
+            dead=self._dead,
         )
+
+
+def _known_steps(dead: list[tuple[int, int]], n_scans: int) -> list[bool]:
+    """(n_scans - 1,) which steps odometry knows: not those where it is dead, nor the one with which it wakes."""
+    is_known = [True] * (n_scans - 1)
+    for first, last in dead:
+        is_known[first : last + 1] = [False] * len(is_known[first : last + 1])
+    return is_known

@@ -1,0 +1,115 @@
+"""Odometry that stands still although the robot moves: read anew more seldom than the laser, or no longer at all."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import Log
+from graph.se2 import between, compose
+
+_STILL = 1e-9
+"""A step shorter than this is none [m, rad]: the same reading again."""
+_SELDOM = 0.5
+"""Where more of the moves than this follow upon a standstill, odometry is read more seldom than the laser."""
+_FEWEST_MOVES = 20
+_ENDS = 3
+"""Scans at either end of a standstill that may show the robot's move already, or still: two clocks."""
+_SAMPLES = 64
+_CHANGED = 0.1
+"""Median change of the readings [m] that noise and passers-by do not explain …"""
+_CHANGED_SAMPLES = 3
+"""… and scans that must show it."""
+_RETURNS = 0.2
+"""Share of the beams that two scans need in common."""
+
+
+def with_odometry_between_readings(log: Log) -> Log:
+    """The same log; where its odometry is read more seldom than its laser, with odometry at every scan."""
+    period = reading_period(log.odometry) if log.has_odometry else 1
+    if period == 1:
+        return log
+    warning = f"the odometry is read anew only once in {period} scans: it is interpolated in between"
+    return replace(log, odometry=between_readings(log.odometry, period), warnings=(*log.warnings, warning))
+
+
+def reading_period(odometry: NDArray[np.float64]) -> int:
+    """How many scans lie from one reading of the odometry to the next, while the robot moves.
+
+    Args:
+        odometry: (n, 3) at each scan.
+
+    Returns:
+        1 where there is one for each scan, as there should be.
+    """
+    waits = np.diff(_moves(odometry))
+    if len(waits) < _FEWEST_MOVES or float(np.mean(waits > 1)) <= _SELDOM:
+        return 1
+    return int(np.median(waits))
+
+
+def between_readings(odometry: NDArray[np.float64], period: int) -> NDArray[np.float64]:
+    """Odometry at the scans between two readings: each move spread evenly over the scans since the last reading.
+
+    Args:
+        odometry: (n, 3) at each scan.
+        period: how many scans lie between two readings; a longer standstill was one, but for its end.
+
+    Returns:
+        (n, 3) the same at every reading.
+    """
+    moves = _moves(odometry)
+    spread = odometry.copy()
+    for move, wait in zip(moves.tolist(), np.diff(moves, prepend=-1).tolist(), strict=True):
+        n = min(wait, period)
+        step = between(odometry[move], odometry[move + 1])
+        shares = np.arange(1, n)[:, None] / n
+        spread[move + 2 - n : move + 1] = compose(odometry[move], shares * step)
+    return spread
+
+
+def dead_stretches(odometry: NDArray[np.float64], ranges: NDArray[np.float32]) -> list[tuple[int, int]]:
+    """Stretches of a log over which the odometry stands still while the scans say that the robot moves.
+
+    Args:
+        odometry: (n, 3) at each scan.
+        ranges: (n, n_beams) [m], NaN where nothing came back.
+
+    Returns:
+        First and last scan of each; between them, odometry says nothing.
+    """
+    return [(first, last) for first, last in _standstills(odometry) if _scans_change(ranges[first : last + 1])]
+
+
+def describe_dead(first: int, last: int) -> str:
+    """A stretch without odometry in a sentence for a person."""
+    return (
+        f"the odometry stands still from scan {first} to scan {last} while the scans change: it is not believed there"
+    )
+
+
+def _standstills(odometry: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
+    """First and last scan of each run of equal readings that is long enough to be judged."""
+    moves = _moves(odometry).tolist()
+    for first, last in zip([0, *(move + 1 for move in moves)], [*moves, len(odometry) - 1], strict=True):
+        if last - first > 2 * _ENDS + _CHANGED_SAMPLES:
+            yield first, last
+
+
+def _scans_change(ranges: NDArray[np.float32]) -> bool:
+    """Whether several scans differ from one at the beginning by more than noise and passers-by explain."""
+    begin = ranges[_ENDS]
+    samples = np.unique(np.linspace(_ENDS + 1, len(ranges) - 1 - _ENDS, _SAMPLES).astype(int))
+    changed = 0
+    for index in samples:
+        difference = np.abs(ranges[index] - begin)
+        difference = difference[np.isfinite(difference)]
+        if len(difference) > _RETURNS * len(begin) and float(np.median(difference)) > _CHANGED:
+            changed += 1
+    return changed >= _CHANGED_SAMPLES
+
+
+def _moves(odometry: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(m,) the steps that move."""
+    return np.flatnonzero((np.abs(between(odometry[:-1], odometry[1:])) > _STILL).any(axis=1))

@@ -1,0 +1,91 @@
+"""Odometry that stands still while the robot moves, and robots that truly stand."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from frontends.logs import read_log
+from frontends.scan import Log
+from iceg.demo import demo_log_path
+from iceg.slam.odometry_standstill import (
+    between_readings,
+    dead_stretches,
+    reading_period,
+    with_odometry_between_readings,
+)
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    return read_log(demo_log_path())
+
+
+def _straight(n: int) -> NDArray[np.float64]:
+    return np.column_stack([0.1 * np.arange(n), np.zeros(n), np.zeros(n)])
+
+
+def _held(odometry: NDArray[np.float64], n: int) -> NDArray[np.float64]:
+    return odometry[np.arange(len(odometry)) // n * n]
+
+
+@pytest.mark.parametrize("n", [2, 3, 5, 20])
+def test_a_reading_for_several_scans_is_noticed_and_the_move_spread_over_them(n: int) -> None:
+    truth = _straight(60 * n + 1)
+    seldom = _held(truth, n)
+    assert reading_period(seldom) == n
+    np.testing.assert_allclose(between_readings(seldom, n), truth, atol=1e-12)
+
+
+def test_in_a_bend_the_readings_stay_and_the_rest_lies_near(log: Log) -> None:
+    seldom = _held(log.odometry, 3)
+    spread = between_readings(seldom, 3)
+    np.testing.assert_array_equal(spread[::3], log.odometry[::3])
+    assert np.abs(spread - log.odometry)[:-3, :2].max() < 0.05 < np.abs(seldom - log.odometry)[:, :2].max()
+
+
+def test_a_stop_is_no_slow_reading_and_ends_as_late_as_a_reading_allows() -> None:
+    truth = np.concatenate([_straight(100), np.tile(_straight(100)[-1], (50, 1)), _straight(200)[100:]])
+    assert reading_period(truth) == 1
+    seldom = _held(truth, 5)
+    assert reading_period(seldom) == 5
+    spread = between_readings(seldom, 5)
+    np.testing.assert_allclose(spread[100:145, 0], truth[100:145, 0], atol=1e-9)
+
+
+def test_odometry_read_at_every_scan_is_left_alone(log: Log) -> None:
+    assert with_odometry_between_readings(log) is log
+    short = replace(log, odometry=log.odometry[:1], ranges=log.ranges[:1], stamps=log.stamps[:1])
+    assert with_odometry_between_readings(short) is short
+
+
+def test_a_run_is_told_that_odometry_was_interpolated(log: Log) -> None:
+    better = with_odometry_between_readings(replace(log, odometry=_held(log.odometry, 4)))
+    assert better.warnings[-1] == "the odometry is read anew only once in 4 scans: it is interpolated in between"
+
+
+def test_odometry_that_stops_counting_is_dead_from_there_on(log: Log) -> None:
+    dying = log.odometry[np.minimum(np.arange(len(log)), 900)]
+    assert dead_stretches(dying, log.ranges) == [(900, len(log) - 1)]
+    pausing = log.odometry.copy()
+    pausing[500:560] = pausing[500]
+    assert dead_stretches(pausing, log.ranges) == [(500, 559)]
+
+
+def test_a_robot_that_stands_among_noise_and_people_has_no_dead_odometry(log: Log) -> None:
+    assert not dead_stretches(log.odometry, log.ranges)
+    rng = np.random.default_rng(1)
+    standing = np.tile(log.ranges[300], (400, 1)) + rng.normal(0.0, 0.03, (400, log.ranges.shape[1]))
+    standing[rng.random(standing.shape) < 0.3] = 0.7
+    covered = standing.astype(np.float32)
+    covered[100:200] = np.nan
+    assert not dead_stretches(np.tile([3.0, 2.0, 1.0], (400, 1)), covered)
+
+
+def test_a_laser_that_sees_the_move_a_little_before_the_odometry_does_is_no_contradiction(log: Log) -> None:
+    moving = log.ranges[500:560]
+    ranges = np.concatenate([np.tile(moving[0], (40, 1)), moving])
+    late = 2
+    odometry = np.concatenate([np.tile(log.odometry[500], (40 + late, 1)), log.odometry[500 : 560 - late]])
+    assert not dead_stretches(odometry, ranges)
