@@ -26,6 +26,7 @@ from frontends.logs.number_fields import read_numbers
 from frontends.logs.text import Line
 
 _MOST_BEAMS = 100_000
+_COUNT_DIGITS = 6  # fewer are certainly no more beams than that
 _STAMPS = "the stamps 'ipc_timestamp host logger_timestamp'"
 
 
@@ -140,6 +141,10 @@ def _is_old_form(line: Line, layout: LaserFormat) -> bool:
 
 
 def _count(line: Line, position: int, what: str) -> tuple[int, int]:
+    end = line.block.find(b" ", position + 1, line.stop)
+    digits = line.block[position + 1 : end] if end >= 0 else b""
+    if digits.isdigit() and len(digits) < _COUNT_DIGITS:
+        return int(digits), end
     number = np.empty(1)
     position = read_numbers(line, position, number, what)
     count = float(number[0])

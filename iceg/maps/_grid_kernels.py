@@ -333,8 +333,8 @@ def render(
     cos, sin = border_directions(bearings, half_widths)
     chords = chord_tables(bearings, half_widths)
     xs, ys = np.empty(4 * n_beams + 1), np.empty(4 * n_beams + 1)
-    reach = max_range / resolution + 2.0
-    crossings = np.empty((int(2.0 * reach) + 2, len(xs)), np.int32)
+    farthest = max_range / resolution + 2.0
+    crossings = np.empty((int(2.0 * farthest) + 2, len(xs)), np.int32)
     counts = np.zeros(len(crossings), np.int32)
     cells = np.empty(4 * n_beams + 64, np.int64)
     shares = np.empty(len(cells), np.float32)
@@ -383,7 +383,7 @@ def render(
         # and of several hits in one scan the strongest counts.
         for h in range(n_hits):
             before[h] = flat[cells[h]]
-        base = int(np.floor(y - reach))
+        base = int(np.floor(y - farthest))
         fill_polygon(log_odds, xs, ys, n_vertices, miss32, low, base, crossings, counts)
         for h in range(n_hits):
             flat[cells[h]] = before[h]

@@ -99,8 +99,8 @@ def nearby(
     """Valid landmarks within reach of a key pose.
 
     Returns:
-        Their numbers (k,), their positions in the robot frame (k, 2), and the rotation from the anchor to the robot
-        frame as cosine, sine and angle (k, 3).
+        Their numbers (k,), their positions in the robot frame (k, 2), and the cosine and sine of the rotation from the
+        anchor to the robot frame (k, 2).
     """
     kx, ky, kc, ks = frames[key]
     reach = settings.visible_range
@@ -110,7 +110,7 @@ def nearby(
     reach += np.hypot(observed.T_robot_laser[0], observed.T_robot_laser[1])
     near = np.empty(len(valid), np.int64)
     near_p = np.empty((len(valid), 2))
-    near_turn = np.empty((len(valid), 3))
+    near_turn = np.empty((len(valid), 2))
     n = 0
     for k in valid:
         ax, ay, ac, a_s = frames[store.anchors[k]]
@@ -120,8 +120,7 @@ def nearby(
             continue
         near[n] = k
         near_p[n, 0], near_p[n, 1] = kc * mx + ks * my, kc * my - ks * mx
-        cos, sin = kc * ac + ks * a_s, kc * a_s - ks * ac
-        near_turn[n, 0], near_turn[n, 1], near_turn[n, 2] = cos, sin, np.arctan2(sin, cos)
+        near_turn[n, 0], near_turn[n, 1] = kc * ac + ks * a_s, kc * a_s - ks * ac
         n += 1
     return near[:n], near_p[:n], near_turn[:n]
 
@@ -218,7 +217,7 @@ def pair_costs(
         kind = observed.kinds[f]
         if not observed.real[f] or not same_kind(kind, store.kinds[k]):
             continue
-        turn = near_turn[j, 2]
+        turn = np.arctan2(near_turn[j, 1], near_turn[j, 0])
         a0, a1 = directions[f, 0] - turn, directions[f, 1] - turn
         w0, w1, d0, d1 = pair_directions(kind, a0, a1, known_directions[k, 0], known_directions[k, 1])
         if (w0 < 0 and w1 < 0) or abs(d0) > settings.max_angle or abs(d1) > settings.max_angle:
@@ -260,7 +259,7 @@ def fuse(
         k = near[j]
         dx, dy = observed.positions[f, 0] - near_p[j, 0], observed.positions[f, 1] - near_p[j, 1]
         fuse_position(store.positions[k], store.covariances[k], noise[f], dx, dy, near_turn[j], settings.drift_variance)
-        turn = near_turn[j, 2]
+        turn = np.arctan2(near_turn[j, 1], near_turn[j, 0])
         a0, a1 = observed.directions[f, 0] - turn, observed.directions[f, 1] - turn
         known, variances = store.directions[k], store.direction_variances[k]
         w0, w1, d0, d1 = pair_directions(observed.kinds[f], a0, a1, known[0], known[1])
@@ -335,7 +334,7 @@ def judge(
         x, y = near_p[j, 0] - laser[0], near_p[j, 1] - laser[1]
         if accounted[j] or x * x + y * y > reach * reach:
             continue
-        to_laser = near_turn[j, 2] - laser[2]
+        to_laser = np.arctan2(near_turn[j, 1], near_turn[j, 0]) - laser[2]
         variance = max(store.covariances[k, 0, 0], store.covariances[k, 1, 1])
         if is_visible(
             cos * x + sin * y,
