@@ -49,23 +49,26 @@ def scan_points(
     resolution = 0.0
     if len(ranges) > 1:
         resolution = hypot(directions[1, 0] - directions[0, 0], directions[1, 1] - directions[0, 1])
-    sums = np.zeros((n + 1, 5))
-    surface = np.empty(n, np.int64)
-    _surfaces(points, beams, n, origin, resolution, jump, sums, surface)
+    sums = np.empty((n + 1, 5))
+    begin, end = np.empty(n, np.int64), np.empty(n, np.int64)
+    _surfaces(points, beams, n, origin, resolution, jump, sums, begin, end)
+    first, last = 0, 0
     for i in range(n):
-        first, last = _neighbourhood(points, surface, i, n, reach * reach)
+        first, last = _neighbourhood(points, begin[i], end[i], i, reach * reach, first, last)
         normals[i, 0], normals[i, 1] = _normal(sums, first, last, points[i, 0] - origin[0], points[i, 1] - origin[1])
     return n
 
 
 @njit(cache=True)
 def _surfaces(
-    points: F64, beams: I32, n: int, origin: F64, resolution: float, jump: float, sums: F64, surface: I64
+    points: F64, beams: I32, n: int, origin: F64, resolution: float, jump: float, sums: F64, begin: I64, end: I64
 ) -> None:
-    """Number the surfaces (runs of points without a jump) and sum up x, y, xx, xy, yy relative to the laser.
+    """First and last point of the surface (run of points without a jump) that each point lies on.
 
-    The running sums make the moments of any stretch of points two look-ups.
+    Also sums up x, y, xx, xy, yy relative to the laser: running sums make the moments of any stretch two look-ups.
     """
+    sums[0] = 0.0
+    start = 0
     for i in range(n):
         x, y = points[i, 0] - origin[0], points[i, 1] - origin[1]
         sums[i + 1, 0] = sums[i, 0] + x
@@ -73,28 +76,32 @@ def _surfaces(
         sums[i + 1, 2] = sums[i, 2] + x * x
         sums[i + 1, 3] = sums[i, 3] + x * y
         sums[i + 1, 4] = sums[i, 4] + y * y
-        if i == 0:
-            surface[i] = 0
-            continue
-        gap = min(_WIDEST_GAP, jump + _SPACINGS * resolution * sqrt(x * x + y * y)) * (beams[i] - beams[i - 1])
-        dx, dy = points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1]
-        surface[i] = surface[i - 1] if dx * dx + dy * dy <= gap * gap else surface[i - 1] + 1
+        if i > 0:
+            gap = min(_WIDEST_GAP, jump + _SPACINGS * resolution * sqrt(x * x + y * y)) * (beams[i] - beams[i - 1])
+            dx, dy = points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1]
+            if dx * dx + dy * dy > gap * gap:
+                end[start:i] = i - 1
+                start = i
+        begin[i] = start
+    end[start:n] = n - 1
 
 
 @njit(cache=True)
-def _neighbourhood(points: F64, surface: I64, i: int, n: int, reach2: float) -> tuple[int, int]:
-    """First and last point around i on its surface: up to the reach, but at least two on either side."""
-    first, last = i, i
-    while first > 0 and surface[first - 1] == surface[i] and i - first < _MOST_NEIGHBOURS:
-        first -= 1
-        dx, dy = points[first, 0] - points[i, 0], points[first, 1] - points[i, 1]
-        if i - first >= 2 and dx * dx + dy * dy >= reach2:
-            break
-    while last + 1 < n and surface[last + 1] == surface[i] and last - i < _MOST_NEIGHBOURS:
+def _neighbourhood(
+    points: F64, begin: int, end: int, i: int, reach2: float, first: int, last: int
+) -> tuple[int, int]:
+    """First and last point around i on its surface, begin..end: up to the reach, but at least two on either side.
+
+    Both only move on from those of the point before, `first` and `last`.
+    """
+    x, y = points[i, 0], points[i, 1]
+    first = max(first, begin, i - _MOST_NEIGHBOURS)
+    while first < i - 2 and (points[first + 1, 0] - x) ** 2 + (points[first + 1, 1] - y) ** 2 >= reach2:
+        first += 1
+    last = max(last, min(i + 2, end))
+    furthest = min(end, i + _MOST_NEIGHBOURS)
+    while last < furthest and (points[last, 0] - x) ** 2 + (points[last, 1] - y) ** 2 < reach2:
         last += 1
-        dx, dy = points[last, 0] - points[i, 0], points[last, 1] - points[i, 1]
-        if last - i >= 2 and dx * dx + dy * dy >= reach2:
-            break
     return first, last
 
 
@@ -119,7 +126,7 @@ def _normal(sums: F64, first: int, last: int, rx: float, ry: float) -> tuple[flo
     bx, by = small - cyy, cxy
     if ax * ax + ay * ay < bx * bx + by * by:
         ax, ay = bx, by
-    norm = hypot(ax, ay)
+    norm = sqrt(ax * ax + ay * ay)
     if norm < 1e-12:
         ax, ay, norm = (1.0, 0.0, 1.0) if cxx < cyy else (0.0, 1.0, 1.0)
     if ax * rx + ay * ry > 0.0:
