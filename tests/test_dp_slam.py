@@ -19,6 +19,7 @@ from frontends.dp_slam._resampling_kernels import resample
 from frontends.dp_slam.motion import draw_motions
 from frontends.dp_slam.particle_filter import half_extent
 from frontends.dp_slam.particle_map import ParticleMaps
+from frontends.dp_slam.shared_maps import BeamModel
 from frontends.logs import read_log
 from frontends.scan import Log, ScanGeometry
 from graph.se2 import between, compose
@@ -222,29 +223,30 @@ def test_the_tree_keeps_its_rules_in_every_generation(monkeypatch: pytest.Monkey
 
     def check(maps: ParticleMaps, *arguments: object) -> None:
         add(maps, *arguments)  # type: ignore[arg-type]
-        used = np.flatnonzero(maps._children >= 0)
-        kids = np.bincount(maps._parents[used][maps._parents[used] >= 0], minlength=len(maps._parents))
-        assert_array_equal(kids[used], maps._children[used])
-        assert len(set(maps._leaves.tolist())) == len(maps._leaves)
-        assert set(maps._leaves.tolist()) == set(used[maps._children[used] == 0].tolist())
+        tree, observations = maps._tree, maps._observations
+        used = np.flatnonzero(tree.children >= 0)
+        kids = np.bincount(tree.parents[used][tree.parents[used] >= 0], minlength=len(tree.parents))
+        assert_array_equal(kids[used], tree.children[used])
+        assert len(set(tree.leaves.tolist())) == len(tree.leaves)
+        assert set(tree.leaves.tolist()) == set(used[tree.children[used] == 0].tolist())
         assert np.count_nonzero(kids[used] == 1) == 0
-        assert np.count_nonzero(maps._parents[used] < 0) == 1
+        assert np.count_nonzero(tree.parents[used] < 0) == 1
         held = []
         for node in used:
-            observation = int(maps._firsts[node])
+            observation = int(observations.firsts[node])
             while observation >= 0:
-                assert maps._owners[observation] == node
-                held.append((int(maps._places[observation]), int(node), observation))
-                observation = int(maps._of_node[observation])
+                assert observations.owners[observation] == node
+                held.append((int(observations.places[observation]), int(node), observation))
+                observation = int(observations.of_node[observation])
         assert len({(cell, node) for cell, node, _ in held}) == len(held)
-        assert len(held) == len(maps._owners) - maps._pool[1]
+        assert len(held) == len(observations.owners) - observations.pool[1]
         listed = 0
-        for cell in np.flatnonzero(maps._heads >= 0):
-            observation = int(maps._heads[cell])
+        for cell in np.flatnonzero(observations.heads >= 0):
+            observation = int(observations.heads[cell])
             while observation >= 0:
-                assert maps._places[observation] == cell
+                assert observations.places[observation] == cell
                 listed += 1
-                observation = int(maps._in_cell[observation])
+                observation = int(observations.in_cell[observation])
         assert listed == len(held)
         checked.append(len(held))
 
@@ -375,23 +377,21 @@ def beam(
         view[row * shape[1] + column] = -2 if density == 0.0 else slot
         table[slot, 0] = density
     x, y, heading = pose
-    return float(
-        kernels._beam(
-            x,
-            y,
-            math.cos(heading),
-            math.sin(heading),
-            begin,
-            end,
-            reading,
-            through,
-            0,
-            shape,
-            prior,
-            variance,
-            view,
-            table,
-        )
+    ray = (x, y, math.cos(heading), math.sin(heading), begin, end)
+    return float(kernels._beam(ray, reading, through, 0, shape, in_cells(prior, variance), view, table))
+
+
+def in_cells(prior: float, variance: float) -> BeamModel:
+    return BeamModel(
+        prior_density=prior,
+        range_variance=variance,
+        floor=0.0,
+        quick_before=0.0,
+        quick_beyond=0.0,
+        trace_margin=0.0,
+        max_range=20.0,
+        passes=1,
+        cull=13.0,
     )
 
 

@@ -1,13 +1,12 @@
-"""The ancestry tree, compiled: its order, how it shrinks from one generation to the next, what a particle inherits.
-
-Layouts are those of `_beam_kernels`.
-"""
+"""The ancestry tree, compiled: its order, how it shrinks from one generation to the next, what a particle inherits."""
 
 import math
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from frontends.dp_slam.shared_maps import Observations, Tree
 
 
 @njit(cache=True)
@@ -36,88 +35,53 @@ def tree_order(parents: NDArray[np.int32], children: NDArray[np.int32]) -> NDArr
 
 
 @njit(cache=True)
-def prune(
-    leaves: NDArray[np.int32],
-    kept: NDArray[np.int64],
-    heads: NDArray[np.int32],
-    owners: NDArray[np.int32],
-    places: NDArray[np.int32],
-    in_cell: NDArray[np.int32],
-    back: NDArray[np.int32],
-    of_node: NDArray[np.int32],
-    evidence: NDArray[np.float32],
-    pool: NDArray[np.int32],
-    parents: NDArray[np.int32],
-    children: NDArray[np.int32],
-    firsts: NDArray[np.int32],
-) -> tuple[int, int]:
+def prune(kept: NDArray[np.int64], observations: Observations, tree: Tree) -> tuple[int, int]:
     """Nodes without descendants die with their observations; a node with one child takes it in.
 
     `kept` says how many particles of the next generation descend from each leaf; a leaf that was merged into its parent
-    is replaced in `leaves`.
+    is replaced among the leaves.
 
     Returns:
         How many nodes died, and how many were merged.
     """
     died, merged = 0, 0
-    for particle in range(len(leaves)):
+    for particle in range(len(tree.leaves)):
         if kept[particle] == 0:
-            died += _die_out(leaves[particle], heads, places, in_cell, back, of_node, pool, parents, children, firsts)
-    for child in range(len(parents)):
-        above = parents[child]
-        if children[child] >= 0 and above >= 0 and children[above] == 1:
-            _bequeath(child, above, heads, owners, places, in_cell, back, of_node, evidence, pool, firsts)
-            _take_place(child, above, leaves, parents, children, firsts)
+            died += _die_out(tree.leaves[particle], observations, tree)
+    for child in range(len(tree.parents)):
+        above = tree.parents[child]
+        if tree.children[child] >= 0 and above >= 0 and tree.children[above] == 1:
+            _bequeath(child, above, observations)
+            _take_place(child, above, tree)
             merged += 1
     return died, merged
 
 
 @njit(cache=True)
-def _die_out(
-    leaf: int,
-    heads: NDArray[np.int32],
-    places: NDArray[np.int32],
-    in_cell: NDArray[np.int32],
-    back: NDArray[np.int32],
-    of_node: NDArray[np.int32],
-    pool: NDArray[np.int32],
-    parents: NDArray[np.int32],
-    children: NDArray[np.int32],
-    firsts: NDArray[np.int32],
-) -> int:
+def _die_out(leaf: int, observations: Observations, tree: Tree) -> int:
     """Remove a leaf and all above it that have no other child; how many these are."""
+    heads, _, places, in_cell, back, of_node, firsts, _, pool = observations
     died = 0
     node = leaf
-    while node >= 0 and children[node] == 0:
+    while node >= 0 and tree.children[node] == 0:
         observation = firsts[node]
         while observation >= 0:
             following = of_node[observation]
             _unlink(observation, heads, places, in_cell, back, pool)
             observation = following
-        above = parents[node]
-        children[node], parents[node], firsts[node] = -1, -1, -1
+        above = tree.parents[node]
+        tree.children[node], tree.parents[node], firsts[node] = -1, -1, -1
         died += 1
         if above >= 0:
-            children[above] -= 1
+            tree.children[above] -= 1
         node = above
     return died
 
 
 @njit(cache=True)
-def _bequeath(
-    child: int,
-    above: int,
-    heads: NDArray[np.int32],
-    owners: NDArray[np.int32],
-    places: NDArray[np.int32],
-    in_cell: NDArray[np.int32],
-    back: NDArray[np.int32],
-    of_node: NDArray[np.int32],
-    evidence: NDArray[np.float32],
-    pool: NDArray[np.int32],
-    firsts: NDArray[np.int32],
-) -> None:
+def _bequeath(child: int, above: int, observations: Observations) -> None:
     """The observations of an only child become its parent's; where the parent had one it is replaced."""
+    heads, owners, places, in_cell, back, of_node, firsts, evidence, pool = observations
     observation = firsts[child]
     while observation >= 0:
         following = of_node[observation]
@@ -132,26 +96,20 @@ def _bequeath(
             of_node[observation] = firsts[above]
             firsts[above] = observation
         observation = following
+    firsts[child] = -1
 
 
 @njit(cache=True)
-def _take_place(
-    child: int,
-    above: int,
-    leaves: NDArray[np.int32],
-    parents: NDArray[np.int32],
-    children: NDArray[np.int32],
-    firsts: NDArray[np.int32],
-) -> None:
+def _take_place(child: int, above: int, tree: Tree) -> None:
     """Put a node in the place of its only child."""
-    children[above] = children[child]
-    for node in range(len(parents)):
-        if parents[node] == child:
-            parents[node] = above
-    for particle in range(len(leaves)):
-        if leaves[particle] == child:
-            leaves[particle] = above
-    children[child], parents[child], firsts[child] = -1, -1, -1
+    tree.children[above] = tree.children[child]
+    for node in range(len(tree.parents)):
+        if tree.parents[node] == child:
+            tree.parents[node] = above
+    for particle in range(len(tree.leaves)):
+        if tree.leaves[particle] == child:
+            tree.leaves[particle] = above
+    tree.children[child], tree.parents[child] = -1, -1
 
 
 @njit(cache=True)
@@ -177,30 +135,23 @@ def _unlink(
 
 
 @njit(cache=True)
-def densities_of(
-    leaf: int,
-    prior_length: float,
-    heads: NDArray[np.int32],
-    owners: NDArray[np.int32],
-    in_cell: NDArray[np.int32],
-    evidence: NDArray[np.float32],
-    parents: NDArray[np.int32],
-    densities: NDArray[np.float32],
-) -> None:
-    """Stops per cell length of one particle's map without the path credited in advance, NaN where it is unknown."""
-    height = np.full(len(parents), -1, np.int32)
+def densities_of(leaf: int, prior_length: float, observations: Observations, tree: Tree) -> NDArray[np.float32]:
+    """(cells,) stops per cell length of one particle's map without the path credited in advance, NaN where unknown."""
+    height = np.full(len(tree.parents), -1, np.int32)
     node, level = leaf, 0
     while node >= 0:
         height[node] = level
         level += 1
-        node = parents[node]
-    for cell in range(len(heads)):
-        densities[cell] = math.nan
+        node = tree.parents[node]
+    densities = np.full(len(observations.heads), math.nan, np.float32)
+    for cell in range(len(densities)):
         nearest = level
-        observation = heads[cell]
+        observation = observations.heads[cell]
         while observation >= 0:
-            above = height[owners[observation]]
+            above = height[observations.owners[observation]]
             if 0 <= above < nearest:
                 nearest = above
-                densities[cell] = evidence[observation, 0] / max(evidence[observation, 1] - prior_length, 1e-3)
-            observation = in_cell[observation]
+                path = max(observations.evidence[observation, 1] - prior_length, 1e-3)
+                densities[cell] = observations.evidence[observation, 0] / path
+            observation = observations.in_cell[observation]
+    return densities

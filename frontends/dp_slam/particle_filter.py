@@ -17,6 +17,7 @@ from frontends.dp_slam._resampling_kernels import resample
 from frontends.dp_slam.config import DpSlamConfig, DpSlamError
 from frontends.dp_slam.motion import draw_motions
 from frontends.dp_slam.particle_map import ParticleMaps
+from frontends.dp_slam.shared_maps import Beams
 from frontends.scan import Log
 from graph.se2 import between, compose
 
@@ -117,19 +118,16 @@ class _Filter:
         self._weights = np.ones(1)
         self._history: list[tuple[NDArray[np.float64], NDArray[np.int32]]] = [(self._poses, np.zeros(1, np.int32))]
         self._quick_survivors = self._full_survivors = self._kept = 0
-        readings, returned = self._readings(0)
-        self._maps.add(self._lasers(self._poses), self._directions, readings, returned)
+        self._maps.add(self._lasers(self._poses), self._scan(0))
 
     def step(self, index: int) -> None:
         """Move on to the next scan."""
         config = self._config
-        readings, returned = self._readings(index)
+        scan = self._scan(index)
         particle_of = np.repeat(np.arange(len(self._poses), dtype=np.int32), self._samples_of)
         motions = draw_motions(self._steps[index - 1], config.motion, self._rng.standard_normal((config.samples, 3)))
         samples = compose(self._poses[particle_of], motions)
-        scores, survivors = self._maps.log_likelihoods(
-            self._lasers(samples), particle_of, self._directions, readings, returned
-        )
+        scores, survivors = self._maps.log_likelihoods(self._lasers(samples), particle_of, scan)
         weights = np.exp(scores - scores.max())
         times = np.empty(config.samples, np.int64)
         resample(weights / weights.sum(), self._rng.random(config.samples), config.particles, times)
@@ -137,7 +135,7 @@ class _Filter:
         self._maps.descend(particle_of[chosen])
         self._poses, self._samples_of, self._weights = samples[chosen], times[chosen], weights[chosen]
         self._history.append((self._poses, particle_of[chosen]))
-        self._maps.add(self._lasers(self._poses), self._directions, readings, returned)
+        self._maps.add(self._lasers(self._poses), scan)
         self._quick_survivors += survivors
         self._full_survivors += int(np.isfinite(scores).sum())
         self._kept += len(chosen)
@@ -167,11 +165,12 @@ class _Filter:
             **self._maps.counts(),
         }
 
-    def _readings(self, index: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Readings of the beams in use [cells], cut at the maximum range, and whether each met an obstacle."""
+    def _scan(self, index: int) -> Beams:
+        """The beams in use, cut at the maximum range."""
         ranges = self._log.ranges[index, self._beams].astype(np.float64)
         returned = np.isfinite(ranges) & (ranges < self._config.max_range)
-        return np.where(returned, ranges, self._config.max_range) / self._config.resolution, returned
+        readings = np.where(returned, ranges, self._config.max_range) / self._config.resolution
+        return Beams(directions=self._directions, readings=readings, returned=returned)
 
     def _lasers(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 3) poses of the laser for robot poses: x, y [cells of the grid], heading [rad]."""
