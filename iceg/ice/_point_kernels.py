@@ -87,9 +87,7 @@ def _surfaces(
 
 
 @njit(cache=True)
-def _neighbourhood(
-    points: F64, begin: int, end: int, i: int, reach2: float, first: int, last: int
-) -> tuple[int, int]:
+def _neighbourhood(points: F64, begin: int, end: int, i: int, reach2: float, first: int, last: int) -> tuple[int, int]:
     """First and last point around i on its surface, begin..end: up to the reach, but at least two on either side.
 
     Both only move on from those of the point before, `first` and `last`.
