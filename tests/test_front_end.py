@@ -219,3 +219,37 @@ def test_every_scan_is_tied_to_the_key_scan_before_it(room: tuple[Log, NDArray[n
 
 def test_ice_offers_all_that_the_pipeline_can_use() -> None:
     assert isinstance(IceMatcher(), MapMatcher)
+
+
+@pytest.mark.parametrize(
+    ("really", "claimed", "fails", "breaks"),
+    [
+        (0.1, 3.0, frozenset(), [20]),
+        (3.0, 3.0, frozenset(), []),
+        (0.1, 3.0, frozenset({21}), [20]),
+    ],
+    ids=["odometry jumped", "the robot did", "nothing matches"],
+)
+def test_a_sudden_step_is_believed_where_the_scan_matches(
+    really: float, claimed: float, fails: frozenset[int], breaks: list[int]
+) -> None:
+    truth, odometry = _straight(40), _straight(40)
+    truth[20:, 0] += really - 0.1
+    odometry[20:, 0] += claimed - 0.1
+    front_end = FrontEnd(TruthMatcher(np.vstack([np.zeros(3), truth]), fails), OdometryModel(), _CONFIG)
+    steps = between(odometry[:-1], odometry[1:])
+    for i, step in enumerate([np.zeros(3), *steps]):
+        pose = front_end.add(i, _scan(i + 1), step, is_sudden=i == 20)
+    assert front_end.breaks == breaks
+    np.testing.assert_allclose(pose, truth[-1], atol=1e-3)
+
+
+def test_where_odometry_is_dead_the_velocity_goes_on_and_the_way_is_unknown() -> None:
+    truth = _straight(40)
+    fails = frozenset({20, 21, 22})
+    front_end = FrontEnd(TruthMatcher(np.vstack([np.zeros(3), truth]), fails), OdometryModel(), _CONFIG)
+    poses = [front_end.add(i, _scan(i + 1), None if 14 <= i < 30 else np.array([0.1, 0.0, 0.0])) for i in range(40)]
+    np.testing.assert_allclose(np.array(poses), truth, atol=1e-6)
+    certain, unknown = (next(key for key in front_end.keys if key.index == index) for index in (12, 18))
+    assert unknown.motion.covariance[0, 0] > 5 * certain.motion.covariance[0, 0]
+    assert not front_end.breaks

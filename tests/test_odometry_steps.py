@@ -56,3 +56,12 @@ def test_a_time_shift_does_not_smear_a_jump() -> None:
     steps[150] = [7.0, 2.0, 1.5]
     calibration = OdometryCalibration(translation_shift=-0.5, heading_shift=0.7, noise=OdometryModel())
     np.testing.assert_allclose(calibration.apply(_driven(steps)), _driven(steps), atol=1e-9)
+
+
+def test_odometry_may_catch_up_one_scan_after_a_pause_but_no_later() -> None:
+    steps, stamps = _usual(), 0.2 * np.arange(301.0)
+    stamps[101:] += 10.0  # the pause lies between scans 100 and 101
+    for late, stands_out in ((0, False), (1, False), (2, True)):
+        moved = steps.copy()
+        moved[100 + late, 0] = 5.0
+        assert sudden_steps(_driven(moved), stamps).any() == stands_out

@@ -120,17 +120,24 @@ class FrontEnd:
         return self._T_track_robot
 
     def _goes_on(self, scan: Scan, step: NDArray[np.float64]) -> bool:
-        """Whether a scan says no better that the robot made the step odometry claims than that it went on as before."""
-        before, usual = self._T_track_robot, between(*self._newest_step)
-        return self._explained(scan, compose(before, usual)) >= self._explained(scan, compose(before, step))
+        """Whether a scan does not say that the robot made the step odometry claims, rather than going on as before.
 
-    def _explained(self, scan: Scan, guess: NDArray[np.float64]) -> float:
-        """How much of a scan the reference explains at the best pose around a guess."""
-        found = self._find(self._reference, scan, guess)
-        if isinstance(found, NoMatch) or self._map_matcher is None:
-            return 0.0
-        support = self._map_matcher.agreement(self._reference, scan, found)
-        return support.evidence if support.fit >= _JUMP_FIT and support.view >= _JUMP_VIEW else 0.0
+        It says so by where it matches best, from either guess; if it matches nowhere it says nothing.
+        """
+        usual = between(*self._newest_step)
+        guesses = [compose(self._T_track_robot, T) for T in (usual, step)]
+        found = [(self._evidence(scan, T), T) for T in (self._find(self._reference, scan, g) for g in guesses)]
+        _, best = max(found, key=lambda pose: pose[0])
+        if isinstance(best, NoMatch):
+            return True
+        to_usual, to_step = (sum(_apart(best, guess)) for guess in guesses)
+        return to_usual <= to_step
+
+    def _evidence(self, scan: Scan, found: NDArray[np.float64] | NoMatch) -> float:
+        """How much of a scan the reference explains at a pose."""
+        if isinstance(found, NoMatch):
+            return -1.0
+        return 0.0 if self._map_matcher is None else self._map_matcher.agreement(self._reference, scan, found).evidence
 
     def _forget_motion(self) -> None:
         """From here on the odometry since the last key scan says nothing about where the robot is."""

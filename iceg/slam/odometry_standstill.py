@@ -17,8 +17,10 @@ _FEWEST_MOVES = 20
 _ENDS = 3
 """Scans at either end of a standstill that may show the robot's move already, or still: two clocks."""
 _SAMPLES = 64
-_CHANGED = 0.1
-"""Median change of the readings [m] that noise and passers-by do not explain …"""
+_CHANGED, _CHANGED_FACTOR = 0.1, 3.0
+"""Change of the readings [m], and how many times that from one scan to the next, that only a move explains …"""
+_UNCHANGED = 0.25
+"""… if no more than this share of the beams is changed less, for people hide what is behind them …"""
 _CHANGED_SAMPLES = 3
 """… and scans that must show it."""
 _RETURNS = 0.2
@@ -99,15 +101,17 @@ def _standstills(odometry: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
 
 def _scans_change(ranges: NDArray[np.float32]) -> bool:
     """Whether several scans differ from one at the beginning by more than noise and passers-by explain."""
-    begin = ranges[_ENDS]
     samples = np.unique(np.linspace(_ENDS + 1, len(ranges) - 1 - _ENDS, _SAMPLES).astype(int))
-    changed = 0
-    for index in samples:
-        difference = np.abs(ranges[index] - begin)
-        difference = difference[np.isfinite(difference)]
-        if len(difference) > _RETURNS * len(begin) and float(np.median(difference)) > _CHANGED:
-            changed += 1
-    return changed >= _CHANGED_SAMPLES
+    noise = np.median([_change(ranges[index - 1], ranges[index]) for index in samples])
+    changes = np.array([_change(ranges[_ENDS], ranges[index]) for index in samples])
+    return int(np.sum(changes > max(_CHANGED, _CHANGED_FACTOR * noise))) >= _CHANGED_SAMPLES
+
+
+def _change(before: NDArray[np.float32], after: NDArray[np.float32]) -> float:
+    """Change of the beams that two scans have in common, the least but for a few; 0 if these are few [m]."""
+    difference = np.abs(after - before)
+    difference = difference[np.isfinite(difference)]
+    return float(np.quantile(difference, _UNCHANGED)) if len(difference) > _RETURNS * len(before) else 0.0
 
 
 def _moves(odometry: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -16,6 +16,9 @@ from iceg.slam.odometry_standstill import dead_stretches
 from iceg.slam.odometry_steps import sudden_steps
 from iceg.slam.track import Track
 
+_MOVED = 0.3
+"""Farther than this [m, rad] a robot that stands is not seen to be."""
+
 
 def track_log(
     log: Log,
@@ -131,15 +134,22 @@ class _Journey:
         front_end = self._front_end
         T_track_keys = np.array([key.T_track_robot for key in front_end.keys])
         key_of_scan = np.array(self._key_of_scan, dtype=np.int64)
+        T_track_scan = np.array(self._T_track_scan)
         return Track(
             keys=list(front_end.keys),
             key_of_scan=key_of_scan,
-            T_key_scan=between(T_track_keys[key_of_scan], np.array(self._T_track_scan)),
+            T_key_scan=between(T_track_keys[key_of_scan], T_track_scan),
             failures=front_end.failures,
             lost=list(front_end.lost),
             breaks=list(front_end.breaks),
-            dead=self._dead,
+            dead=[stretch for stretch in self._dead if _has_moved(T_track_scan[slice(*stretch)])],
         )
+
+
+def _has_moved(poses: NDArray[np.float64]) -> bool:
+    """Whether the robot left the first of (n, 3) poses, as far as its scans tell."""
+    T_first_pose = between(poses[:1], poses)
+    return bool((np.abs(T_first_pose) > _MOVED).any())
 
 
 def _known_steps(dead: list[tuple[int, int]], n_scans: int) -> list[bool]:
