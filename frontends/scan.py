@@ -36,12 +36,12 @@ class ScanGeometry:
         """Number of beams of one scan."""
         return len(self.bearings)
 
-    @property
+    @cached_property
     def field_of_view(self) -> float:
         """Angle between the first and the last beam [rad]."""
         return float(self.bearings[-1] - self.bearings[0])
 
-    @property
+    @cached_property
     def resolution(self) -> float:
         """Angle between two neighbouring beams [rad]."""
         return self.field_of_view / (self.n_beams - 1)

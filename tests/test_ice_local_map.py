@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from frontends.scan import Scan, ScanGeometry
-from iceg.ice import _surfel_kernels as kernels
+from iceg.ice import _agreement_kernels as kernels
 from iceg.ice.config import FeatureConfig, IceConfigError, LocalMapConfig
 from iceg.ice.features import CORNER, END_OF_WALL, FeatureRows
 from iceg.ice.local_map import LocalMap, box_around

@@ -56,14 +56,15 @@ def _same_directions(row: F64, turn: float, other: F64) -> bool:
 
 @njit(cache=True)
 def merge_features(
-    kinds: I8, rows: F64, pose: F64, radius: float, map_kinds: I8, map_rows: F64, hits: F64, m: int
+    kinds: I8, rows: F64, starts: I64, poses: F64, radius: float, map_kinds: I8, map_rows: F64, hits: F64, m: int
 ) -> int:
-    """Move features into the map frame and merge each with an equal one within a radius.
+    """Move the features of scans into the map frame and merge each with an equal one within a radius.
 
     Args:
         kinds: (n,) of the new features.
         rows: (n, 10), see `iceg.ice.features.FeatureRows`.
-        pose: (3,) T_map_robot.
+        starts: (k + 1,) scan i has the features from starts[i] to starts[i + 1].
+        poses: (k, 3) T_map_robot of each scan.
         radius: within this two features of one kind and direction are one [m].
         map_kinds: (capacity,) changed in place.
         map_rows: (capacity, 10) changed in place; position and direction are running means.
@@ -73,38 +74,52 @@ def merge_features(
     Returns:
         Its new number of features.
     """
-    c, s = cos(pose[2]), sin(pose[2])
-    for i in range(len(kinds)):
-        row = rows[i]
-        x = pose[0] + c * row[0] - s * row[1]
-        y = pose[1] + s * row[0] + c * row[1]
-        found = -1
-        for k in range(m):
-            if map_kinds[k] != kinds[i] or abs(map_rows[k, 0] - x) > radius or abs(map_rows[k, 1] - y) > radius:
-                continue
-            if _same_directions(row, pose[2], map_rows[k]):
-                found = k
-                break
-        if found >= 0:
-            other = map_rows[found]
-            w = 1.0 / (hits[found] + 1.0)
-            other[0] += w * (x - other[0])
-            other[1] += w * (y - other[1])
-            for column in range(2, 4):
-                if not np.isnan(row[column]):
-                    other[column] += w * _wrap(row[column] + pose[2] - other[column])
-            hits[found] += 1.0
-            other[8] = max(other[8], row[8])
-            other[9] = min(other[9], row[9])
-        elif m < len(map_kinds):
-            map_kinds[m] = kinds[i]
-            map_rows[m] = row
-            map_rows[m, 0], map_rows[m, 1] = x, y
-            map_rows[m, 2], map_rows[m, 3] = row[2] + pose[2], row[3] + pose[2]
-            map_rows[m, 4], map_rows[m, 5], map_rows[m, 6] = _turned_covariance(row, c, s)
-            hits[m] = 1.0
-            m += 1
+    for scan in range(len(poses)):
+        heading = poses[scan, 2]
+        c, s = cos(heading), sin(heading)
+        for i in range(starts[scan], starts[scan + 1]):
+            row = rows[i]
+            x = poses[scan, 0] + c * row[0] - s * row[1]
+            y = poses[scan, 1] + s * row[0] + c * row[1]
+            found = _equal_feature(kinds[i], row, x, y, heading, radius, map_kinds, map_rows, m)
+            if found >= 0:
+                _merge_into(map_rows[found], row, x, y, heading, hits[found])
+                hits[found] += 1.0
+            elif m < len(map_kinds):
+                map_kinds[m] = kinds[i]
+                map_rows[m] = row
+                map_rows[m, 0], map_rows[m, 1] = x, y
+                map_rows[m, 2], map_rows[m, 3] = row[2] + heading, row[3] + heading
+                map_rows[m, 4], map_rows[m, 5], map_rows[m, 6] = _turned_covariance(row, c, s)
+                hits[m] = 1.0
+                m += 1
     return m
+
+
+@njit(cache=True)
+def _equal_feature(
+    kind: int, row: F64, x: float, y: float, turn: float, radius: float, map_kinds: I8, map_rows: F64, m: int
+) -> int:
+    """The first of m features of the map that may be a feature moved to x, y; -1 if none."""
+    for k in range(m):
+        if map_kinds[k] != kind or abs(map_rows[k, 0] - x) > radius or abs(map_rows[k, 1] - y) > radius:
+            continue
+        if _same_directions(row, turn, map_rows[k]):
+            return k
+    return -1
+
+
+@njit(cache=True)
+def _merge_into(other: F64, row: F64, x: float, y: float, turn: float, hits: float) -> None:
+    """Average a feature moved to x, y into one of the map that was seen so many times."""
+    w = 1.0 / (hits + 1.0)
+    other[0] += w * (x - other[0])
+    other[1] += w * (y - other[1])
+    for column in range(2, 4):
+        if not np.isnan(row[column]):
+            other[column] += w * _wrap(row[column] + turn - other[column])
+    other[8] = max(other[8], row[8])
+    other[9] = min(other[9], row[9])
 
 
 @njit(cache=True)

@@ -21,7 +21,7 @@ _TELLING = 10.0
 
 
 @njit(cache=True)
-def _partner(
+def partner(
     x: float,
     y: float,
     mx: float,
@@ -118,7 +118,7 @@ def refine(
             ry = s * points[i, 0] + c * points[i, 1]
             nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
             x, y = pose[0] + rx, pose[1] + ry
-            k = _partner(x, y, nx, ny, surfels, nearest, x0, y0, cells_per_metre, facing)
+            k = partner(x, y, nx, ny, surfels, nearest, x0, y0, cells_per_metre, facing)
             if k < 0:
                 continue
             mx, my = surfels[k, 2], surfels[k, 3]
@@ -185,7 +185,7 @@ def dependence(
         x = pose[0] + c * points[i, 0] - s * points[i, 1]
         y = pose[1] + s * points[i, 0] + c * points[i, 1]
         nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
-        k = _partner(x, y, nx, ny, surfels, nearest, origin[0], origin[1], 1.0 / cell, facing)
+        k = partner(x, y, nx, ny, surfels, nearest, origin[0], origin[1], 1.0 / cell, facing)
         residuals[i] = 0.0
         if k < 0:
             continue
@@ -250,7 +250,7 @@ def unevenness(
         px, py = points[i, 0], points[i, 1]
         x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
         nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
-        k = _partner(x, y, nx, ny, surfels, nearest, origin[0], origin[1], 1.0 / cell, facing)
+        k = partner(x, y, nx, ny, surfels, nearest, origin[0], origin[1], 1.0 / cell, facing)
         if k < 0:
             continue
         mx, my = surfels[k, 2], surfels[k, 3]
@@ -376,7 +376,7 @@ def score_grid(
                     x = x0 + c * points[i, 0] - s * points[i, 1]
                     y = y0 + s * points[i, 0] + c * points[i, 1]
                     nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
-                    k = _partner(x, y, nx, ny, surfels, nearest, x00, y00, cells_per_metre, facing)
+                    k = partner(x, y, nx, ny, surfels, nearest, x00, y00, cells_per_metre, facing)
                     factor = _FAR
                     if k >= 0:
                         r = surfels[k, 2] * (x - surfels[k, 0]) + surfels[k, 3] * (y - surfels[k, 1])

@@ -1,11 +1,11 @@
-"""Compiled loops of a local map: its surfels, the fields of nearest surfels, and which of them a scan sees.
+"""Compiled loops of a local map: its surfels and the fields of nearest surfels.
 
 A *surfel* is the mean of the reference points that fall into one small cell and face the same way, with their mean
 normal. A *field* stores for every cell of a regular grid which surfel is nearest, so that a correspondence costs one
 look-up.
 """
 
-from math import atan2, ceil, cos, floor, hypot, sin, sqrt
+from math import ceil, cos, floor, hypot, sin, sqrt
 
 import numpy as np
 from numba import njit
@@ -14,23 +14,31 @@ from numpy.typing import NDArray
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
+I64 = NDArray[np.int64]
 
 _SAME_FACING = 0.6
 _CROWDED = 0.3
-_NEAREST_JUDGED = 0.3
-_FLATTEST = 0.25
 
 
 @njit(cache=True)
 def add_surfels(
-    points: F64, normals: F64, pose: F64, origin: F64, cell: float, table: I32, sums: F64, n_surfels: int
+    points: F64,
+    normals: F64,
+    starts: I64,
+    poses: F64,
+    origin: F64,
+    cell: float,
+    table: I32,
+    sums: F64,
+    n_surfels: int,
 ) -> int:
-    """Add one scan's points to the surfel sums.
+    """Add the points of scans to the surfel sums, scan after scan.
 
     Args:
-        points: (n, 2) in the robot frame [m].
+        points: (n, 2) in the frames of their scans [m].
         normals: (n, 2); points without a normal are left out.
-        pose: (3,) T_ref_robot.
+        starts: (m + 1,) scan k has the points from starts[k] to starts[k + 1].
+        poses: (m, 3) T_ref_robot of each scan.
         origin: (2,) lower left corner of the table [m].
         cell: width of its cells [m].
         table: (ny, nx, 2) surfels of each cell, one per facing, -1 where none; extended in place.
@@ -40,44 +48,46 @@ def add_surfels(
     Returns:
         The new number of surfels.
     """
-    c, s = cos(pose[2]), sin(pose[2])
     ny, nx = table.shape[0], table.shape[1]
-    for i in range(len(points)):
-        if normals[i, 0] == 0.0 and normals[i, 1] == 0.0:
-            continue
-        x = pose[0] + c * points[i, 0] - s * points[i, 1]
-        y = pose[1] + s * points[i, 0] + c * points[i, 1]
-        u, v = floor((x - origin[0]) / cell), floor((y - origin[1]) / cell)
-        if u < 0 or v < 0 or u >= nx or v >= ny:
-            continue
-        mx, my = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
-        for slot in range(2):
-            k = table[v, u, slot]
-            if k < 0:
-                k = n_surfels
-                n_surfels += 1
-                table[v, u, slot] = k
-                sums[k] = 0.0
-            elif sums[k, 2] * mx + sums[k, 3] * my <= _SAME_FACING * sums[k, 4]:
+    for scan in range(len(poses)):
+        px, py, c, s = poses[scan, 0], poses[scan, 1], cos(poses[scan, 2]), sin(poses[scan, 2])
+        for i in range(starts[scan], starts[scan + 1]):
+            if normals[i, 0] == 0.0 and normals[i, 1] == 0.0:
                 continue
-            sums[k, 0] += x
-            sums[k, 1] += y
-            sums[k, 2] += mx
-            sums[k, 3] += my
-            sums[k, 4] += 1.0
-            break
+            x = px + c * points[i, 0] - s * points[i, 1]
+            y = py + s * points[i, 0] + c * points[i, 1]
+            u, v = floor((x - origin[0]) / cell), floor((y - origin[1]) / cell)
+            if u < 0 or v < 0 or u >= nx or v >= ny:
+                continue
+            mx, my = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
+            for slot in range(2):
+                k = table[v, u, slot]
+                if k < 0:
+                    k = n_surfels
+                    n_surfels += 1
+                    table[v, u, slot] = k
+                    sums[k] = 0.0
+                elif sums[k, 2] * mx + sums[k, 3] * my <= _SAME_FACING * sums[k, 4]:
+                    continue
+                sums[k, 0] += x
+                sums[k, 1] += y
+                sums[k, 2] += mx
+                sums[k, 3] += my
+                sums[k, 4] += 1.0
+                break
     return n_surfels
 
 
 @njit(cache=True)
-def widen_box(points: F64, pose: F64, lower: F64, upper: F64) -> None:
-    """Widen the box from `lower` to `upper`, (2,) each, around (n, 2) points seen from a pose."""
-    c, s = cos(pose[2]), sin(pose[2])
-    for i in range(len(points)):
-        x = pose[0] + c * points[i, 0] - s * points[i, 1]
-        y = pose[1] + s * points[i, 0] + c * points[i, 1]
-        lower[0], lower[1] = min(lower[0], x), min(lower[1], y)
-        upper[0], upper[1] = max(upper[0], x), max(upper[1], y)
+def widen_box(points: F64, starts: I64, poses: F64, lower: F64, upper: F64) -> None:
+    """Widen the box from `lower` to `upper`, (2,) each, around the points (n, 2) of scans, see `add_surfels`."""
+    for scan in range(len(poses)):
+        px, py, c, s = poses[scan, 0], poses[scan, 1], cos(poses[scan, 2]), sin(poses[scan, 2])
+        for i in range(starts[scan], starts[scan + 1]):
+            x = px + c * points[i, 0] - s * points[i, 1]
+            y = py + s * points[i, 0] + c * points[i, 1]
+            lower[0], lower[1] = min(lower[0], x), min(lower[1], y)
+            upper[0], upper[1] = max(upper[0], x), max(upper[1], y)
 
 
 @njit(cache=True)
@@ -140,63 +150,3 @@ def stamp_field(
                 is_nearer = d2 < distances[a]
                 distances[a] = d2 if is_nearer else distances[a]
                 names[a] = name if is_nearer else names[a]
-
-
-@njit(cache=True)
-def visible_agreement(
-    surfels: F64,
-    pose: F64,
-    T_robot_laser: F64,
-    first_bearing: float,
-    resolution: float,
-    ranges: F32,
-    reach: float,
-    margin: float,
-) -> tuple[int, int]:
-    """Count the surfels a scan taken at a pose should see: those where a beam ends, and those it looks through.
-
-    Args:
-        surfels: (n, 4) x, y and unit normal in the reference frame.
-        pose: (3,) T_ref_robot.
-        T_robot_laser: (3,) mount of the laser.
-        first_bearing: of the first beam in the laser frame [rad].
-        resolution: angle between two beams [rad].
-        ranges: (n_beams,) [m], NaN without return.
-        reach: surfels farther than this from the laser are not judged [m].
-        margin: a beam that ends within this of a surfel sees it; when its own beam and both neighbours end farther
-            behind it, it is contradicted [m].
-
-    Returns:
-        How many are seen and how many are contradicted.
-    """
-    c, s = cos(pose[2]), sin(pose[2])
-    lx = pose[0] + c * T_robot_laser[0] - s * T_robot_laser[1]
-    ly = pose[1] + s * T_robot_laser[0] + c * T_robot_laser[1]
-    c, s = cos(pose[2] + T_robot_laser[2]), sin(pose[2] + T_robot_laser[2])
-    seen, contradicted = 0, 0
-    for k in range(len(surfels)):
-        dx, dy = surfels[k, 0] - lx, surfels[k, 1] - ly
-        if abs(dx) > reach or abs(dy) > reach:
-            continue
-        d = hypot(dx, dy)
-        # Only surfaces that face the laser, and not too flat.
-        if d < _NEAREST_JUDGED or d > reach or dx * surfels[k, 2] + dy * surfels[k, 3] > -_FLATTEST * d:
-            continue
-        bearing = atan2(-s * dx + c * dy, c * dx + s * dy)
-        b = floor((bearing - first_bearing) / resolution + 0.5)
-        if b < 1 or b >= len(ranges) - 1:
-            continue
-        behind, at = 0, 0
-        for q in range(b - 1, b + 2):
-            r = ranges[q]
-            if np.isnan(r):
-                continue
-            if abs(r - d) <= margin:
-                at += 1
-            elif r > d:
-                behind += 1
-        if at > 0:
-            seen += 1
-        elif behind == 3:
-            contradicted += 1
-    return seen, contradicted

@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from iceg.ice.sweeps import Sweeps
+
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I8 = NDArray[np.int8]
@@ -184,3 +186,48 @@ def judge_points(
         verdict = _verdict(ranges, beam, distance, max(margin, across / facing))
         if verdict != UNSEEN:
             verdicts[i] = verdict
+
+
+@njit(cache=True)
+def judge_points_by_all(
+    points: F64,
+    normals: F64,
+    every: int,
+    T_ref_cur: F64,
+    sweeps: Sweeps,
+    reach: float,
+    margin: float,
+    across: float,
+    verdicts: I8,
+) -> int:
+    """`judge_points` by the beams of one scan after the other; return how many points are seen through in the end.
+
+    Args:
+        points: see `judge_points`, as the following.
+        normals: …
+        every: …
+        T_ref_cur: …
+        sweeps: beams and poses of the others.
+        reach: see `judge_points`, as the following.
+        margin: …
+        across: …
+        verdicts: (n,) output.
+    """
+    verdicts[:] = UNSEEN
+    for k in range(len(sweeps.T_ref_robots)):
+        judge_points(
+            points,
+            normals,
+            every,
+            T_ref_cur,
+            sweeps.T_ref_robots[k],
+            sweeps.T_robot_lasers[k],
+            sweeps.first_bearings[k],
+            sweeps.resolutions[k],
+            sweeps.ranges[sweeps.starts[k] : sweeps.starts[k + 1]],
+            reach,
+            margin,
+            across,
+            verdicts,
+        )
+    return int(np.count_nonzero(verdicts == SEEN_THROUGH))

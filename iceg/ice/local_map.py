@@ -13,6 +13,7 @@ from iceg.ice import _surfel_kernels as surfel_kernels
 from iceg.ice.config import FeatureConfig, LocalMapConfig
 from iceg.ice.features import FeatureRows, Features
 from iceg.ice.points import ScanPoints
+from iceg.ice.sweeps import Sweeps, joined, starts_of, sweeps_of
 
 _FEATURE_CAPACITY = 1500
 
@@ -70,6 +71,7 @@ class LocalMap:
         self._kinds = np.empty(_FEATURE_CAPACITY, np.int8)
         self._rows = np.empty((_FEATURE_CAPACITY, 10))
         self._hits = np.empty(_FEATURE_CAPACITY)
+        self._sweeps: Sweeps | None = None
 
     def add(self, scan_points: ScanPoints, features: FeatureRows, T_ref_scan: NDArray[np.float64]) -> None:
         """Add the points and features of one scan taken at `T_ref_scan`."""
@@ -80,9 +82,8 @@ class LocalMap:
     ) -> None:
         """Add the points and features of scans taken at `T_ref_scans`, (n, 3)."""
         start = self._surfel_count
-        for points, rows, T_ref_scan in zip(scan_points, features, T_ref_scans, strict=True):
-            self._add_points(points, T_ref_scan)
-            self._add_features(rows, T_ref_scan)
+        self._add_points(scan_points, T_ref_scans)
+        self._add_features(features, T_ref_scans)
         end = self._surfel_count
         surfel_kernels.mean_surfels(self._sums, end, self._surfels)
         for field, is_thin in ((self.fine, False), (self.coarse, True)):
@@ -98,12 +99,14 @@ class LocalMap:
                 is_thin,
             )
 
-    def _add_points(self, scan_points: ScanPoints, T_ref_scan: NDArray[np.float64]) -> None:
-        self._reserve(self._surfel_count + len(scan_points))
+    def _add_points(self, scan_points: Sequence[ScanPoints], T_ref_scans: NDArray[np.float64]) -> None:
+        starts = starts_of(scan_points)
+        self._reserve(self._surfel_count + int(starts[-1]))
         self._surfel_count = surfel_kernels.add_surfels(
-            scan_points.points,
-            scan_points.normals,
-            T_ref_scan,
+            joined([one.points for one in scan_points]),
+            joined([one.normals for one in scan_points]),
+            starts,
+            T_ref_scans,
             self.fine.origin,
             self._config.cell,
             self._table,
@@ -111,11 +114,12 @@ class LocalMap:
             self._surfel_count,
         )
 
-    def _add_features(self, features: FeatureRows, T_ref_scan: NDArray[np.float64]) -> None:
+    def _add_features(self, features: Sequence[FeatureRows], T_ref_scans: NDArray[np.float64]) -> None:
         self._feature_count = hypothesis_kernels.merge_features(
-            features.kinds,
-            features.rows,
-            T_ref_scan,
+            joined([one.kinds for one in features]),
+            joined([one.rows for one in features]),
+            starts_of([one.kinds for one in features]),
+            T_ref_scans,
             self._merge_radius,
             self._kinds,
             self._rows,
@@ -127,6 +131,14 @@ class LocalMap:
     def surfels(self) -> NDArray[np.float64]:
         """(n, 4) mean position [m] and unit normal of each surfel."""
         return self._surfels[: self._surfel_count]
+
+    @property
+    def sweeps(self) -> Sweeps:
+        """The beams of the views."""
+        if self._sweeps is None or len(self._sweeps.T_ref_robots) != len(self.views):
+            poses = np.array([view.T_ref_robot for view in self.views])
+            self._sweeps = sweeps_of([view.scan for view in self.views], poses)
+        return self._sweeps
 
     @property
     def feature_rows(self) -> FeatureRows:
@@ -161,8 +173,7 @@ def box_around(
     """
     center = np.asarray(T_ref_scans[-1, :2])
     lower, upper = center.copy(), center.copy()
-    for p_robot, T_ref_scan in zip(points, T_ref_scans, strict=True):
-        surfel_kernels.widen_box(p_robot, T_ref_scan, lower, upper)
+    surfel_kernels.widen_box(joined(points), starts_of(points), T_ref_scans, lower, upper)
     # On whole metres, so that the cells of every reference lie alike.
     return np.floor(np.maximum(lower, center - reach) - margin), np.ceil(np.minimum(upper, center + reach) + margin)
 

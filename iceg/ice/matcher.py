@@ -1,5 +1,6 @@
 """ICE matching: features give hypotheses, the best is polished, its scores give the covariance."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
@@ -179,7 +180,14 @@ class IceMatcher:
 
     def agreement(self, reference: LocalMap, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
         """Compare a scan with a local map at a given pose, both ways."""
-        return agreement(scan, self._points(scan), reference, T_ref_cur, self.config.refinement)
+        return self.agreement_of_all(reference, [scan], T_ref_cur[None])
+
+    def agreement_of_all(
+        self, reference: LocalMap, scans: Sequence[Scan], T_ref_scans: NDArray[np.float64]
+    ) -> Agreement:
+        """Compare scans with a local map at given poses, (n, 3), both ways, all counts together."""
+        points = [self._points(scan) for scan in scans]
+        return agreement(scans, points, reference, T_ref_scans, self.config.refinement)
 
     def _find(
         self,
@@ -283,6 +291,8 @@ class IceMatcher:
 
     def _choose(self, reference: LocalMap, scan: Scan, polished: list[Refined]) -> Refined:
         """The pose that explains most: points on the reference, less the beams that contradict it."""
+        if len(polished) == 1:
+            return polished[0]
         points, cell = self._points(scan), self.config.local_map.cell
         best, most = polished[0], -np.inf
         for refined in sorted(polished, key=lambda refined: -refined.support):

@@ -1,18 +1,22 @@
 """Does a scan belong where a match puts it: do its beams end on the reference, and does it see what is there?"""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Scan
-from iceg.ice import _surfel_kernels as kernels
+from iceg.ice import _agreement_kernels as kernels
 from iceg.ice import _visibility_kernels as visibility
 from iceg.ice.config import RefinementConfig
 from iceg.ice.local_map import LocalMap
 from iceg.ice.points import ScanPoints
-from iceg.ice.refinement import evaluate_points
+from iceg.ice.refinement import FACING
+from iceg.ice.sweeps import joined, starts_of, sweeps_of
 
+_AGREEING = 2.0
+"""A point within so many widths of its weight agrees with the reference."""
 _NEAR = 8.0
 _MARGIN = 0.2
 _REACH = 20.0
@@ -77,25 +81,40 @@ class Agreement:
 
 
 def agreement(
-    scan: Scan, scan_points: ScanPoints, local_map: LocalMap, T_ref_cur: NDArray[np.float64], config: RefinementConfig
+    scans: Sequence[Scan],
+    scan_points: Sequence[ScanPoints],
+    local_map: LocalMap,
+    T_ref_scans: NDArray[np.float64],
+    config: RefinementConfig,
 ) -> Agreement:
-    """Compare a scan with a local map at a given pose, both ways.
+    """Compare scans with a local map at given poses, both ways.
 
     Args:
-        scan: the scan.
-        scan_points: its points.
+        scans: one at least.
+        scan_points: their points.
         local_map: the reference.
-        T_ref_cur: (3,) the pose to judge.
+        T_ref_scans: (n, 3) the poses to judge.
         config: what counts as agreeing.
 
     Returns:
-        The counts.
+        The counts, of all scans together.
     """
-    refined = evaluate_points(scan_points, local_map, T_ref_cur, config)
-    seen, contradicted = view(scan, local_map, T_ref_cur)
-    return Agreement(
-        points=len(scan_points), known=refined.used, inliers=refined.inliers, seen=seen, contradicted=contradicted
+    starts = starts_of(scan_points)
+    known, inliers, seen, contradicted = kernels.compare(
+        joined([one.points for one in scan_points]),
+        joined([one.normals for one in scan_points]),
+        starts,
+        sweeps_of(scans, T_ref_scans),
+        local_map.surfels,
+        local_map.fine.nearest,
+        local_map.fine.origin,
+        local_map.fine.cell,
+        FACING,
+        _AGREEING * config.scale,
+        _NEAR,
+        _MARGIN,
     )
+    return Agreement(points=int(starts[-1]), known=known, inliers=inliers, seen=seen, contradicted=contradicted)
 
 
 def view(scan: Scan, local_map: LocalMap, T_ref_cur: NDArray[np.float64]) -> tuple[int, int]:
@@ -147,22 +166,15 @@ def contradictions(
         np.empty(geometry.n_beams, np.bool_),
     )
     every = max(1, len(scan_points) * len(local_map.views) // _JUDGED_POINTS)
-    verdicts = np.full(len(scan_points), visibility.UNSEEN, np.int8)
-    for seen_from in local_map.views:
-        geometry = seen_from.scan.geometry
-        visibility.judge_points(
-            scan_points.points,
-            scan_points.normals,
-            every,
-            T_ref_cur,
-            seen_from.T_ref_robot,
-            geometry.T_robot_laser,
-            geometry.bearings[0],
-            geometry.resolution,
-            seen_from.scan.ranges,
-            _REACH,
-            _MARGIN,
-            _ACROSS,
-            verdicts,
-        )
-    return through + every * int(np.count_nonzero(verdicts == visibility.SEEN_THROUGH))
+    seen_through = visibility.judge_points_by_all(
+        scan_points.points,
+        scan_points.normals,
+        every,
+        T_ref_cur,
+        local_map.sweeps,
+        _REACH,
+        _MARGIN,
+        _ACROSS,
+        np.empty(len(scan_points), np.int8),
+    )
+    return through + every * int(seen_through)

@@ -41,6 +41,7 @@ class ClosureVerifier:
         """
         self._matcher = matcher
         self._keys = track.keys
+        self._T_track_keys = np.array([key.T_track_robot for key in track.keys])
         self._config = config
         self.judge = matcher if isinstance(matcher, IceMatcher) else IceMatcher()
         """The matcher that verifies."""
@@ -101,14 +102,13 @@ class ClosureVerifier:
 
     def _support(self, reference: Reference, key_new: int, T_ref_new: NDArray[np.float64]) -> Agreement:
         """How a key scan and its neighbours agree with the reference at the poses a closure implies for them."""
-        total = Agreement()
-        for offset in self._config.support_offsets:
-            other = key_new + offset
-            if 0 <= other < len(self._keys) and self.references.is_one_stretch(other, key_new):
-                T_new_other = between(self._keys[key_new].T_track_robot, self._keys[other].T_track_robot)
-                T_ref_other = compose(T_ref_new, T_new_other)
-                total += self.judge.agreement(reference.judged, self._keys[other].scan, T_ref_other)
-        return total
+        asked = [key_new + offset for offset in self._config.support_offsets]
+        asked = [key for key in asked if 0 <= key < len(self._keys) and self.references.is_one_stretch(key, key_new)]
+        if not asked:
+            return Agreement()
+        T_new_others = between(self._keys[key_new].T_track_robot, self._T_track_keys[asked])
+        scans = [self._keys[key].scan for key in asked]
+        return self.judge.agreement_of_all(reference.judged, scans, compose(T_ref_new, T_new_others))
 
     def _is_supported(self, support: Agreement) -> bool:
         config = self._config

@@ -99,11 +99,17 @@ def _count_words(
 ) -> None:
     """Count the pairs among the features that several scans of the place saw."""
     kinds, rows, hits = np.empty(_FEATURES, np.int8), np.empty((_FEATURES, 10)), np.empty(_FEATURES)
-    n = 0
-    for of_scan, T_middle_scan in zip(features, T_middle_members, strict=True):
-        n = hypothesis_kernels.merge_features(
-            of_scan.kinds, of_scan.rows, T_middle_scan, _MERGE_RADIUS, kinds, rows, hits, n
-        )
+    n = hypothesis_kernels.merge_features(
+        np.concatenate([of_scan.kinds for of_scan in features]),
+        np.concatenate([of_scan.rows for of_scan in features]),
+        np.cumsum([0, *(len(of_scan.kinds) for of_scan in features)]),
+        T_middle_members,
+        _MERGE_RADIUS,
+        kinds,
+        rows,
+        hits,
+        0,
+    )
     kept = (hits[:n] >= _SEEN_TWICE) & (rows[:n, 8] > 0.5)
     kernels.count_pairs(kinds[:n][kept], rows[:n][kept], hits[:n][kept], _REACH, _CELL, _SECTORS, histogram)
 
