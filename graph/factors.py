@@ -78,5 +78,14 @@ class Factor:
         object.__setattr__(self, "T_i_j", T_i_j)
         object.__setattr__(self, "covariance", covariance)
 
+    def measuring(self, T_i_j: NDArray[np.float64]) -> "Factor":
+        """The same with another measurement, (3,) finite numbers; what was checked before is not checked again."""
+        T_i_j.flags.writeable = False
+        twin = object.__new__(Factor)
+        for name in ("kind", "i", "j", "covariance", "kernel"):
+            object.__setattr__(twin, name, getattr(self, name))
+        object.__setattr__(twin, "T_i_j", T_i_j)
+        return twin
+
     def __str__(self) -> str:
         return f"{self.kind} {self.j}" if self.i is None else f"{self.kind} {self.i}→{self.j}"

@@ -67,10 +67,10 @@ class PoseGraph:
         """
         check_determined(factors, len(poses))
         graph = cls(config)
-        for T_map_robot in poses:
-            graph.add_pose(T_map_robot)
-        for factor in factors:
-            graph.add(factor)
+        guesses = np.array(poses, dtype=np.float64)
+        if not np.isfinite(guesses).all():
+            raise GraphError(f"first guesses are finite numbers, found {guesses[~np.isfinite(guesses).all(axis=1)][0]}")
+        graph._waiting, graph._factors = list(guesses), list(factors)
         return graph
 
     def __len__(self) -> int:

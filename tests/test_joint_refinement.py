@@ -78,8 +78,8 @@ def placed_in_map(clouds: Clouds, poses: Array) -> tuple[Array, Array]:
 
 
 def grouped(placed: Array, turned: Array, config: JointRefinementConfig) -> NDArray[np.int64]:
-    keys, surfel_at, member = np.full(4096, -1), np.empty(4096, np.int64), np.empty(len(placed), np.int64)
-    surfels = kernels.surfels(placed, turned, config.cell, keys, surfel_at, member)
+    member = np.empty(len(placed), np.int64)
+    surfels, keys, surfel_at = kernels.surfels(placed, turned, config.cell, member)
     piece = np.empty(len(surfels), np.int64)
     order = np.argsort(-surfels[:, 4], kind="stable")
     kernels.group(

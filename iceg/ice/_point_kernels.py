@@ -38,6 +38,77 @@ def scan_points(
     Returns:
         The number of returns.
     """
+    n = _returns(ranges, directions, origin, points, beams)
+    sums = np.empty((n + 1, 5))
+    begin, end = np.empty(n, np.int64), np.empty(n, np.int64)
+    _surfaces(points, beams, n, origin, _resolution(directions), jump, sums, begin, end)
+    first, last = 0, 0
+    for i in range(n):
+        first, last = _neighbourhood(points, begin[i], end[i], i, reach * reach, first, last)
+        normals[i, 0], normals[i, 1] = _normal(sums, first, last, points[i, 0] - origin[0], points[i, 1] - origin[1])
+    return n
+
+
+@njit(cache=True)
+def thinned_points(
+    ranges: F32,
+    directions: F64,
+    origin: F64,
+    reach: float,
+    jump: float,
+    offsets: I64,
+    every: int,
+    points: F64,
+    normals: F64,
+    starts: I64,
+) -> None:
+    """As `scan_points`, for many scans of one laser, of each of which only every so many returns are kept.
+
+    Args:
+        ranges: (m, n_beams) [m], NaN without return.
+        directions: see `scan_points`, as the following.
+        origin: …
+        reach: …
+        jump: …
+        offsets: (m,) the first return of each scan that is kept, below `every`.
+        every: one in so many is kept.
+        points: (capacity, 2) output [m].
+        normals: (capacity, 2) output.
+        starts: (m + 1,) output: scan k has those from starts[k] to starts[k + 1].
+    """
+    n_beams = ranges.shape[1]
+    resolution = _resolution(directions)
+    returns, beams = np.empty((n_beams, 2)), np.empty(n_beams, np.int32)
+    sums = np.empty((n_beams + 1, 5))
+    begin, end = np.empty(n_beams, np.int64), np.empty(n_beams, np.int64)
+    count = 0
+    starts[0] = 0
+    for scan in range(len(ranges)):
+        n = _returns(ranges[scan], directions, origin, returns, beams)
+        _surfaces(returns, beams, n, origin, resolution, jump, sums, begin, end)
+        first, last = 0, 0
+        for i in range(n):
+            first, last = _neighbourhood(returns, begin[i], end[i], i, reach * reach, first, last)
+            if i % every != offsets[scan]:
+                continue
+            nx, ny = _normal(sums, first, last, returns[i, 0] - origin[0], returns[i, 1] - origin[1])
+            points[count, 0], points[count, 1] = returns[i, 0], returns[i, 1]
+            normals[count, 0], normals[count, 1] = nx, ny
+            count += 1
+        starts[scan + 1] = count
+
+
+@njit(cache=True)
+def _resolution(directions: F64) -> float:
+    """Distance of two neighbouring beams, 1 m out [m]."""
+    if len(directions) < 2:
+        return 0.0
+    return hypot(directions[1, 0] - directions[0, 0], directions[1, 1] - directions[0, 1])
+
+
+@njit(cache=True)
+def _returns(ranges: F32, directions: F64, origin: F64, points: F64, beams: I32) -> int:
+    """End points and beam indices of the beams with a return; their number."""
     n = 0
     for b in range(len(ranges)):
         r = ranges[b]
@@ -46,16 +117,6 @@ def scan_points(
             points[n, 1] = origin[1] + r * directions[b, 1]
             beams[n] = b
             n += 1
-    resolution = 0.0
-    if len(ranges) > 1:
-        resolution = hypot(directions[1, 0] - directions[0, 0], directions[1, 1] - directions[0, 1])
-    sums = np.empty((n + 1, 5))
-    begin, end = np.empty(n, np.int64), np.empty(n, np.int64)
-    _surfaces(points, beams, n, origin, resolution, jump, sums, begin, end)
-    first, last = 0, 0
-    for i in range(n):
-        first, last = _neighbourhood(points, begin[i], end[i], i, reach * reach, first, last)
-        normals[i, 0], normals[i, 1] = _normal(sums, first, last, points[i, 0] - origin[0], points[i, 1] - origin[1])
     return n
 
 

@@ -1,6 +1,8 @@
 """The points of a scan with the normals of the surfaces they lie on."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +50,47 @@ def extract_points(scan: Scan, reach: float = 0.2) -> ScanPoints:
         scan.ranges, geometry.directions_robot, geometry.origin_robot, reach, _JUMP, points, normals, beams
     )
     return ScanPoints(points=points[:count], normals=normals[:count], beams=beams[:count])
+
+
+def thinned_points(
+    scans: Sequence[Scan], offsets: NDArray[np.int64], every: int, reach: float = 0.2
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    """Some returns of many scans, at a fraction of the cost of all.
+
+    Args:
+        scans: m of them.
+        offsets: (m,) the first return of each that is kept, below `every` …
+        every: … and one in so many after it.
+        reach: see `extract_points`.
+
+    Returns:
+        (n, 2) end points in the robot frames of their scans and (n, 2) normals, see `ScanPoints`; (m + 1,) where the
+        points of each scan begin.
+    """
+    lasers = [list(some) for _, some in groupby(scans, key=lambda scan: id(scan.geometry))]
+    points, normals, counts, first = [], [], [], 0
+    for some in lasers:
+        geometry = some[0].geometry
+        capacity = len(some) * -(-geometry.n_beams // every)
+        some_points, some_normals = np.empty((capacity, 2)), np.empty((capacity, 2))
+        starts = np.empty(len(some) + 1, np.int64)
+        kernels.thinned_points(
+            np.stack([scan.ranges for scan in some]),
+            geometry.directions_robot,
+            geometry.origin_robot,
+            reach,
+            _JUMP,
+            offsets[first : first + len(some)],
+            every,
+            some_points,
+            some_normals,
+            starts,
+        )
+        points.append(some_points[: starts[-1]])
+        normals.append(some_normals[: starts[-1]])
+        counts.append(np.diff(starts))
+        first += len(some)
+    return np.concatenate(points), np.concatenate(normals), np.cumsum([0, *np.concatenate(counts)])
 
 
 def range_noise(scan_points: ScanPoints) -> float:

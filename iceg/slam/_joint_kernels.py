@@ -16,6 +16,8 @@ I64 = NDArray[np.int64]
 _SLOTS = 4
 """Surfels of one cell, by facing."""
 _SAME_FACING = 0.8
+_FIRST_PLACES = 1 << 15
+"""Of the hash table of surfels."""
 _ELONGATED = 16.0
 """A piece has a direction of its own when its extent is this many times its thickness, squared …"""
 _BESIDE = 0.9
@@ -54,22 +56,33 @@ def _key(u: int, v: int, slot: int) -> int:
 
 
 @njit(cache=True)
-def surfels(placed: F64, turned: F64, cell: float, keys: I64, surfel_at: I64, member: I64) -> F64:
+def _enlarged(keys: I64, surfel_at: I64) -> tuple[I64, I64]:
+    """The same hash table with four times as many places."""
+    more_keys, more_at = np.full(4 * len(keys), -1), np.empty(4 * len(keys), np.int64)
+    for spot in range(len(keys)):
+        if keys[spot] != -1:
+            other = _find(more_keys, keys[spot])
+            more_keys[other], more_at[other] = keys[spot], surfel_at[spot]
+    return more_keys, more_at
+
+
+@njit(cache=True)
+def surfels(placed: F64, turned: F64, cell: float, member: I64) -> tuple[F64, I64, I64]:
     """Average the points of one cell that face the same way.
 
     Args:
         placed: (n, 2) points.
         turned: (n, 2) their normals; those without are left out.
         cell: width of a cell [m].
-        keys: hash table of cells and slots, a power of two places, filled with -1; extended in place.
-        surfel_at: the surfel of each place in it.
         member: (n,) output, surfel of each point, -1 for none.
 
     Returns:
-        (m, 5) mean x, y in cells, mean unit normal, number of points.
+        (m, 5) mean x, y in cells, mean unit normal, number of points; hash table of cells and slots, a power of two
+        places, -1 where free; the surfel of each place in it.
     """
     n = len(placed)
     x0, y0 = placed[:, 0].min() - 100.0, placed[:, 1].min() - 100.0
+    keys, surfel_at = np.full(_FIRST_PLACES, -1), np.empty(_FIRST_PLACES, np.int64)
     sums = np.zeros((n, 5))
     count = 0
     for i in range(n):
@@ -81,6 +94,9 @@ def surfels(placed: F64, turned: F64, cell: float, keys: I64, surfel_at: I64, me
             key = _key(u, v, slot)
             spot = _find(keys, key)
             if keys[spot] == -1:
+                if 3 * count > len(keys):
+                    keys, surfel_at = _enlarged(keys, surfel_at)
+                    spot = _find(keys, key)
                 keys[spot] = key
                 surfel_at[spot] = count
                 count += 1
@@ -100,7 +116,7 @@ def surfels(placed: F64, turned: F64, cell: float, keys: I64, surfel_at: I64, me
         sums[k, 1] = (sums[k, 1] / sums[k, 4] - y0) / cell
         sums[k, 2] /= norm
         sums[k, 3] /= norm
-    return sums[:count].copy()
+    return sums[:count].copy(), keys, surfel_at
 
 
 @njit(cache=True)
@@ -182,13 +198,22 @@ def fit_lines(
     Returns:
         Sum of the weights, and sum of the weighted squared residuals [m²].
     """
+    anchors, moments = np.zeros((len(lines), 2)), np.zeros((len(lines), 8))
     for i in range(len(placed)):
-        weights[i] = 1.0 if piece_of[i] >= 0 else 0.0
-        residuals[i] = 0.0
+        residuals[i], weights[i] = 0.0, 0.0
+        g = piece_of[i]
+        if g < 0:
+            continue
+        weights[i] = 1.0
+        if moments[g, 0] == 0.0:
+            anchors[g] = placed[i]
+        _add_moments(moments[g], 1.0, placed[i], turned[i], anchors[g])
     total, squares = 0.0, 0.0
     inverse2 = 1.0 / (scale * scale)
-    for _ in range(rounds):
-        _lines(placed, turned, piece_of, weights, lines)
+    for left in range(rounds - 1, -1, -1):
+        for g in range(len(lines)):
+            _line(moments[g], anchors[g], lines[g])
+        moments[:] = 0.0
         total, squares = 0.0, 0.0
         for i in range(len(placed)):
             g = piece_of[i]
@@ -199,46 +224,41 @@ def fit_lines(
             residuals[i], weights[i] = r, w
             total += w
             squares += w * r * r
+            if left > 0:
+                _add_moments(moments[g], w, placed[i], turned[i], anchors[g])
     return total, squares
 
 
 @njit(cache=True)
-def _lines(placed: F64, turned: F64, piece_of: I64, weights: F64, lines: F64) -> None:
-    moments = np.zeros((len(lines), 8))
-    for i in range(len(placed)):
-        g = piece_of[i]
-        if g < 0:
-            continue
-        w = weights[i]
-        m = moments[g]
-        m[0] += w
-        m[1] += w * placed[i, 0]
-        m[2] += w * placed[i, 1]
-        m[3] += w * turned[i, 0]
-        m[4] += w * turned[i, 1]
-    for g in range(len(lines)):
-        lines[g, 0], lines[g, 1] = moments[g, 1] / moments[g, 0], moments[g, 2] / moments[g, 0]
-    for i in range(len(placed)):
-        g = piece_of[i]
-        if g < 0:
-            continue
-        w, dx, dy = weights[i], placed[i, 0] - lines[g, 0], placed[i, 1] - lines[g, 1]
-        m = moments[g]
-        m[5] += w * dx * dx
-        m[6] += w * dx * dy
-        m[7] += w * dy * dy
-    for g in range(len(lines)):
-        mx, my, xx, xy, yy = moments[g, 3], moments[g, 4], moments[g, 5], moments[g, 6], moments[g, 7]
-        heading = 0.5 * atan2(2.0 * xy, xx - yy)
-        nx, ny = -sin(heading), cos(heading)
-        if nx * mx + ny * my < 0.0:
-            nx, ny = -nx, -ny
-        norm = hypot(mx, my)
-        root = sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
-        long, short = 0.5 * (xx + yy) + root, 0.5 * (xx + yy) - root
-        if long < _ELONGATED * short or nx * mx + ny * my < _BESIDE * norm:
-            nx, ny = mx / max(norm, 1e-12), my / max(norm, 1e-12)
-        lines[g, 2], lines[g, 3] = nx, ny
+def _add_moments(m: F64, w: float, point: F64, normal: F64, anchor: F64) -> None:
+    """Add a weighed point to the sums of 1, x, y, normal, xx, xy, yy of its piece, x and y from its anchor."""
+    x, y = point[0] - anchor[0], point[1] - anchor[1]
+    m[0] += w
+    m[1] += w * x
+    m[2] += w * y
+    m[3] += w * normal[0]
+    m[4] += w * normal[1]
+    m[5] += w * x * x
+    m[6] += w * x * y
+    m[7] += w * y * y
+
+
+@njit(cache=True)
+def _line(m: F64, anchor: F64, line: F64) -> None:
+    """Mean point and unit normal of a piece from the sums of its points."""
+    x, y = m[1] / m[0], m[2] / m[0]
+    xx, xy, yy = m[5] - m[1] * x, m[6] - m[1] * y, m[7] - m[2] * y
+    mx, my = m[3], m[4]
+    heading = 0.5 * atan2(2.0 * xy, xx - yy)
+    nx, ny = -sin(heading), cos(heading)
+    if nx * mx + ny * my < 0.0:
+        nx, ny = -nx, -ny
+    norm = hypot(mx, my)
+    root = sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
+    long, short = 0.5 * (xx + yy) + root, 0.5 * (xx + yy) - root
+    if long < _ELONGATED * short or nx * mx + ny * my < _BESIDE * norm:
+        nx, ny = mx / max(norm, 1e-12), my / max(norm, 1e-12)
+    line[0], line[1], line[2], line[3] = anchor[0] + x, anchor[1] + y, nx, ny
 
 
 @njit(cache=True)

@@ -192,7 +192,7 @@ def _joint(
 ) -> tuple[list[Factor], NDArray[np.float64], Round]:
     """Refine poses and map together; the factors go along, so that the graph's optimum is the refined trajectory."""
     refined = refine_jointly(factors, poses, key_clouds(track, scan_of, config.joint), config.joint, parts)
-    carried = [_carried(factor, poses, refined.poses) for factor in factors]
+    carried = _carried(factors, poses, refined.poses)
     largest, mean = _moves(poses, refined.poses)
     return (
         carried,
@@ -211,14 +211,17 @@ def _joint(
     )
 
 
-def _carried(factor: Factor, before: NDArray[np.float64], after: NDArray[np.float64]) -> Factor:
-    """The factor with the residual at the new poses that it had at the old ones."""
-    if factor.i is None:
-        return factor
-    correction = compose(
-        between(after[factor.i], after[factor.j]), inverse(between(before[factor.i], before[factor.j]))
-    )
-    return replace(factor, T_i_j=compose(correction, factor.T_i_j))
+def _carried(factors: list[Factor], before: NDArray[np.float64], after: NDArray[np.float64]) -> list[Factor]:
+    """The factors with the residuals at the new poses that they had at the old ones."""
+    # A prior, which has no first pose, stays as it is.
+    i = np.array([factor.j if factor.i is None else factor.i for factor in factors])
+    j = np.array([factor.j for factor in factors])
+    corrections = compose(between(after[i], after[j]), inverse(between(before[i], before[j])))
+    measured = compose(corrections, np.array([factor.T_i_j for factor in factors]))
+    return [
+        factor if factor.i is None else factor.measuring(T_i_j)
+        for factor, T_i_j in zip(factors, measured, strict=True)
+    ]
 
 
 def _rematch(closer: LoopCloser, track: Track, poses: NDArray[np.float64], config: FinishConfig) -> list[Attempt]:

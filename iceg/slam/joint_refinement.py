@@ -7,6 +7,7 @@ every scan that sees a piece holds its line, and the line holds them together, a
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +16,7 @@ from frontends.scan import Scan
 from graph.factors import Factor
 from graph.problem import Linearization, Problem
 from graph.se2 import compose, expmap, inverse
-from iceg.ice.points import extract_points
+from iceg.ice.points import thinned_points
 from iceg.slam import _joint_kernels as kernels
 from iceg.slam.config import JointRefinementConfig
 from iceg.slam.track import Track
@@ -157,37 +158,38 @@ def key_clouds(track: Track, scan_of: Callable[[int], Scan] | None, config: Join
     n_keys, n_beams = len(track.keys), track.keys[0].scan.geometry.n_beams
     affordable = max(1, _THINNEST * config.max_points // (n_keys * n_beams))
     per_key = min(config.scans_per_key, affordable) if scan_of else 1
-    members = [_members(track, key, per_key) for key in range(n_keys)]
+    members = _members(track, per_key)
     scans = [index for some in members for index in some]
     every = max(1, -(-len(scans) * n_beams // config.max_points))
-    points, normals = [], []
-    for key, some in zip(track.keys, members, strict=True):
-        for offset, index in enumerate(some):
-            scan = key.scan if scan_of is None or index == key.index else scan_of(index)
-            extracted = extract_points(scan)
-            points.append(extracted.points[offset % every :: every].copy())
-            normals.append(extracted.normals[offset % every :: every].copy())
+    taken = [
+        key.scan if scan_of is None or index == key.index else scan_of(index)
+        for key, some in zip(track.keys, members, strict=True)
+        for index in some
+    ]
     key_of_scan = np.repeat(np.arange(len(members)), [len(some) for some in members])
+    offsets = np.concatenate([np.arange(len(some)) % every for some in members])
+    points, normals, starts = thinned_points(taken, offsets, every)
+    normals[np.hypot(points[:, 0], points[:, 1]) > config.reach] = 0.0
     T_key_scan = track.T_key_scan[scans]
     T_key_scan[np.diff(key_of_scan, prepend=-1) > 0] = 0.0
-    all_points, all_normals = np.concatenate(points), np.concatenate(normals)
-    all_normals[np.hypot(all_points[:, 0], all_points[:, 1]) > config.reach] = 0.0
-    return Clouds(
-        points=all_points,
-        normals=all_normals,
-        starts=np.cumsum([0, *(len(some) for some in points)]).astype(np.int64),
-        key_of_scan=key_of_scan,
-        T_key_scan=T_key_scan,
-    )
+    return Clouds(points=points, normals=normals, starts=starts, key_of_scan=key_of_scan, T_key_scan=T_key_scan)
 
 
-def _members(track: Track, key: int, most: int) -> list[int]:
-    """Indices of a key scan and of up to `most` - 1 scans tied to it, evenly spread."""
-    index = track.keys[key].index
-    first, last = np.searchsorted(track.key_of_scan, (key, key + 1))
-    others = np.arange(max(index + 1, int(first)), int(last))
-    chosen = others[np.linspace(0, len(others) - 1, min(most - 1, len(others))).round().astype(int)]
-    return [index, *chosen.tolist()]
+def _members(track: Track, most: int) -> list[list[int]]:
+    """For each key scan its index and those of up to `most` - 1 scans tied to it, evenly spread."""
+    bounds = np.searchsorted(track.key_of_scan, np.arange(len(track.keys) + 1)).tolist()
+    members = []
+    for key, first, last in zip(track.keys, bounds, bounds[1:], strict=False):
+        first_other = max(key.index + 1, first)
+        spread = _spread(max(0, last - first_other), most - 1)
+        members.append([key.index, *(first_other + step for step in spread)])
+    return members
+
+
+@lru_cache
+def _spread(n: int, most: int) -> tuple[int, ...]:
+    """At most so many of n places in a row, evenly spread."""
+    return tuple(np.linspace(0, n - 1, min(most, n)).round().astype(int).tolist())
 
 
 def _walls(
@@ -225,12 +227,10 @@ def _pieces(
     """(n,) piece of each point, -1 without a normal, and their number; the surfel with most points begins the first."""
     if len(placed) == 0:
         return np.empty(0, np.int64), 0
-    size = 1 << max(10, (2 * len(placed)).bit_length())
-    keys, surfel_at = np.full(size, -1), np.empty(size, np.int64)
     member = np.empty(len(placed), np.int64)
-    # Far apart, parts share nothing.
-    apart = placed + np.column_stack([_APART * part_of, np.zeros(len(placed))])
-    surfels = kernels.surfels(apart, turned, config.cell, keys, surfel_at, member)
+    if part_of.any():  # far apart, parts share nothing
+        placed = placed + np.column_stack([_APART * part_of, np.zeros(len(placed))])
+    surfels, keys, surfel_at = kernels.surfels(placed, turned, config.cell, member)
     order = np.argsort(-surfels[:, 4], kind="stable")
     piece = np.empty(len(surfels) + 1, np.int64)
     n_pieces = kernels.group(
