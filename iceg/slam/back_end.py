@@ -1,5 +1,6 @@
 """The back end: key poses, odometry, matches and loop closures in one graph, solved as it grows."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 from frontends.matcher import Matcher
 from graph.config import PoseGraphConfig
 from graph.measurement import NoMatch, RelativePose
+from graph.noise import squared_norm
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose
@@ -109,7 +111,7 @@ class BackEnd:
         if not known:
             self.graph.add_odometry(key - 1, key, step, _UNKNOWN_MOTION)
             known.append(_UNKNOWN_MOTION)
-        self._drift.add(key, _fused(known))
+        self._drift.add(key, *known)
         self._since_search += (current.motion.distance, current.motion.turn)
         if self._is_search_due():
             self._search(key)
@@ -119,8 +121,8 @@ class BackEnd:
         keys = self._track.keys
         T_track_match = compose(keys[keys[key].anchor].T_track_robot, match.T_ref_cur)
         offset = between(between(keys[key - 1].T_track_robot, T_track_match), motion.T_key_robot)
-        distance2 = float(offset @ np.linalg.solve(match.covariance + motion.covariance, offset))
-        far = float(np.hypot(offset[0], offset[1]))
+        distance2 = squared_norm(offset, match.covariance + motion.covariance)
+        far = math.hypot(offset[0], offset[1])
         if distance2 > _JUMP_DISTANCE2 or far > _CARRIED * max(1.0, motion.distance):
             reason = f"the match lies {far:.2f} m and {np.degrees(abs(offset[2])):.0f}° from odometry"
             self.doubts.setdefault(key, Doubt(reason=reason, strength=_UNMATCHED_DOUBT - 1.0 / (1.0 + distance2)))
@@ -225,13 +227,6 @@ def _is_within(T: NDArray[np.float64], distance: float, angle: float) -> bool:
     return bool(x * x + y * y < distance**2 and abs(turn) < angle)
 
 
-def _fused(covariances: list[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Covariance of several independent measurements of one step."""
-    if len(covariances) == 1:
-        return covariances[0]
-    return np.asarray(np.linalg.inv(sum(np.linalg.inv(covariance) for covariance in covariances)), dtype=np.float64)
-
-
 def solve_track(
     track: Track,
     odometry: NDArray[np.float64] | None,
@@ -258,9 +253,12 @@ def solve_track(
     closer = LoopCloser(matcher, track, closures)
     back_end = BackEnd(track, closer, graph_config)
     steps = None if odometry is None else between(odometry[:-1], odometry[1:])
-    unknown = track.keys_without_odometry()
+    unknown, standing = track.keys_without_odometry(), noise.start()
     for key in range(1, len(track.keys)):
-        back_end.add(key, None if steps is None or key in unknown else _motion(track, key, steps, noise))
+        motion = None
+        if steps is not None and key not in unknown:
+            motion = noise.extend(standing, steps[track.keys[key - 1].index : track.keys[key].index])
+        back_end.add(key, motion)
         if progress is not None:
             progress(track.keys[key].index + 1)
     return _relocalised(back_end.solution(), back_end.doubts, closer, track, graph_config)
@@ -291,6 +289,3 @@ def _front_end_doubts(track: Track) -> dict[int, Doubt]:
             doubts[key] = Doubt(reason=scan.match.reason, strength=_UNMATCHED_DOUBT)
     return doubts
 
-
-def _motion(track: Track, key: int, steps: NDArray[np.float64], noise: OdometryModel) -> OdometryMotion:
-    return noise.extend(noise.start(), steps[track.keys[key - 1].index : track.keys[key].index])

@@ -73,9 +73,11 @@ class EarlierPasses:
         widest = float(self._search_deviations(drift.between(0, key_new, poses))[0])
         is_adrift = widest > 2 * TRUSTED_DEVIATIONS[0]
         piece = 2 * config.reference_half if is_adrift else len(poses)
+        nearest = self._nearest(key_new, poses, config.radius + 2.0 * widest, piece)
+        drifts = drift.between(np.array([key for _, key in nearest], dtype=np.int64), key_new, poses)
         found = []
-        for distance, key in self._nearest(key_new, poses, config.radius + 2.0 * widest, piece):
-            deviations = self._search_deviations(drift.between(key, key_new, poses))
+        for (distance, key), of_path in zip(nearest, drifts, strict=True):
+            deviations = self._search_deviations(of_path)
             if distance < config.radius + 2.0 * deviations[0]:
                 found.append(Candidate.of(key, key_new, poses, deviations))
         return found[: config.max_pieces if is_adrift else config.max_passes]
@@ -107,8 +109,13 @@ class EarlierPasses:
     def _nearest(self, key_new: int, poses: NDArray[np.float64], reach: float, piece: int) -> list[tuple[float, int]]:
         """Distance of the views and key pose of each piece of an earlier pass within reach, nearest first."""
         n_old = int(np.searchsorted(self._path, self._path[key_new] - self._config.min_path))
-        old = np.flatnonzero(self.offered[:n_old] & (self._part[:n_old] == self._part[key_new]))
-        far = np.hypot(*(self._views(poses[old]) - self._views(poses[key_new])).T)
+        may_see = self.offered[:n_old] & (self._part[:n_old] == self._part[key_new])
+        # No view is nearer than its robot, less twice the distance of a view.
+        offsets = poses[:n_old, :2] - poses[key_new, :2]
+        may_see &= np.einsum("nd,nd->n", offsets, offsets) < (reach + 2.0 * self._config.view_distance) ** 2
+        old = np.flatnonzero(may_see)
+        views = self._views(poses[np.append(old, key_new)])
+        far = np.hypot(*(views[:-1] - views[-1]).T)
         near = np.flatnonzero(far < reach)
         if not len(near):
             return []

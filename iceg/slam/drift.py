@@ -11,20 +11,49 @@ class Drift:
         self._position = np.zeros(n_keys)
         self._heading = np.zeros(n_keys)
         self._last_closure = 0
+        self._new: list[tuple[int, tuple[NDArray[np.float64], ...]]] = []
 
-    def add(self, key: int, covariance: NDArray[np.float64]) -> None:
-        """Add the (3, 3) covariance of the step that leads to `key`."""
-        self._position[key] = max(covariance[0, 0], covariance[1, 1])
-        self._heading[key] = covariance[2, 2]
+    def add(self, key: int, *covariances: NDArray[np.float64]) -> None:
+        """Add the step that leads to `key`: the (3, 3) covariance of each independent measurement of it."""
+        self._new.append((key, covariances))
 
     def close(self, key: int) -> None:
         """A closure at `key` ends the drift of everything before it."""
         self._last_closure = key
 
-    def between(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(2,) standard deviations of position [m] and heading [rad] of the later pose relative to the earlier."""
-        steps = slice(max(key_old, self._last_closure) + 1, key_new + 1)
+    def between(
+        self, keys_old: int | NDArray[np.int64], key_new: int, poses: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """Standard deviations of position [m] and heading [rad] of a pose relative to earlier ones.
+
+        Args:
+            keys_old: of the earlier, one or (n,) of them.
+            key_new: of the later.
+            poses: (k, 3) of all up to it.
+
+        Returns:
+            (2,) or (n, 2).
+        """
+        self._fuse()
+        last = self._last_closure
+        steps = slice(last + 1, key_new + 1)
         lever2 = np.sum((poses[steps, :2] - poses[key_new, :2]) ** 2, axis=1)
         heading = self._heading[steps]
-        variances = np.array([np.sum(self._position[steps] + heading * lever2), np.sum(heading)])
-        return np.asarray(np.sqrt(variances), dtype=np.float64)
+        variances = np.zeros((max(0, key_new - last) + 1, 2))
+        variances[:-1, 0] = np.cumsum((self._position[steps] + heading * lever2)[::-1])[::-1]
+        variances[:-1, 1] = np.cumsum(heading[::-1])[::-1]
+        return np.asarray(np.sqrt(variances[np.maximum(keys_old, last) - last]), dtype=np.float64)
+
+    def _fuse(self) -> None:
+        """Take in the new steps, all at once."""
+        if not self._new:
+            return
+        starts = np.cumsum([0, *(len(covariances) for _, covariances in self._new[:-1])])
+        measured = np.array([each for _, covariances in self._new for each in covariances])
+        fused = measured
+        if len(measured) > len(self._new):
+            fused = np.linalg.inv(np.add.reduceat(np.linalg.inv(measured), starts))
+        keys = [key for key, _ in self._new]
+        self._position[keys] = np.maximum(fused[:, 0, 0], fused[:, 1, 1])
+        self._heading[keys] = fused[:, 2, 2]
+        self._new.clear()
