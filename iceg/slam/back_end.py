@@ -288,4 +288,3 @@ def _front_end_doubts(track: Track) -> dict[int, Doubt]:
         elif isinstance(scan.match, NoMatch):
             doubts[key] = Doubt(reason=scan.match.reason, strength=_UNMATCHED_DOUBT)
     return doubts
-

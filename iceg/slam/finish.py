@@ -219,8 +219,7 @@ def _carried(factors: list[Factor], before: NDArray[np.float64], after: NDArray[
     corrections = compose(between(after[i], after[j]), inverse(between(before[i], before[j])))
     measured = compose(corrections, np.array([factor.T_i_j for factor in factors]))
     return [
-        factor if factor.i is None else factor.measuring(T_i_j)
-        for factor, T_i_j in zip(factors, measured, strict=True)
+        factor if factor.i is None else factor.measuring(T_i_j) for factor, T_i_j in zip(factors, measured, strict=True)
     ]
 
 
