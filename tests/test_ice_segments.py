@@ -10,7 +10,7 @@ from frontends.scan import Scan, ScanGeometry
 from graph.se2 import transform_points
 from iceg.ice import _feature_kernels as kernels
 from iceg.ice.config import IceConfigError, SegmentConfig
-from iceg.ice.points import extract_points, range_noise
+from iceg.ice.points import extract_points, range_noise, thinned_points
 from iceg.ice.segments import extract_segments, segment_rows, smoothed_on_segments
 
 F64 = NDArray[np.float64]
@@ -45,6 +45,22 @@ def test_points_of_beams_without_return_are_left_out() -> None:
     np.testing.assert_allclose(points.points, scan.points, atol=1e-6)
     assert len(points) == 178
     assert set(points.beams.tolist()) == set(range(181)) - {3, 50, 180}
+
+
+def test_thinned_points_are_some_of_all_points() -> None:
+    rng = np.random.default_rng(1)
+    mounts = (np.zeros(3), np.array([0.2, -0.1, 0.5]))  # two lasers
+    scans = [scan_of(ROOM, rng.normal(0, 0.3, 3), rng.normal(0, 0.02, 181), mounts[k > 3]) for k in range(7)]
+    for scan in scans[1:]:
+        scan.ranges[rng.integers(0, 181, 40)] = np.nan
+    scans[2].ranges[:] = np.nan
+    offsets = np.arange(7) % 3
+    points, normals, starts = thinned_points(scans, offsets, 3)
+    for k, scan in enumerate(scans):
+        every = extract_points(scan)
+        np.testing.assert_array_equal(points[starts[k] : starts[k + 1]], every.points[offsets[k] :: 3])
+        np.testing.assert_array_equal(normals[starts[k] : starts[k + 1]], every.normals[offsets[k] :: 3])
+    assert starts[-1] == len(points) == len(normals)
 
 
 def test_normals_against_a_slow_twin() -> None:
