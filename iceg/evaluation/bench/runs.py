@@ -24,6 +24,8 @@ MODES: dict[str, tuple[str, ...]] = {
 recent key scans only."""
 ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 """Environment of a process that is to stay on one core."""
+_COMPILED = {"PYTHONDONTWRITEBYTECODE": ""}
+"""Byte code may be kept, as it is where iceg is installed: what is timed is not Python's compiler."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,7 +51,7 @@ def run_in_fresh_process(log: Path, folder: Path, flags: Sequence[str] = ()) -> 
     """
     command = [sys.executable, "-m", "iceg", "run", str(log), "-o", str(folder), "--overwrite", *flags]
     before, started = _cpu_of_children(), time.perf_counter()
-    done = subprocess.run(command, env=os.environ | ONE_CORE, capture_output=True, text=True, check=False)
+    done = subprocess.run(command, env=os.environ | ONE_CORE | _COMPILED, capture_output=True, text=True, check=False)
     wall, cpu = time.perf_counter() - started, _cpu_of_children() - before
     if done.returncode != 0:
         raise EvaluationError(f"{' '.join(command[2:])} failed: {' '.join(done.stderr.split())}")
