@@ -125,6 +125,35 @@ def place_on_bearings(
     return placed
 
 
+def stack_sweeps(
+    sweeps: Sequence[NDArray[np.float32]], setups: Sequence[Setup], usual: Setup, parameters: Mapping[str, float]
+) -> tuple[NDArray[np.float32], NDArray[np.float64], list[str]]:
+    """Put sweeps of all settings on the bearings of the usual one.
+
+    Args:
+        sweeps: readings of each [m], as recorded.
+        setups: their settings.
+        usual: the one whose bearings all get.
+        parameters: as for `find_beams`.
+
+    Returns:
+        (n_sweeps, n_beams) readings, (n_beams,) bearings [rad], and warnings.
+    """
+    found = {setup: find_beams(setup, parameters) for setup in dict.fromkeys(setups)}
+    bearings = found[usual].bearings
+    stacked = np.empty((len(sweeps), len(bearings)), dtype=np.float32)
+    for row, (ranges, setup) in enumerate(zip(sweeps, setups, strict=True)):
+        in_order = found[setup].in_order(ranges)
+        is_usual = setup is usual or setup == usual
+        stacked[row] = in_order if is_usual else place_on_bearings(in_order, found[setup].bearings, bearings)
+    warnings = list(found[usual].warnings)
+    others = Counter(setup.n_beams for setup in setups if setup != usual)
+    if others:
+        listed = ", ".join(f"{count} scans with {n_beams}" for n_beams, count in sorted(others.items()))
+        warnings.append(f"the beams change: {listed} are placed on the bearings of the usual {len(bearings)}")
+    return stacked, bearings, warnings
+
+
 def _spans(step: float, n_beams: int, view: float) -> bool:
     """Whether the step fits the field of view, give or take a beam left out at its end."""
     return step != 0 and abs(abs(step) * (n_beams - 1) - abs(view)) <= 1.5 * abs(step)

@@ -1,6 +1,5 @@
 """CARMEN logs: the format of the classic public logs, one message a line (`carmen_messages` has its grammar)."""
 
-from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.logs import laser_mount, odometry_lines
-from frontends.logs.beams import Setup, find_beams, place_on_bearings, usual_setup
+from frontends.logs.beams import stack_sweeps, usual_setup
 from frontends.logs.carmen_writer import write_carmen
 from frontends.logs.errors import LogError
 from frontends.logs.plausibility import choose_stamps, judge_odometry
-from frontends.logs.usable_range import mask_no_returns, usable_range
+from frontends.logs.usable_range import mask_no_returns, usable_range, warn_of_no_returns
 from frontends.scan import Log, ScanGeometry
 from graph.se2 import wrap_angle
 
@@ -86,7 +85,8 @@ def _assemble(path: Path, records: "Records", *, rear: bool, range_min: float | 
     setup = usual_setup(records.setups)
     if setup is None:
         raise LogError(f"{path}: {_why_no_scans(records)}")
-    ranges, bearings, beam_warnings = _stack(records, setup, rear=rear)
+    parameters = laser_mount.scanner_parameters(records.parameters, rear=rear)
+    ranges, bearings, beam_warnings = stack_sweeps(records.ranges, records.setups, setup, parameters)
     usable = usable_range(ranges, range_min=range_min, range_max=range_max, stated_max=setup.stated_max)
     mask_no_returns(ranges, usable)
     T_odom_robot, T_odom_laser = _recorded_poses(records)
@@ -104,38 +104,16 @@ def _assemble(path: Path, records: "Records", *, rear: bool, range_min: float | 
         has_odometry=has_odometry,
         warnings=(
             *_warn_of_other_lasers(records),
-            *_warn_of_lines(records),
+            *records.troubles.told(),
             *beam_warnings,
-            *(() if np.isfinite(ranges).any() else ("no beam of any scan has a usable return",)),
+            *warn_of_no_returns(ranges),
             *mount_warnings,
             *stamp_warnings,
             *odometry_warnings,
         ),
-        skipped_lines=records.skipped,
+        skipped_lines=records.troubles.skipped,
         message_counts=dict(sorted(records.counts.items())),
     )
-
-
-def _stack(
-    records: "Records", usual: Setup, *, rear: bool
-) -> tuple[NDArray[np.float32], NDArray[np.float64], list[str]]:
-    """(n_scans, n_beams) readings, all on the (n_beams,) bearings of the usual setting; the bearings; and warnings."""
-    parameters = laser_mount.scanner_parameters(records.parameters, rear=rear)
-    found = {setup: find_beams(setup, parameters) for setup in dict.fromkeys(records.setups)}
-    bearings = found[usual].bearings
-    stacked = np.empty((len(records.ranges), len(bearings)), dtype=np.float32)
-    for row, (ranges, setup) in enumerate(zip(records.ranges, records.setups, strict=True)):
-        beams = found[setup]
-        in_order = beams.in_order(ranges)
-        stacked[row] = (
-            in_order if setup is usual or setup == usual else place_on_bearings(in_order, beams.bearings, bearings)
-        )
-    warnings = list(found[usual].warnings)
-    others = Counter(setup.n_beams for setup in records.setups if setup != usual)
-    if others:
-        listed = ", ".join(f"{count} scans with {n_beams}" for n_beams, count in sorted(others.items()))
-        warnings.append(f"the beams change: {listed} are placed on the bearings of the usual {len(bearings)}")
-    return stacked, bearings, warnings
 
 
 def _recorded_poses(records: "Records") -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -157,7 +135,7 @@ def _why_no_scans(records: "Records") -> str:
         reason = f"no scan of the wanted laser; the log holds {found}"
     else:
         reason = "no message found, expected a CARMEN log with laser messages such as FLASER"
-    return "; ".join([reason, *_warn_of_lines(records)])
+    return "; ".join([reason, *records.troubles.told()])
 
 
 def _warn_of_other_lasers(records: "Records") -> list[str]:
@@ -166,9 +144,3 @@ def _warn_of_other_lasers(records: "Records") -> list[str]:
         return []
     found = ", ".join(f"{records.counts[name]} {name}" for name in present)
     return [f"several laser messages ({found}): {records.name} is used"]
-
-
-def _warn_of_lines(records: "Records") -> list[str]:
-    if not records.skipped:
-        return records.warnings
-    return [f"{records.skipped} malformed lines passed over, the first: {records.first_skipped}", *records.warnings]

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from frontends.logs.beams import Setup
 from frontends.logs.carmen_messages import parse_laser, parse_odometry, parse_parameter
 from frontends.logs.errors import MalformedLineError
-from frontends.logs.text import Line, TextLog
+from frontends.logs.line_loop import LineTroubles, read_lines
+from frontends.logs.text import Line
 
 
 @dataclass(slots=True)
@@ -27,9 +28,7 @@ class Records:
         scans_before_odometry: how many sweeps stood in the file before each of them.
         parameters: the PARAM lines.
         counts: messages by kind.
-        skipped: malformed lines passed over.
-        first_skipped: what was wrong with the first of them, and where.
-        warnings: what a person should know.
+        troubles: lines passed over, and what else a person should know.
     """
 
     name: str = ""
@@ -41,9 +40,7 @@ class Records:
     scans_before_odometry: list[int] = field(default_factory=list)
     parameters: dict[str, str] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
-    skipped: int = 0
-    first_skipped: str = ""
-    warnings: list[str] = field(default_factory=list)
+    troubles: LineTroubles = field(default_factory=LineTroubles)
 
     def change_to(self, name: str) -> None:
         """Start over with a better laser message."""
@@ -58,33 +55,25 @@ def collect(path: Path, names: tuple[str, ...], *, skip_bad_lines: bool) -> Reco
     ranks = {name: rank for rank, name in enumerate(names)}
     best = len(names)
     records = Records()
-    source = TextLog(path)
-    for line in source.lines():
-        try:
-            name = _message_name(line)
-            if not name:
-                continue
-            rank = ranks.get(name, len(names))
-            if rank < best:
-                _record_laser(records, line, name)
-                best = rank
-            elif rank == best < len(names):
-                _record_laser(records, line, name)
-            elif name == "ODOM":
-                _record_odometry(records, line)
-            elif name == "PARAM":
-                _record_parameter(records, line)
-            records.counts[name] += 1
-        except MalformedLineError as error:
-            if not line.terminated:
-                records.warnings.append(f"the last line is cut off and left out (line {line.number}: {error})")
-            elif skip_bad_lines:
-                records.skipped += 1
-                records.first_skipped = records.first_skipped or str(error.at(path, line.number))
-            else:
-                raise error.at(path, line.number) from None
-    if source.cut_off:
-        records.warnings.append("the compressed file is cut off; all that could be unpacked is used")
+
+    def read(line: Line) -> None:
+        nonlocal best
+        name = _message_name(line)
+        if not name:
+            return
+        rank = ranks.get(name, len(names))
+        if rank < best:
+            _record_laser(records, line, name)
+            best = rank
+        elif rank == best < len(names):
+            _record_laser(records, line, name)
+        elif name == "ODOM":
+            _record_odometry(records, line)
+        elif name == "PARAM":
+            _record_parameter(records, line)
+        records.counts[name] += 1
+
+    read_lines(path, read, records.troubles, skip_bad_lines=skip_bad_lines)
     return records
 
 

@@ -16,12 +16,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from frontends.logs.beams import Setup, find_beams, place_on_bearings, usual_setup
+from frontends.logs.beams import Setup, find_beams, stack_sweeps, usual_setup
 from frontends.logs.errors import LogError, MalformedLineError
+from frontends.logs.line_loop import LineTroubles, read_lines
 from frontends.logs.plausibility import judge_odometry
-from frontends.logs.text import Line, TextLog
+from frontends.logs.text import Line
 from frontends.logs.text_output import write_text_log
-from frontends.logs.usable_range import mask_no_returns, usable_range
+from frontends.logs.usable_range import mask_no_returns, usable_range, warn_of_no_returns
 from frontends.scan import Log, ScanGeometry
 from graph.se2 import wrap_angle
 
@@ -83,10 +84,11 @@ def read_dpslam(
     records = _collect(path, skip_bad_lines=skip_bad_lines)
     odometry, kept = _poses(path, records, skip_bad_lines=skip_bad_lines)
     readings = [records.ranges[index] for index in kept]
-    usual = usual_setup([Setup(len(ranges), None) for ranges in readings])
+    setups = [Setup(len(ranges), None) for ranges in readings]
+    usual = usual_setup(setups)
     if usual is None:
         raise LogError(f"{path}: {_why_no_scans(records)}")
-    ranges, bearings, beam_warnings = _stack(readings, usual.n_beams)
+    ranges, bearings, beam_warnings = stack_sweeps(readings, setups, usual, {})
     usable = usable_range(ranges, range_min=range_min, range_max=range_max, stated_max=_stated_max(ranges))
     mask_no_returns(ranges, usable)
     has_odometry, odometry_warnings = judge_odometry(odometry, ranges)
@@ -103,14 +105,14 @@ def read_dpslam(
         path=path,
         has_odometry=has_odometry,
         warnings=(
-            *_warn_of_lines(records),
+            *records.troubles.told(),
             *beam_warnings,
-            *(() if np.isfinite(ranges).any() else ("no beam of any scan has a usable return",)),
+            *warn_of_no_returns(ranges),
             "the log has no stamps: scans are numbered 0, 1, 2 … s instead",
             *(() if T_robot_laser is not None else (_ASSUMED_MOUNT,)),
             *odometry_warnings,
         ),
-        skipped_lines=records.skipped,
+        skipped_lines=records.troubles.skipped,
         message_counts=dict(sorted(records.counts.items())),
     )
 
@@ -147,42 +149,28 @@ class _Records:
     lines: list[int] = field(default_factory=list)
     poses: list[tuple[float, float, float] | None] = field(default_factory=list)
     counts: Counter[str] = field(default_factory=Counter)
-    skipped: int = 0
-    first_skipped: str = ""
-    warnings: list[str] = field(default_factory=list)
-
-    def skip(self, what: LogError) -> None:
-        """Count one more line passed over."""
-        self.skipped += 1
-        self.first_skipped = self.first_skipped or str(what)
+    troubles: LineTroubles = field(default_factory=LineTroubles)
 
 
 def _collect(path: Path, *, skip_bad_lines: bool) -> _Records:
     """Go through the log once."""
     records = _Records()
     pose: tuple[float, float, float] | None = None
-    source = TextLog(path)
-    for line in source.lines():
-        try:
-            keyword = _keyword(line)
-            if keyword == _ODOMETRY:
-                pose = _parse_odometry(line)
-                records.counts["Odometry"] += 1
-            elif keyword == _LASER:
-                records.ranges.append(_parse_laser(line))
-                records.lines.append(line.number)
-                records.poses.append(pose)
-                records.counts["Laser"] += 1
-                pose = None
-        except MalformedLineError as error:
-            if not line.terminated:
-                records.warnings.append(f"the last line is cut off and left out (line {line.number}: {error})")
-            elif skip_bad_lines:
-                records.skip(error.at(path, line.number))
-            else:
-                raise error.at(path, line.number) from None
-    if source.cut_off:
-        records.warnings.append("the compressed file is cut off; all that could be unpacked is used")
+
+    def read(line: Line) -> None:
+        nonlocal pose
+        keyword = _keyword(line)
+        if keyword == _ODOMETRY:
+            pose = _parse_odometry(line)
+            records.counts["Odometry"] += 1
+        elif keyword == _LASER:
+            records.ranges.append(_parse_laser(line))
+            records.lines.append(line.number)
+            records.poses.append(pose)
+            records.counts["Laser"] += 1
+            pose = None
+
+    read_lines(path, read, records.troubles, skip_bad_lines=skip_bad_lines)
     return records
 
 
@@ -252,30 +240,10 @@ def _poses(path: Path, records: _Records, *, skip_bad_lines: bool) -> tuple[NDAr
         error = MalformedLineError("a Laser line without an Odometry line of its own", "Odometry x y θ before it")
         if not skip_bad_lines:
             raise error.at(path, number)
-        records.skip(error.at(path, number))
+        records.troubles.skip(error.at(path, number))
     odometry = np.array([records.poses[index] for index in kept], dtype=np.float64)
     odometry[:, 2] = wrap_angle(odometry[:, 2])
     return odometry, kept
-
-
-def _stack(
-    readings: list[NDArray[np.float32]], n_beams: int
-) -> tuple[NDArray[np.float32], NDArray[np.float64], list[str]]:
-    """(n_scans, n_beams) readings on one set of bearings, these bearings, and warnings."""
-    beams = find_beams(Setup(n_beams, None), {})
-    stacked = np.empty((len(readings), n_beams), dtype=np.float32)
-    for row, ranges in enumerate(readings):
-        if len(ranges) == n_beams:
-            stacked[row] = ranges
-        else:
-            bearings = find_beams(Setup(len(ranges), None), {}).bearings
-            stacked[row] = place_on_bearings(ranges, bearings, beams.bearings)
-    warnings = list(beams.warnings)
-    others = Counter(len(ranges) for ranges in readings if len(ranges) != n_beams)
-    if others:
-        listed = ", ".join(f"{count} scans with {beams_}" for beams_, count in sorted(others.items()))
-        warnings.append(f"the beams change: {listed} are placed on the bearings of the usual {n_beams}")
-    return stacked, beams.bearings, warnings
 
 
 def _stated_max(readings: NDArray[np.float32]) -> float:
@@ -290,13 +258,7 @@ def _why_no_scans(records: _Records) -> str:
         reason = "no Laser line has two readings or more, which a scan in the plane needs"
     else:
         reason = f"no Laser line found, only {records.counts['Odometry']} Odometry lines"
-    return "; ".join([reason, *_warn_of_lines(records)])
-
-
-def _warn_of_lines(records: _Records) -> list[str]:
-    if not records.skipped:
-        return records.warnings
-    return [f"{records.skipped} malformed lines passed over, the first: {records.first_skipped}", *records.warnings]
+    return "; ".join([reason, *records.troubles.told()])
 
 
 def _text(log: Log, range_decimals: int) -> str:

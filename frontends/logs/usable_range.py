@@ -74,6 +74,11 @@ def mask_no_returns(readings: NDArray[np.float32], usable: UsableRange) -> None:
     readings[~returns] = np.nan
 
 
+def warn_of_no_returns(ranges: NDArray[np.float32]) -> list[str]:
+    """What to say where no beam of any scan has a usable return."""
+    return [] if np.isfinite(ranges).any() else ["no beam of any scan has a usable return"]
+
+
 def _longest(positive: NDArray[np.float32], *, below: float, cap: float) -> float:
     left = positive[(positive < below) & (positive <= np.float32(cap))]
     return float(left.max()) if len(left) else min(DEFAULT_RANGE_CAP, below)

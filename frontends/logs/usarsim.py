@@ -2,17 +2,22 @@
 
 import math
 import re
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.logs.beams import BeamDescription, Beams, Setup, find_beams, place_on_bearings, usual_setup
+from frontends.logs.beams import BeamDescription, Setup, stack_sweeps, usual_setup
 from frontends.logs.errors import LogError
 from frontends.logs.handedness import handedness
 from frontends.logs.plausibility import choose_stamps, judge_odometry
-from frontends.logs.usable_range import DEFAULT_RANGE_MIN, UsableRange, mask_no_returns, usable_range
+from frontends.logs.usable_range import (
+    DEFAULT_RANGE_MIN,
+    UsableRange,
+    mask_no_returns,
+    usable_range,
+    warn_of_no_returns,
+)
 from frontends.logs.usarsim_records import POSES, Records, collect
 from frontends.logs.usarsim_writer import write_usarsim
 from frontends.scan import Log, ScanGeometry
@@ -72,7 +77,9 @@ def _choose_laser(path: Path, records: Records, laser: str) -> str:
     if not records.sweeps:
         found = ", ".join(f"{count} {name}" for name, count in records.counts.most_common(8))
         reason = f"no scan; the log holds {found}" if found else "no message found"
-        raise LogError("; ".join([f"{path}: {reason}, expected SEN messages of type RangeScanner", *_warn(records)]))
+        raise LogError(
+            "; ".join([f"{path}: {reason}, expected SEN messages of type RangeScanner", *records.troubles.told()])
+        )
     if laser == "front":
         return max(records.sweeps, key=lambda name: len(records.sweeps[name].ranges))
     for name in records.sweeps:
@@ -91,7 +98,7 @@ def _assemble(path: Path, records: Records, name: str, range_min: float | None, 
     usual = usual_setup(setups)
     if usual is None:
         raise LogError(f"{path}: no RangeScanner message has two beams or more, which a scan in the plane needs")
-    ranges, bearings, beam_warnings = _stack(sweeps.ranges, setups, usual)
+    ranges, bearings, beam_warnings = stack_sweeps(sweeps.ranges, setups, usual, {})
     usable = _usable(ranges, range_min, range_max, shortest, longest)
     mask_no_returns(ranges, usable)
     T_robot_laser, upside_down, mount_warnings = _place_laser(records, name)
@@ -126,15 +133,15 @@ def _assemble(path: Path, records: Records, name: str, range_min: float | None, 
         has_odometry=has_odometry,
         warnings=(
             *_warn_of_other_lasers(records, name),
-            *_warn(records),
+            *records.troubles.told(),
             *view_warnings,
             *beam_warnings,
-            *(() if np.isfinite(ranges).any() else ("no beam of any scan has a usable return",)),
+            *warn_of_no_returns(ranges),
             *mount_warnings,
             *stamp_warnings,
             *dict.fromkeys([*odometry_warnings, *truth_warnings]),
         ),
-        skipped_lines=records.skipped,
+        skipped_lines=records.troubles.skipped,
         message_counts=dict(sorted(records.counts.items())),
         truth=truth,
     )
@@ -155,23 +162,6 @@ def _setups(recorded: list[tuple[int, float, float]], stated_view: float) -> tup
         found[key] = Setup(n_beams, description)
     warnings = ["the field of view is too wide for radians: it is read as degrees"] if degrees else []
     return [found[key] for key in recorded], warnings
-
-
-def _stack(
-    recorded: list[NDArray[np.float32]], setups: list[Setup], usual: Setup
-) -> tuple[NDArray[np.float32], NDArray[np.float64], list[str]]:
-    """(n_scans, n_beams) readings, all on the (n_beams,) bearings of the usual setting; the bearings; and warnings."""
-    found: dict[Setup, Beams] = {setup: find_beams(setup, {}) for setup in dict.fromkeys(setups)}
-    bearings = found[usual].bearings
-    stacked = np.empty((len(recorded), len(bearings)), dtype=np.float32)
-    for row, (ranges, setup) in enumerate(zip(recorded, setups, strict=True)):
-        stacked[row] = ranges if setup == usual else place_on_bearings(ranges, found[setup].bearings, bearings)
-    others = Counter(setup.n_beams for setup in setups if setup != usual)
-    warnings = list(found[usual].warnings)
-    if others:
-        listed = ", ".join(f"{count} scans with {n_beams}" for n_beams, count in sorted(others.items()))
-        warnings.append(f"the beams change: {listed} are placed on the bearings of the usual {len(bearings)}")
-    return stacked, bearings, warnings
 
 
 def _usable(
@@ -244,9 +234,3 @@ def _warn_of_other_lasers(records: Records, name: str) -> list[str]:
         return []
     found = ", ".join(f"{len(sweeps.ranges)} of '{other}'" for other, sweeps in records.sweeps.items())
     return [f"several range scanners ({found}): '{name}' is used"]
-
-
-def _warn(records: Records) -> list[str]:
-    if not records.skipped:
-        return records.warnings
-    return [f"{records.skipped} malformed lines passed over, the first: {records.first_skipped}", *records.warnings]

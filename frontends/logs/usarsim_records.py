@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.logs.errors import MalformedLineError
+from frontends.logs.line_loop import LineTroubles, read_lines
 from frontends.logs.sensor_poses import SensorPoses
-from frontends.logs.text import Line, TextLog
+from frontends.logs.text import Line
 from frontends.logs.usarsim_messages import Message, parse_message, parse_sensors
 
 LASER = "rangescanner"
@@ -37,9 +38,7 @@ class Records:
         limits: MinRange, MaxRange and Fov that CONF says, by name of the range scanner.
         mounts: x, y, roll and yaw that GEO says, likewise.
         counts: messages by kind.
-        skipped: malformed lines passed over.
-        first_skipped: what was wrong with the first of them, and where.
-        warnings: what a person should know.
+        troubles: lines passed over, and what else a person should know.
     """
 
     sweeps: dict[str, Sweeps] = field(default_factory=dict)
@@ -47,33 +46,22 @@ class Records:
     limits: dict[str, tuple[float, float, float]] = field(default_factory=dict)
     mounts: dict[str, tuple[float, float, float, float]] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
-    skipped: int = 0
-    first_skipped: str = ""
-    warnings: list[str] = field(default_factory=list)
+    troubles: LineTroubles = field(default_factory=LineTroubles)
 
 
 def collect(path: Path, *, skip_bad_lines: bool) -> Records:
     """Go through the log once."""
     records = Records()
-    source = TextLog(path)
     now = 0.0
-    for line in source.lines():
-        try:
-            message = parse_message(line)
-            if message is None:
-                continue
+
+    def read(line: Line) -> None:
+        nonlocal now
+        message = parse_message(line)
+        if message is not None:
             now = message.number("time", now)
             _record(records, message, line, now)
-        except MalformedLineError as error:
-            if not line.terminated:
-                records.warnings.append(f"the last line is cut off and left out (line {line.number}: {error})")
-            elif skip_bad_lines:
-                records.skipped += 1
-                records.first_skipped = records.first_skipped or str(error.at(path, line.number))
-            else:
-                raise error.at(path, line.number) from None
-    if source.cut_off:
-        records.warnings.append("the compressed file is cut off; all that could be unpacked is used")
+
+    read_lines(path, read, records.troubles, skip_bad_lines=skip_bad_lines)
     return records
 
 
@@ -124,7 +112,7 @@ def _mount(records: Records, sensor: Message) -> tuple[float, float, float, floa
         raise MalformedLineError(f"{x} {y} {roll} {yaw}", "a finite mounting")
     base = sensor.text("mount")
     if base.lower() not in {"", "hard", "platform", "robot"}:
-        records.warnings.append(
+        records.troubles.warnings.append(
             f"the laser {sensor.text('name')} is mounted on '{base}', whose own place on the robot is left out"
         )
     return x, y, roll, yaw
