@@ -1,7 +1,6 @@
 """CARMEN logs: every message, every kind of damage, and what is derived from a log."""
 
 import bz2
-import dataclasses
 import gzip
 import lzma
 import math
@@ -13,11 +12,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
-from numpy.typing import NDArray
 
-from frontends.logs import READERS, LogError, describe_log, read_log
-from frontends.logs.carmen import read_carmen, write_carmen
-from frontends.scan import Log, ScanGeometry
+from frontends.logs import READERS, LogError, read_log
+from frontends.logs.carmen import read_carmen
 
 Pose = tuple[float, float, float]
 
@@ -517,89 +514,3 @@ def test_formats_are_chosen_by_name_or_content(write: Write) -> None:
     path.write_text("time,x,y\n0,1,2\n")
     with pytest.raises(LogError, match=r"found 'time,x,y.*expected a log of one of the formats carmen"):
         read_log(path)
-
-
-def simulated(n_scans: int, n_beams: int, seed: int, T_robot_laser: NDArray[np.float64], view: float = math.pi) -> Log:
-    random = np.random.default_rng(seed)
-    ranges = random.uniform(0.5, 19.0, (n_scans, n_beams)).astype(np.float32)
-    ranges[random.random(ranges.shape) < 0.1] = np.nan
-    odometry = random.uniform(-30, 30, (n_scans, 3))
-    odometry[:, 2] = random.uniform(-math.pi, math.pi, n_scans)
-    return Log(
-        ranges=ranges,
-        odometry=odometry,
-        stamps=np.array([1e9 + 0.2 * scan for scan in range(n_scans)]),
-        geometry=ScanGeometry(
-            bearings=np.linspace(-view / 2, view / 2, n_beams),
-            range_min=0.02,
-            range_max=20.0,
-            T_robot_laser=T_robot_laser,
-        ),
-        path=Path("simulated"),
-    )
-
-
-@given(
-    n_scans=st.integers(1, 6),
-    n_beams=st.sampled_from([181, 361, 50]),
-    seed=st.integers(0, 1000),
-    mount=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-3.0, 3.0)),
-    suffix=st.sampled_from([".clf", ".clf.gz"]),
-    view=st.sampled_from([math.pi, math.radians(270.0), 2.0]),
-)
-@settings(max_examples=40)
-def test_writing_and_reading_back(
-    tmp_path_factory: pytest.TempPathFactory,
-    n_scans: int,
-    n_beams: int,
-    seed: int,
-    mount: Pose,
-    suffix: str,
-    view: float,
-) -> None:
-    log = simulated(n_scans, n_beams, seed, np.array(mount), view)
-    path = tmp_path_factory.mktemp("round") / f"robot{suffix}"
-    write_carmen(path, log)
-    back = read_log(path, range_max=20.0)
-    assert_allclose(back.ranges, log.ranges, atol=6e-4)
-    assert_allclose(back.odometry, log.odometry, atol=1e-6)
-    assert_allclose(back.stamps, log.stamps, atol=1e-6)
-    assert_allclose(back.geometry.T_robot_laser, mount, atol=5e-5)
-    assert_allclose(back.geometry.bearings, log.geometry.bearings, atol=1e-9)
-    assert back.geometry.range_max == 20.0
-
-
-def test_writing_is_whole_or_not_at_all_and_always_the_same(tmp_path: Path) -> None:
-    log = simulated(3, 181, 0, np.zeros(3))
-    first, second = tmp_path / "a.clf.gz", tmp_path / "b.clf.gz"
-    write_carmen(first, log)
-    write_carmen(second, log)
-    assert first.read_bytes() == second.read_bytes()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.clf.gz", "b.clf.gz"]
-    uneven = dataclasses.replace(log.geometry, bearings=np.linspace(-1.2, 1.2, 181) ** 3)
-    with pytest.raises(LogError, match="found unevenly spread beams"):
-        write_carmen(first, dataclasses.replace(log, geometry=uneven))
-    with pytest.raises(LogError, match="cannot be written"):
-        write_carmen(tmp_path / "no" / "folder.clf", log)
-
-
-def test_info_counts_and_measures(write: Write) -> None:
-    lines = [flaser([*room(179, k), 0.0, 81.83], robot=(0.5 * k, 0.0, 0.1 * k), stamp=k) for k in range(5)]
-    info = describe_log(read_log(write(*lines, flaser([0.0] * 181, robot=(2.0, 0.0, 0.4), stamp=3.5))))
-    assert (info.scans, info.beams, info.empty_scans) == (6, 181, 1)
-    assert info.path_length == pytest.approx(2.0)
-    assert info.turned_angle == pytest.approx(0.4)
-    assert info.duration == pytest.approx(4.0)
-    assert info.stamps_stepping_back == 1
-    assert info.no_return_share == pytest.approx((5 * 2 + 181) / (6 * 181))
-    assert info.range_quartiles[0] >= 1.0
-    text = str(info)
-    for part in ("6 in 4.0 s", "181 over 180°, 1° apart", "2.0 m, 23° turned", "6 FLASER", "warning   the stamps step"):
-        assert part in text
-
-
-def test_info_of_a_log_without_returns_or_odometry(write: Write) -> None:
-    info = describe_log(read_log(write(flaser([0.0] * 181), flaser([0.0] * 181))))
-    assert not info.has_odometry
-    assert math.isnan(info.range_quartiles[2])
-    assert "none that says anything" in str(info)

@@ -1,10 +1,14 @@
-"""Squared norms of errors, and the χ² quantile of the graph's gates."""
+"""Covariances fit for a factor, squared norms of errors, and the χ² quantile of the graph's gates."""
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from graph.noise import largest_squared_norm, squared_norm
+from graph.errors import GraphError
+from graph.noise import MAX_CONDITION, conditioned, information_of, largest_squared_norm, squared_norm
+
+COVARIANCE = np.array([[4e-4, 1e-5, 0.0], [1e-5, 3e-4, 2e-5], [0.0, 2e-5, 1e-4]])
 
 
 @pytest.mark.parametrize("probability", [1e-6, 0.1, 0.5, 0.95, 0.99, 0.999, 1.0 - 1e-7])
@@ -18,3 +22,35 @@ def test_a_squared_norm_is_what_a_linear_solver_says() -> None:
         root, error = rng.normal(size=(3, 3)) * [1.0, scale, 0.1], rng.normal(size=3)
         covariance = root @ root.T + 1e-3 * np.eye(3)
         assert squared_norm(error, covariance) == pytest.approx(error @ np.linalg.solve(covariance, error))
+
+
+def test_a_covariance_too_flat_is_widened_never_narrowed() -> None:
+    flat = np.diag([1.0, 1e-12, 1e-4])
+    widened = conditioned(flat)
+    np.testing.assert_allclose(widened, np.diag([1.0, 1 / MAX_CONDITION, 1e-4]))
+    assert np.linalg.cond(widened) <= MAX_CONDITION * 1.001
+    assert np.linalg.eigvalsh(widened - flat)[0] >= -1e-12
+
+
+def test_a_fit_covariance_passes_unchanged_but_for_rounding() -> None:
+    np.testing.assert_array_equal(conditioned(COVARIANCE), COVARIANCE)
+    np.testing.assert_allclose(information_of(COVARIANCE) @ COVARIANCE, np.eye(3), atol=1e-12)
+    nearly = COVARIANCE.copy()
+    nearly[0, 1] *= 1 + 1e-9
+    np.testing.assert_array_equal(conditioned(nearly), conditioned(nearly).T)
+
+
+@pytest.mark.parametrize(
+    ("covariance", "message"),
+    [
+        (np.zeros((3, 3)), "positive definite"),
+        (-COVARIANCE, "positive definite"),
+        (np.diag([1.0, 1.0, -1e-9]), "positive definite"),
+        (np.diag([1.0, np.nan, 1.0]), "finite"),
+        (np.eye(2), "3x3"),
+        (COVARIANCE + np.triu(COVARIANCE, 1), "symmetric"),
+    ],
+)
+def test_what_is_no_covariance_is_refused(covariance: NDArray[np.float64], message: str) -> None:
+    with pytest.raises(GraphError, match=message):
+        conditioned(covariance)

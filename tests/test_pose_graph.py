@@ -15,7 +15,6 @@ from graph.errors import GraphError
 from graph.factors import Factor, FactorKind, KernelName, RobustKernel
 from graph.g2o import read_g2o
 from graph.measurement import RelativePose
-from graph.noise import MAX_CONDITION, conditioned, information_of
 from graph.pose_graph import PoseGraph, Snapshot
 from graph.se2 import between, chain_covariance, compose, expmap, logmap, wrap_angle
 
@@ -413,38 +412,6 @@ def test_first_pose_is_key_zero_and_counts() -> None:
     assert graph.add_first_pose(np.array([1.0, 2.0, -3.0])) == 0
     np.testing.assert_allclose(graph.update(), [1.0, 2.0, -3.0], atol=1e-12)
     np.testing.assert_allclose(np.sqrt(np.diag(graph.marginal_covariance(0))), 1e-3)
-
-
-def test_a_covariance_too_flat_is_widened_never_narrowed() -> None:
-    flat = np.diag([1.0, 1e-12, 1e-4])
-    widened = conditioned(flat)
-    np.testing.assert_allclose(widened, np.diag([1.0, 1 / MAX_CONDITION, 1e-4]))
-    assert np.linalg.cond(widened) <= MAX_CONDITION * 1.001
-    assert np.linalg.eigvalsh(widened - flat)[0] >= -1e-12
-
-
-def test_a_fit_covariance_passes_unchanged_but_for_rounding() -> None:
-    np.testing.assert_array_equal(conditioned(COVARIANCE), COVARIANCE)
-    np.testing.assert_allclose(information_of(COVARIANCE) @ COVARIANCE, np.eye(3), atol=1e-12)
-    nearly = COVARIANCE.copy()
-    nearly[0, 1] *= 1 + 1e-9
-    np.testing.assert_array_equal(conditioned(nearly), conditioned(nearly).T)
-
-
-@pytest.mark.parametrize(
-    ("covariance", "message"),
-    [
-        (np.zeros((3, 3)), "positive definite"),
-        (-COVARIANCE, "positive definite"),
-        (np.diag([1.0, 1.0, -1e-9]), "positive definite"),
-        (np.diag([1.0, np.nan, 1.0]), "finite"),
-        (np.eye(2), "3x3"),
-        (COVARIANCE + np.triu(COVARIANCE, 1), "symmetric"),
-    ],
-)
-def test_what_is_no_covariance_is_refused(covariance: Array, message: str) -> None:
-    with pytest.raises(GraphError, match=message):
-        conditioned(covariance)
 
 
 def test_records_refuse_what_makes_no_sense() -> None:

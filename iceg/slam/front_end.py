@@ -196,13 +196,13 @@ class FrontEnd:
         if self._map_matcher is None:
             return None
         expected = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
-        if _is_within(_apart(found, expected), _SAME_OPTIMUM):
+        if _are_one_optimum(found, expected):
             return None
         distance2 = _distance2(between(found, expected), self._motion.covariance + covariance)
         if distance2 < _CONTRADICTED:
             return None
         held = self._map_matcher.held(reference, scan, expected)
-        if isinstance(held, NoMatch) or _is_within(_apart(found, held.T_ref_cur), _SAME_OPTIMUM):
+        if isinstance(held, NoMatch) or _are_one_optimum(found, held.T_ref_cur):
             return None
         share = max(_LEAST_SHARE, 1.0 - distance2 * _SHARE_PER_DISTANCE2)
         free, near = (self._map_matcher.agreement(reference, scan, T).evidence for T in (found, held.T_ref_cur))
@@ -338,8 +338,9 @@ def _distance2(offset: NDArray[np.float64], covariance: NDArray[np.float64]) -> 
     return float(offset @ np.linalg.solve(covariance, offset))
 
 
-def _is_within(apart: tuple[float, float], limits: tuple[float, float]) -> bool:
-    return apart[0] < limits[0] and apart[1] < limits[1]
+def _are_one_optimum(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> bool:
+    distance, turn = _apart(T_a_b, T_a_c)
+    return distance < _SAME_OPTIMUM[0] and turn < _SAME_OPTIMUM[1]
 
 
 def _tracking_by_match(matcher: Matcher) -> Callable[..., NDArray[np.float64] | NoMatch]:
