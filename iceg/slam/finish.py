@@ -144,7 +144,9 @@ def finish(
 
 _ELSEWHERE_DISTANCE, _ELSEWHERE_TURN = 0.25, 0.08
 _AROUND = (-4, -2, 0, 2, 4)
-"""Key scans around a doubtful one that are searched, too."""
+"""Key scans around a doubtful one that are searched, too …"""
+_AROUND_FIRST = (-2, 0, 2)
+"""… once these have found something: where three of five say the same, one of these is among them."""
 _BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
 
 
@@ -246,19 +248,28 @@ def _second_look(
     """Where two passes lie on each other and contradict each other: search wider, believe what several say."""
     if not closures.enabled:
         return []
-    deviations = np.array([config.doubt_distance, config.doubt_distance, config.doubt_angle])
     doubtful = [a for a in attempts if not a.accepted and a.overlap >= config.doubt_overlap]
     pairs = sorted({(a.key_old, a.key_new + step) for a in doubtful for step in _AROUND})
     pairs = [(old, new) for old, new in pairs if old < new < len(poses)]
     pairs = pairs[:: max(1, -(-len(pairs) // config.doubts))]
-    candidates = [Candidate.of(old, new, poses, deviations) for old, new in pairs]
-    wide = [closer.match(candidate, poses) for candidate in candidates]
-    accepted = [attempt for attempt in wide if attempt.accepted and _is_elsewhere(attempt, poses)]
+    first = {(a.key_old, a.key_new + step) for a in doubtful for step in _AROUND_FIRST}
+    accepted = _elsewhere(closer, [pair for pair in pairs if pair in first], poses, config)
+    if accepted:
+        accepted += _elsewhere(closer, [pair for pair in pairs if pair not in first], poses, config)
     return [
         attempt
         for attempt in accepted
         if sum(say_the_same(attempt, other, poses) for other in accepted) + 1 >= closures.confirmations
     ]
+
+
+def _elsewhere(
+    closer: LoopCloser, pairs: Sequence[tuple[int, int]], poses: NDArray[np.float64], config: FinishConfig
+) -> list[Attempt]:
+    """Closures of an earlier and a later key pose each, searched wide, that would move them against each other."""
+    deviations = np.array([config.doubt_distance, config.doubt_distance, config.doubt_angle])
+    wide = [closer.match(Candidate.of(old, new, poses, deviations), poses) for old, new in pairs]
+    return [attempt for attempt in wide if attempt.accepted and _is_elsewhere(attempt, poses)]
 
 
 def _is_elsewhere(attempt: Attempt, poses: NDArray[np.float64]) -> bool:
