@@ -13,7 +13,9 @@ from iceg.ice import _visibility_kernels as kernels
 from iceg.ice.config import LocalMapConfig
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.points import extract_points
-from iceg.ice.verification import contradictions
+from iceg.ice.refinement import evaluate_points
+from iceg.ice.sweeps import sweeps_of
+from iceg.ice.verification import contradictions, view
 
 F64 = NDArray[np.float64]
 REACH, MARGIN, ACROSS, CELL = 20.0, 0.2, 0.15, LocalMapConfig().cell
@@ -102,6 +104,40 @@ def test_what_one_scan_of_the_reference_saw_another_cannot_deny() -> None:
             laser = geometry.T_robot_laser, geometry.bearings[0], geometry.resolution, ranges, REACH, MARGIN, ACROSS
             kernels.judge_points(point, facing, 1, np.zeros(3), np.zeros(3), *laser, verdicts)
         assert verdicts[0] == kernels.SEEN
+
+
+def test_several_scans_are_compared_as_each_is() -> None:
+    matcher, poses = IceMatcher(), np.array([AHEAD, BACK, [0.3, 0.1, 0.4], [30.0, 0.0, 0.0]])
+    scans = [scan_at(pose, seed) for seed, pose in enumerate(poses)]
+    reference = matcher.prepare([scan_at(AHEAD, seed=9)], np.zeros((1, 3)))
+    placed = compose(poses, np.array([0.05, -0.1, 0.02]))
+    together = matcher.agreement_of_all(reference, scans, placed)
+    on_points = [
+        evaluate_points(extract_points(s), reference, T, matcher.config.refinement)
+        for s, T in zip(scans, placed, strict=True)
+    ]
+    views = [view(scan, reference, T) for scan, T in zip(scans, placed, strict=True)]
+    assert together.points == sum(len(extract_points(scan)) for scan in scans)
+    assert together.known == sum(refined.used for refined in on_points) > 100
+    assert 0 < together.inliers == sum(refined.inliers for refined in on_points) < together.known
+    assert (together.seen, together.contradicted) == tuple(np.sum(views, axis=0))
+
+
+def test_all_views_judge_a_point_as_one_after_the_other() -> None:
+    rng, points = np.random.default_rng(2), extract_points(scan_at(BACK))
+    poses = rng.normal(0.0, 1.0, (5, 3))
+    scans = [scan_at(pose, seed) for seed, pose in enumerate(poses)]
+    by_all, one_by_one = np.empty(len(points), np.int8), np.full(len(points), kernels.UNSEEN, np.int8)
+    limits, T_ref_cur = (REACH, MARGIN, ACROSS), compose(BACK, np.array([0.6, 0.0, 0.0]))
+    count = kernels.judge_points_by_all(
+        points.points, points.normals, 1, T_ref_cur, sweeps_of(scans, poses), *limits, by_all
+    )
+    for scan, pose in zip(scans, poses, strict=True):
+        g = scan.geometry
+        laser = g.T_robot_laser, g.bearings[0], g.resolution, scan.ranges
+        kernels.judge_points(points.points, points.normals, 1, T_ref_cur, pose, *laser, *limits, one_by_one)
+    np.testing.assert_array_equal(by_all, one_by_one)
+    assert 0 < count == np.count_nonzero(by_all == kernels.SEEN_THROUGH)
 
 
 def test_a_wall_that_slid_past_its_end_is_denied_from_both_sides() -> None:
