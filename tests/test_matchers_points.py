@@ -25,6 +25,7 @@ from frontends.matchers.mbicp import MbicpConfig, MbicpMatcher
 from frontends.matchers.plicp import PlicpConfig, PlicpMatcher
 from frontends.matchers.point_matcher import PointMatcher
 from frontends.matchers.qwsm import QwsmConfig, QwsmMatcher
+from frontends.matchers.restarts import RestartConfig
 from frontends.matchers.weighted import IterationConfig
 from frontends.matchers.weighted_points import PointNoiseConfig
 from frontends.matchers.wsm import WsmMatcher
@@ -283,20 +284,36 @@ def test_settings_outside_their_range_are_refused(wrong: Any) -> None:
         wrong()
 
 
+SINGLE_RUN = AcceptanceConfig(restarts=RestartConfig(below=0.0))
+
+
 @pytest.mark.parametrize(("matcher", "most"), [
-    (IcpMatcher(), 0.08), (PlicpMatcher(), 0.08),
-    (IdcMatcher(), 0.06), (MbicpMatcher(), 0.08),
+    (IcpMatcher(IcpConfig(as_published=True, acceptance=SINGLE_RUN)), 0.058),
+    (PlicpMatcher(PlicpConfig(as_published=True, acceptance=SINGLE_RUN)), 0.27),
+    (IdcMatcher(IdcConfig(as_published=True, acceptance=SINGLE_RUN)), 0.01),
+    (MbicpMatcher(MbicpConfig(as_published=True, acceptance=SINGLE_RUN)), 0.015),
+])  # fmt: skip
+def test_single_runs_are_as_robust_as_published(matcher: Matcher, most: float, data_dir: Path) -> None:
+    """A scan against itself from ±0.2 m, ±45°: ICP 5.8 %, PLICP 24.8 %, IDC 7.3 %, MbICP 0.75 % fail as published."""
+    assert failed_against_themselves(matcher, data_dir) < most
+
+
+@pytest.mark.parametrize(("matcher", "most"), [
+    (IcpMatcher(), 0.04), (PlicpMatcher(), 0.08),
+    (IdcMatcher(), 0.04), (MbicpMatcher(), 0.04),
     (WsmMatcher(), 0.16), (QwsmMatcher(), 0.08),
 ])  # fmt: skip
 def test_basin_of_real_scans_against_themselves(matcher: Matcher, most: float, data_dir: Path) -> None:
-    """The published test: a scan against itself from ±0.2 m, ±45°; failed beyond 5 cm or 2°.
+    """The same with the defaults, which leave out pairs at the ends of what the reference saw, and begin again."""
+    assert failed_against_themselves(matcher, data_dir) < most
 
-    Published: ICP 5.8 %, PLICP 24.8 %, IDC 7.3 %, MbICP 0.75 %, all trimmed to 95 %.
-    """
+
+def failed_against_themselves(matcher: Matcher, data_dir: Path) -> float:
+    """Share of 600 Intel scans found beyond 5 cm or 2° of themselves."""
     log = real_log(data_dir / "intel.clf.gz")
     rng = np.random.default_rng(1)
     failed = 0
-    places = np.linspace(0, len(log.ranges) - 1, 150).astype(int)
+    places = np.linspace(0, len(log.ranges) - 1, 600).astype(int)
     for i in places:
         scan = log.scan(int(i))
         guess = rng.uniform([-0.2, -0.2, -math.pi / 4], [0.2, 0.2, math.pi / 4])
@@ -304,7 +321,7 @@ def test_basin_of_real_scans_against_themselves(matcher: Matcher, most: float, d
         failed += isinstance(found, NoMatch) or bool(
             np.hypot(*found.T_ref_cur[:2]) > 0.05 or abs(found.T_ref_cur[2]) > math.radians(2)
         )
-    assert failed / len(places) < most
+    return failed / len(places)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -189,15 +189,32 @@ def test_pairs_at_the_end_of_what_was_seen_are_left_out() -> None:
         assert np.flatnonzero(np.isfinite(pairs.squares)).tolist() == expected
 
 
-def test_steps_that_keep_their_direction_are_led_to_their_end() -> None:
-    """Steps 0.4, 0.2 along x lead on by 0.2, as their geometric series does; a turn to the side leads nowhere."""
+def test_short_steps_that_keep_their_direction_are_led_to_their_end() -> None:
+    """Steps 0.02, 0.01 along x lead on by 0.01, as their geometric series does; a turn to the side leads nowhere."""
+    pose, steps = np.array([0.03, 0.0, 0.0]), np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0]])
+    icp._accelerate(np.array([0.02, 0.0, 0.0]), pose, steps)
+    assert pose == pytest.approx([0.04, 0.0, 0.0])
+    assert not steps.any()
+    sideways, steps = np.array([0.02, 0.01, 0.0]), np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0]])
+    icp._accelerate(np.array([0.02, 0.0, 0.0]), sideways, steps)
+    assert sideways == pytest.approx([0.02, 0.01, 0.0])
+
+
+def test_long_steps_are_not_led_on() -> None:
+    """Far from the end the pairs of points still change by chance, and with them where the steps lead."""
     pose, steps = np.array([0.6, 0.0, 0.0]), np.array([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0]])
     icp._accelerate(np.array([0.4, 0.0, 0.0]), pose, steps)
-    assert pose == pytest.approx([0.8, 0.0, 0.0])
-    assert not steps.any()
-    sideways, steps = np.array([0.4, 0.2, 0.0]), np.array([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0]])
-    icp._accelerate(np.array([0.4, 0.0, 0.0]), sideways, steps)
-    assert sideways == pytest.approx([0.4, 0.2, 0.0])
+    assert pose == pytest.approx([0.6, 0.0, 0.0])
+
+
+def test_closeness_tells_how_near_points_lie_to_the_surface() -> None:
+    """On it, 3 cm and 20 cm off it, and beyond its end by 4 cm: 1, 1 − 0.3², 0 and 1 − 0.4² with a reach of 10 cm."""
+    xy = np.array([[2.0, -1.0], [2.0, 0.0], [2.0, 1.0]])
+    outline = outline_of(xy, np.arctan2(xy[:, 1], xy[:, 0]), np.array([True, True, False]))
+    points = np.array([[2.0, 0.3], [1.97, -0.3], [2.2, 0.5], [2.0, 1.04]])
+    shifted = points - [0.5, 0.2]
+    close = _pair_kernels.closeness(outline, shifted, np.array([0.5, 0.2, 0.0]), 0.1)
+    assert close == pytest.approx((1.0 + 0.91 + 0.0 + 0.84) / 4)
 
 
 @settings(max_examples=60)

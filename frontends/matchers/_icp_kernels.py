@@ -24,9 +24,11 @@ from frontends.matchers._pair_kernels import (
 _SAME_WAY = math.cos(math.radians(10.0))
 """Two steps point the same way when the cosine of the angle between them exceeds this …"""
 _TURN_LENGTH = 3.0
-"""… turns counting as much as a shift by this [m] …"""
+"""… turns counting as much as a shift by this [m]; …"""
+_SHORT = 0.02
+"""… such a way is followed once a step is shorter than this [m]: long ones lead on towards chance pairs …"""
 _FARTHEST = 10.0
-"""… and the farthest way ahead in steps."""
+"""… and by this many steps at most."""
 
 
 class Stopping(NamedTuple):
@@ -90,7 +92,7 @@ def _accelerate(before: NDArray[np.float64], pose: NDArray[np.float64], steps: N
     steps[1, 2] = _TURN_LENGTH * ((steps[1, 2] + math.pi) % (2.0 * math.pi) - math.pi)
     first, second = np.sum(steps[0] ** 2), np.sum(steps[1] ** 2)
     along = np.sum(steps[0] * steps[1])
-    if first == 0.0 or second == 0.0 or along < _SAME_WAY * math.sqrt(first * second):
+    if second > _SHORT**2 or first == 0.0 or second == 0.0 or along < _SAME_WAY * math.sqrt(first * second):
         return
     ratio = math.sqrt(second / first)
     ahead = _FARTHEST if ratio >= _FARTHEST / (1.0 + _FARTHEST) else ratio / (1.0 - ratio)

@@ -20,6 +20,8 @@ from frontends.matchers.single_scan import PairConfig, SingleScanMatcher
 class IcpConfig(PairConfig):
     """Settings of ICP."""
 
+    coarse_epsilon: float = 5e-4
+
 
 class IcpMatcher(SingleScanMatcher):
     """Pairs each point with the closest place of the reference and fits the pairs rigidly, until nothing moves."""

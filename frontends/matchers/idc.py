@@ -51,5 +51,5 @@ class IdcMatcher(SingleScanMatcher):
         stopping: Stopping,
     ) -> tuple[NDArray[np.float64], Pairs, int]:
         config = self.config
-        window = config.window if trimming.least_end == 2 else config.min_window
+        window = config.window if math.isinf(trimming.factor) else config.min_window
         return kernels.dual(outline, points, start, window, config.decay, config.min_window, trimming, stopping)

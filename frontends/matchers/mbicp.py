@@ -22,6 +22,7 @@ class MbicpConfig(PairConfig):
     """L of the metric: a turn of 1 rad counts as much as a shift by this [m]."""
     window: float = math.radians(60.0)
     """Correspondences are sought this far to either side of a point's bearing [rad]."""
+    coarse_epsilon: float = 5e-4
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -17,6 +17,11 @@ from frontends.matchers.errors import require
 from frontends.matchers.point_matcher import PointMatcher
 from frontends.scan import Scan
 
+_NO_END = 3
+"""Above every kind of end of an outline: no pair is left out for lying at one."""
+_MOST_PUBLISHED = 500
+"""Most iterations of a run as published."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class PairConfig:
@@ -40,8 +45,12 @@ class PairConfig:
     max_iterations: int = 80
     """Most iterations before they have settled, and most after."""
     strict_first: float = 0.9
-    """Where this share of the points agrees after strict iterations from the guess itself, that is the match. Above 1
-    wide iterations always come first, which in a corridor can slide away from a good guess."""
+    """Strict iterations from the guess come first. Where they settle with points this close to the reference on average
+    (1 is on it), the last ones begin; else wide ones settle too, and the closer is taken. Above 1 there are only wide
+    ones, which in a corridor can slide away from a good guess."""
+    as_published: bool = False
+    """One run on all points with the farthest share trimmed and nothing else, as in the paper: pairs at the ends of what
+    the reference saw stay. They hold a scan against itself, and pull at one from elsewhere."""
     max_gap: float = 0.5
     """Neighbouring points nearer than this are joined by a straight piece of surface [m]."""
     range_sigma: float = 0.01
@@ -116,30 +125,39 @@ class SingleScanMatcher(PointMatcher[ReferenceScan, BearingScan]):
         return ReferenceScan(outline=outline, T_ref_laser=T_ref_lasers[-1])
 
     def _align(self, reference: ReferenceScan, points: BearingScan, T_frame_guess: NDArray[np.float64]) -> Alignment:
-        start = np.asarray(T_frame_guess, dtype=np.float64)
-        if self._pairs.strict_first <= 1.0:
-            strict = self._strict(reference, points, start)
-            inliers, _ = self._agreeing(reference, points, strict.T_frame_laser)
-            if inliers >= self._pairs.strict_first * len(points):
-                return strict
-            wide = self._strict(reference, points, self._wide(reference.outline, points, start))
-            return wide if self._agreeing(reference, points, wide.T_frame_laser)[0] > inliers else strict
-        return self._strict(reference, points, self._wide(reference.outline, points, start))
-
-    def _wide(self, outline: Outline, points: BearingScan, start: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where the iterations settle on some of the points, only the farthest pairs left out."""
         config = self._pairs
-        some = np.ascontiguousarray(points.xy[:: max(1, round(len(points) / config.coarse_points))])
-        trimming = Trimming(config.max_distance, config.trim, config.adaptive_order, math.inf, least_end=2)
-        return self._iterate(outline, some, start, trimming, Stopping(config.max_iterations, config.coarse_epsilon))[0]
+        start = np.asarray(T_frame_guess, dtype=np.float64)
+        if config.as_published:
+            return self._last(reference, points, start, self._trimming(_NO_END, adaptive=False))
+        settled = self._settled(reference.outline, points, start)
+        return self._last(reference, points, settled, self._trimming(1, adaptive=True))
 
-    def _strict(self, reference: ReferenceScan, points: BearingScan, start: NDArray[np.float64]) -> Alignment:
-        """Where they end on all points, no pair at an end of what the reference saw, trimmed adaptively."""
+    def _settled(self, outline: Outline, points: BearingScan, start: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Where the iterations settle on some of the points: with strict rules, or wide ones if those end closer."""
+        config, reach = self._pairs, self._acceptance.inlier_distance
+        some = np.ascontiguousarray(points.xy[:: max(1, round(len(points) / config.coarse_points))])
+        stopping = Stopping(config.max_iterations, config.coarse_epsilon)
+        wide, strict = self._trimming(2, adaptive=False), self._trimming(1, adaptive=True)
+        if config.strict_first > 1.0:
+            return self._iterate(outline, some, start, wide, stopping)[0]
+        first = self._iterate(outline, some, start, strict, stopping)[0]
+        close = _pair_kernels.closeness(outline, some, first, reach)
+        if close >= config.strict_first:
+            return first
+        second = self._iterate(outline, some, start, wide, stopping)[0]
+        return second if _pair_kernels.closeness(outline, some, second, reach) > close else first
+
+    def _trimming(self, least_end: int, *, adaptive: bool) -> Trimming:
+        config = self._pairs
+        factor = config.adaptive_factor if adaptive else math.inf
+        return Trimming(config.max_distance, config.trim, config.adaptive_order, factor, least_end)
+
+    def _last(
+        self, reference: ReferenceScan, points: BearingScan, start: NDArray[np.float64], trimming: Trimming
+    ) -> Alignment:
+        """Where they end on all points."""
         config, outline = self._pairs, reference.outline
-        trimming = Trimming(
-            config.max_distance, config.trim, config.adaptive_order, config.adaptive_factor, least_end=1
-        )
-        stopping = Stopping(config.max_iterations, config.epsilon)
+        stopping = Stopping(_MOST_PUBLISHED if config.as_published else config.max_iterations, config.epsilon)
         pose, pairs, iterations = self._iterate(outline, points.xy, start, trimming, stopping)
         hessian, scatter, (count, total) = _covariance_kernels.covariance_parts(outline, pairs, pose)
         variance = max(config.range_sigma**2, total / max(count - 3, 1))
