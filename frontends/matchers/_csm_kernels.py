@@ -173,64 +173,99 @@ def branch_and_bound(
         Sum (`least` if nothing exceeds it), turn, row offset, column offset and the number of nodes scored.
     """
     top = len(layout)
+    bounds, roots = _roots(cells, span, table, pyramid, layout)
+    scored = len(roots)
+    order = np.argsort(-bounds, kind="mergesort")
+    best, best_turn, best_dr, best_dc = least, -1, 0, 0
+    stack = np.empty((4 * (top + 1), 4), np.int64)
+    for root in order:
+        if bounds[root] <= best:
+            break
+        turn = roots[root, 0]
+        stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = bounds[root], roots[root, 1], roots[root, 2], top
+        depth = 1
+        while depth > 0:
+            depth -= 1
+            bound, dr, dc, height = stack[depth]
+            if bound <= best:
+                continue
+            if height == 0:
+                best, best_turn, best_dr, best_dc = bound, turn, dr, dc
+                continue
+            children = _branch(cells[turn], dr, dc, height - 1, span, table, pyramid, layout, stack[depth:])
+            scored += children
+            depth += children
+    return best, best_turn, best_dr, best_dc, scored
+
+
+@njit(cache=True)
+def _node_bound(
+    cells: NDArray[np.int32],
+    dr: int,
+    dc: int,
+    height: int,
+    table: NDArray[np.uint8],
+    pyramid: NDArray[np.uint8],
+    layout: NDArray[np.int64],
+) -> int:
+    """Bound of a node of 2^height by 2^height offsets, the sum itself for a single one."""
+    if height == 0:
+        return _sum_at(cells, dr, dc, table)
+    return _bound_at(cells, dr, dc, pyramid, layout, height)
+
+
+@njit(cache=True)
+def _roots(
+    cells: NDArray[np.int32],
+    span: int,
+    table: NDArray[np.uint8],
+    pyramid: NDArray[np.uint8],
+    layout: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """The largest nodes, which together cover the window: (n,) bounds, and (n, 3) turn, row and column offset."""
+    top = len(layout)
     width = 1 << top
     per_side = (2 * span) // width + 1
-    n_roots = len(cells) * per_side * per_side
-    bounds = np.empty(n_roots, np.int64)
-    roots = np.empty((n_roots, 3), np.int32)
+    count = len(cells) * per_side * per_side
+    bounds, roots = np.empty(count, np.int64), np.empty((count, 3), np.int32)
     n = 0
     for turn in range(len(cells)):
         for a in range(per_side):
             for b in range(per_side):
                 dr, dc = -span + a * width, -span + b * width
                 roots[n, 0], roots[n, 1], roots[n, 2] = turn, dr, dc
-                if top == 0:
-                    bounds[n] = _sum_at(cells[turn], dr, dc, table)
-                else:
-                    bounds[n] = _bound_at(cells[turn], dr, dc, pyramid, layout, top)
+                bounds[n] = _node_bound(cells[turn], dr, dc, top, table, pyramid, layout)
                 n += 1
-    scored = n_roots
-    order = np.argsort(-bounds, kind="mergesort")
-    best, best_turn, best_dr, best_dc = least, -1, 0, 0
-    stack = np.empty((4 * (top + 1), 5), np.int64)
-    child = np.empty((4, 3), np.int64)
-    for root in order:
-        if bounds[root] <= best:
-            break
-        stack[0, 0], stack[0, 1] = bounds[root], roots[root, 0]
-        stack[0, 2], stack[0, 3], stack[0, 4] = roots[root, 1], roots[root, 2], top
-        depth = 1
-        while depth > 0:
-            depth -= 1
-            bound, turn, dr, dc, height = stack[depth]
-            if bound <= best:
+    return bounds, roots
+
+
+@njit(cache=True)
+def _branch(
+    cells: NDArray[np.int32],
+    dr: int,
+    dc: int,
+    height: int,
+    span: int,
+    table: NDArray[np.uint8],
+    pyramid: NDArray[np.uint8],
+    layout: NDArray[np.int64],
+    stack: NDArray[np.int64],
+) -> int:
+    """Put the children of a node, of this height, on the stack, the most promising last; return how many."""
+    half = 1 << height
+    count = 0
+    for r in (dr, dr + half):
+        for c in (dc, dc + half):
+            if r > span or c > span:
                 continue
-            if height == 0:
-                best, best_turn, best_dr, best_dc = bound, turn, dr, dc
-                continue
-            half = 1 << (height - 1)
-            count = 0
-            for a in range(2):
-                for b in range(2):
-                    r, c = dr + a * half, dc + b * half
-                    if r > span or c > span:
-                        continue
-                    if height == 1:
-                        total = _sum_at(cells[turn], r, c, table)
-                    else:
-                        total = _bound_at(cells[turn], r, c, pyramid, layout, height - 1)
-                    scored += 1
-                    position = count
-                    while position > 0 and child[position - 1, 0] > total:
-                        child[position] = child[position - 1]
-                        position -= 1
-                    child[position, 0], child[position, 1], child[position, 2] = total, r, c
-                    count += 1
-            for k in range(count):
-                stack[depth, 0], stack[depth, 1] = child[k, 0], turn
-                stack[depth, 2], stack[depth, 3], stack[depth, 4] = child[k, 1], child[k, 2], height - 1
-                depth += 1
-    return best, best_turn, best_dr, best_dc, scored
+            bound = _node_bound(cells, r, c, height, table, pyramid, layout)
+            at = count
+            while at > 0 and stack[at - 1, 0] > bound:
+                stack[at] = stack[at - 1]
+                at -= 1
+            stack[at, 0], stack[at, 1], stack[at, 2], stack[at, 3] = bound, r, c, height
+            count += 1
+    return count
 
 
 @njit(cache=True)

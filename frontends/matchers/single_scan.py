@@ -49,8 +49,8 @@ class PairConfig:
     (1 is on it), the last ones begin; else wide ones settle too, and the closer is taken. Above 1 there are only wide
     ones, which in a corridor can slide away from a good guess."""
     as_published: bool = False
-    """One run on all points with the farthest share trimmed and nothing else, as in the paper: pairs at the ends of what
-    the reference saw stay. They hold a scan against itself, and pull at one from elsewhere."""
+    """One run on all points with the farthest share trimmed and nothing else, as in the paper: pairs at the ends of
+    what the reference saw stay. They hold a scan against itself, and pull at one from elsewhere."""
     max_gap: float = 0.5
     """Neighbouring points nearer than this are joined by a straight piece of surface [m]."""
     range_sigma: float = 0.01
