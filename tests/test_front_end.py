@@ -253,3 +253,12 @@ def test_where_odometry_is_dead_the_velocity_goes_on_and_the_way_is_unknown() ->
     certain, unknown = (next(key for key in front_end.keys if key.index == index) for index in (12, 18))
     assert unknown.motion.covariance[0, 0] > 5 * certain.motion.covariance[0, 0]
     assert not front_end.breaks
+
+
+def test_a_robot_that_neither_odometry_nor_laser_follows_is_adrift() -> None:
+    truth = _straight(60)
+    fails = frozenset({*range(20, 23), *range(40, 50)})
+    front_end = FrontEnd(TruthMatcher(np.vstack([np.zeros(3), truth]), fails), OdometryModel(), _CONFIG)
+    for i in range(60):
+        front_end.add(i, _scan(i + 1), None if i >= 14 else np.array([0.1, 0.0, 0.0]))
+    assert front_end.adrift == [48]

@@ -49,6 +49,8 @@ def _rmse(result: SlamResult, truth: NDArray[np.float64]) -> float:
         ("reset", 0.1),
         ("odometry dies", 0.1),
         ("odometry stuck 5", 0.1),
+        ("frozen", 0.1),
+        ("twice", 0.1),
     ],
 )
 def test_faults_of_robot_laser_and_recorder(log: Log, truth: NDArray[np.float64], fault: str, bound: float) -> None:
@@ -59,7 +61,7 @@ def test_faults_of_robot_laser_and_recorder(log: Log, truth: NDArray[np.float64]
         assert result.summary["scans_carried_by_odometry"] >= 40
     if fault in {"jumps 10 m", "reset"}:
         assert len(result.summary["odometry_breaks_at_scans"]) == (1 if fault == "reset" else 3)
-    if fault in {"odometry dies", "odometry stuck 5"}:
+    if fault in {"odometry dies", "odometry stuck 5", "frozen"}:
         assert "odometry" in result.summary["warnings"][-1]
     if fault == "jumps 30°":
         assert result.summary["odometry_jumps"] >= 2

@@ -14,9 +14,10 @@ from graph.se2 import between, compose, transform_points, wrap_angle
 
 _SEED = 0
 _JUMPS = 3
+_CLOCK_JUMP = 3600.0  # s
 _BODY = 0.2  # m, half of its width
 _VISIT = (25, 150)  # scans
-_BLIND_SECONDS, _GAP_SECONDS, _STOP_SCANS = 10.0, 10.0, 1000
+_BLIND_SECONDS, _GAP_SECONDS, _CARRIED_SECONDS, _STOP_SCANS = 10.0, 10.0, 60.0, 1000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,6 +82,13 @@ def missing_beams(log: Log, share: float) -> Degraded:
     return _with_ranges(log, np.where(lost, np.float32(np.nan), log.ranges))
 
 
+def half_hidden(log: Log) -> Degraded:
+    """Something on the robot hides one half of the view."""
+    ranges = log.ranges.copy()
+    ranges[:, : ranges.shape[1] // 2] = np.nan
+    return _with_ranges(log, ranges)
+
+
 def noisy(log: Log, deviation: float, outliers: float = 0.0) -> Degraded:
     """Ranges with noise of `deviation` [m], and a share of them that end anywhere before."""
     rng = _rng()
@@ -113,6 +121,19 @@ def covered(log: Log, reading: float) -> Degraded:
     return _with_ranges(log, ranges)
 
 
+def frozen(log: Log) -> Degraded:
+    """The laser repeats one scan for ten seconds in the middle while the robot drives on."""
+    ranges = log.ranges.copy()
+    middle = len(log) // 2
+    ranges[middle : middle + _scans_in(log, _BLIND_SECONDS)] = ranges[middle]
+    return _with_ranges(log, ranges)
+
+
+def laser_stuck(log: Log, n: int) -> Degraded:
+    """A laser that is read anew only at every n-th scan."""
+    return _with_ranges(log, log.ranges[np.arange(len(log)) // n * n])
+
+
 def gap(log: Log) -> Degraded:
     """The recorder stops for ten seconds in the middle while the robot drives on."""
     middle, length = len(log) // 2, _scans_in(log, _GAP_SECONDS)
@@ -127,6 +148,21 @@ def stop(log: Log) -> Degraded:
     ranges = still.log.ranges.copy()
     ranges[middle : middle + _STOP_SCANS] += noise
     return Degraded(log=replace(still.log, ranges=ranges), scans=still.scans)
+
+
+def carried(log: Log) -> Degraded:
+    """Somebody carries the robot for a minute of its way in the middle, and nothing is recorded of it."""
+    middle, length = len(log) // 2, min(_scans_in(log, _CARRIED_SECONDS), len(log) // 4)
+    left = select(log, np.concatenate([np.arange(middle), np.arange(middle + length, len(log))]))
+    odometry, stamps = left.log.odometry.copy(), left.log.stamps.copy()
+    odometry[middle:] = compose(odometry[middle - 1], between(odometry[middle], odometry[middle:]))
+    stamps[middle:] -= stamps[middle] - stamps[middle - 1]
+    return Degraded(log=replace(left.log, odometry=odometry, stamps=stamps), scans=left.scans)
+
+
+def every_scan_twice(log: Log) -> Degraded:
+    """The recorder writes every line twice."""
+    return select(log, np.repeat(np.arange(len(log)), 2))
 
 
 def odometry_scaled(log: Log, move: float = 1.0, turn: float = 1.0) -> Degraded:
@@ -149,12 +185,12 @@ def odometry_noisy(log: Log, move: float, turn: float) -> Degraded:
     return _with_steps(log, disturbed)
 
 
-def odometry_jumps(log: Log, jump: tuple[float, float, float]) -> Degraded:
-    """The odometry jumps by this pose [m, m, rad] three times, to one side and the other."""
+def odometry_jumps(log: Log, jump: tuple[float, float, float], times: int = _JUMPS) -> Degraded:
+    """The odometry jumps by this pose [m, m, rad] several times, to one side and the other."""
 
     def jumping(steps: NDArray[np.float64]) -> NDArray[np.float64]:
-        for k in range(_JUMPS):
-            at = (k + 1) * len(steps) // (_JUMPS + 1)
+        for k in range(times):
+            at = (k + 1) * len(steps) // (times + 1)
             steps[at] = compose(steps[at], np.array(jump) * (-1.0) ** k)
         return steps
 
@@ -198,7 +234,27 @@ def odometry_dies(log: Log) -> Degraded:
 
 def stamps_shuffled(log: Log) -> Degraded:
     """Stamps that say nothing about the order."""
-    return Degraded(log=replace(log, stamps=_rng().permutation(log.stamps)), scans=np.arange(len(log)))
+    return _with_stamps(log, _rng().permutation(log.stamps))
+
+
+def stamps_reversed(log: Log) -> Degraded:
+    """A clock that runs backwards."""
+    return _with_stamps(log, log.stamps[::-1].copy())
+
+
+def clock_jumps(log: Log) -> Degraded:
+    """A clock that is put forward and back by an hour, in turn."""
+    is_ahead = np.arange(len(log)) * (_JUMPS + 1) // len(log) % 2 == 1
+    return _with_stamps(log, log.stamps + np.where(is_ahead, _CLOCK_JUMP, 0.0))
+
+
+def together(log: Log, faults: tuple[Degradation, ...]) -> Degraded:
+    """Several faults, one after the other."""
+    worse = Degraded(log=log, scans=np.arange(len(log)))
+    for fault in faults:
+        more = fault(worse.log)
+        worse = Degraded(log=more.log, scans=worse.scans[more.scans])
+    return worse
 
 
 DEGRADATIONS: Mapping[str, Degradation] = MappingProxyType(
@@ -217,21 +273,29 @@ DEGRADATIONS: Mapping[str, Degradation] = MappingProxyType(
         "every 4th beam": partial(every_beam, n=4),
         "90° view": partial(narrow, view=np.radians(90.0)),
         "half the readings": partial(missing_beams, share=0.5),
+        "half the view": half_hidden,
         "noise 3 cm": partial(noisy, deviation=0.03),
         "noise 5 cm, 10 % outliers": partial(noisy, deviation=0.05, outliers=0.1),
         "crowd of 4": partial(crowd, people=4),
         "crowd of 10": partial(crowd, people=10),
         "covered": partial(covered, reading=0.1),
         "blind": partial(covered, reading=np.nan),
+        "frozen": frozen,
+        "laser stuck 2": partial(laser_stuck, n=2),
+        "laser stuck 5": partial(laser_stuck, n=5),
         "gap": gap,
         "stop": stop,
+        "carried": carried,
+        "twice": every_scan_twice,
         "distance 5 %": partial(odometry_scaled, move=1.05),
+        "distance 20 %": partial(odometry_scaled, move=1.2),
         "turn 5 %": partial(odometry_scaled, turn=1.05),
         "turn 20 %": partial(odometry_scaled, turn=0.8),
         "drift 1°/m": partial(odometry_drifting, per_metre=np.radians(1.0)),
         "drift 5°/m": partial(odometry_drifting, per_metre=np.radians(5.0)),
         "odometry noise 50 %": partial(odometry_noisy, move=0.5, turn=0.5),
         "jumps 30°": partial(odometry_jumps, jump=(0.0, 0.0, np.radians(30.0))),
+        "ten jumps 30°": partial(odometry_jumps, jump=(0.0, 0.0, np.radians(30.0)), times=10),
         "jumps 1 m 60°": partial(odometry_jumps, jump=(1.0, 0.0, np.radians(60.0))),
         "jumps 10 m": partial(odometry_jumps, jump=(10.0, 3.0, 0.0)),
         "reset": odometry_reset,
@@ -241,6 +305,23 @@ DEGRADATIONS: Mapping[str, Degradation] = MappingProxyType(
         "no odometry": odometry_missing,
         "odometry dies": odometry_dies,
         "stamps": stamps_shuffled,
+        "stamps reversed": stamps_reversed,
+        "clock jumps": clock_jumps,
+        "gap + stamps": partial(together, faults=(gap, stamps_shuffled)),
+        "covered + reset": partial(together, faults=(partial(covered, reading=0.1), odometry_reset)),
+        "half the view + ten jumps 30°": partial(
+            together, faults=(half_hidden, partial(odometry_jumps, jump=(0.0, 0.0, np.radians(30.0)), times=10))
+        ),
+        "odometry dies + covered": partial(together, faults=(odometry_dies, partial(covered, reading=0.1))),
+        "odometry dies + crowd of 4": partial(together, faults=(partial(crowd, people=4), odometry_dies)),
+        "odometry stuck 5 + noise 3 cm": partial(
+            together, faults=(partial(odometry_stuck, n=5), partial(noisy, deviation=0.03))
+        ),
+        "distance 20 % + turn 20 % + half the readings": partial(
+            together,
+            faults=(partial(odometry_scaled, move=1.2, turn=0.8), partial(missing_beams, share=0.5)),
+        ),
+        "every 5th scan + reset": partial(together, faults=(partial(every, n=5), odometry_reset)),
     }
 )
 """Every fault by its name."""
@@ -268,6 +349,10 @@ def _rng() -> np.random.Generator:
 
 def _with_ranges(log: Log, ranges: NDArray[np.float32]) -> Degraded:
     return Degraded(log=replace(log, ranges=ranges), scans=np.arange(len(log)))
+
+
+def _with_stamps(log: Log, stamps: NDArray[np.float64]) -> Degraded:
+    return Degraded(log=replace(log, stamps=stamps), scans=np.arange(len(log)))
 
 
 def _with_beams(log: Log, beams: slice) -> Degraded:

@@ -280,11 +280,13 @@ def _relocalised(
 
 def _front_end_doubts(track: Track) -> dict[int, Doubt]:
     """Key poses whose scans matched nothing that was known."""
-    lost = set(track.lost)
+    lost, adrift = set(track.lost), set(track.adrift)
     doubts = {}
     for key, scan in enumerate(track.keys):
         if scan.index in lost:
             doubts[key] = Doubt(reason="nothing matched what was known before", strength=LOST)
+        elif scan.index in adrift:
+            doubts[key] = Doubt(reason="neither odometry nor laser told the way there", strength=LOST)
         elif isinstance(scan.match, NoMatch):
             doubts[key] = Doubt(reason=scan.match.reason, strength=_UNMATCHED_DOUBT)
     return doubts

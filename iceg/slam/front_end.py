@@ -43,6 +43,8 @@ _SAME_OPTIMUM = (0.08, 0.05)
 """Poses no farther apart than this [m, rad] do not contradict each other."""
 _LOST_AFTER = 3
 """So many key scans that match only each other take over as the local reference."""
+_ADRIFT_AFTER = 5
+"""After so many scans that neither odometry nor a match speaks for, a robot may be anywhere."""
 _UNKNOWN_ODOMETRY = OdometryModel(
     along_per_metre=0.3,
     across_per_metre=0.3,
@@ -76,11 +78,13 @@ class FrontEnd:
         self._is_blind = False
         self._motion = self._odometry.start()
         self._knows_motion = self._has_odometry
+        self._adrift = 0
         self._T_track_robot = np.zeros(3)
         self._newest_step = (np.zeros(3), np.zeros(3))
         self.failures = 0
         self.lost: list[int] = []
         self.breaks: list[int] = []
+        self.adrift: list[int] = []
 
     def trust(self, odometry: OdometryModel) -> None:
         """Believe the odometry so much from the next step on."""
@@ -165,6 +169,7 @@ class FrontEnd:
         before = self._T_track_robot
         if isinstance(found, NoMatch):
             self.failures += 1
+            self._adrift += not self._knows_motion
             straight_on = np.array([before[0], before[1], guess[2]])  # a robot drives on, it does not spin on
             self._T_track_robot, self._newest_step = guess, (straight_on, guess)
         else:
@@ -288,7 +293,9 @@ class FrontEnd:
                 T_track_robot=self._T_track_robot,
             )
         )
-        self._motion, self._knows_motion = self._odometry.start(), self._has_odometry
+        if self._adrift >= _ADRIFT_AFTER:
+            self.adrift.append(index)
+        self._motion, self._knows_motion, self._adrift = self._odometry.start(), self._has_odometry, 0
         self._extend_reference(isinstance(match, NoMatch))
 
     def _extend_reference(self, is_unmatched: bool) -> None:

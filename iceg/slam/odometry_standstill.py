@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from frontends.scan import Log
 from graph.se2 import between, compose
+from iceg.slam.repeated_scans import is_repeated
 
 _STILL = 1e-9
 """A step shorter than this is none [m, rad]: the same reading again."""
@@ -29,11 +30,16 @@ _RETURNS = 0.2
 
 def with_odometry_between_readings(log: Log) -> Log:
     """The same log; where its odometry is read more seldom than its laser, with odometry at every scan."""
-    period = reading_period(log.odometry) if log.has_odometry else 1
+    if not log.has_odometry:
+        return log
+    is_new = ~is_repeated(log.ranges)  # lines written twice hold the same scan with the same odometry
+    odometry = log.odometry[is_new]
+    period = reading_period(odometry)
     if period == 1:
         return log
+    spread = between_readings(odometry, period)[np.cumsum(is_new) - 1]
     warning = f"the odometry is read anew only once in {period} scans: it is interpolated in between"
-    return replace(log, odometry=between_readings(log.odometry, period), warnings=(*log.warnings, warning))
+    return replace(log, odometry=spread, warnings=(*log.warnings, warning))
 
 
 def reading_period(odometry: NDArray[np.float64]) -> int:

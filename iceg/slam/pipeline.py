@@ -37,6 +37,7 @@ from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odomet
 from iceg.slam.odometry_standstill import describe_dead, with_odometry_between_readings
 from iceg.slam.path_break import describe_break
 from iceg.slam.progress import Progress, ProgressCallback
+from iceg.slam.repeated_scans import without_frozen_scans
 from iceg.slam.track import Track
 from iceg.slam.tracking import track_calibrating
 
@@ -97,7 +98,7 @@ def run(
     matcher = matcher or (IceMatcher(config.ice) if config.matcher == "ice" else make_matcher(config.matcher))
     clock = _StageClock()
     with clock.stage("front_end"):
-        log = with_odometry_between_readings(log)
+        log = with_odometry_between_readings(without_frozen_scans(log))
         track, first = _track(log, matcher, config, progress)
     with clock.stage("graph"):
         calibration = _recalibrate(track, log, first, config)

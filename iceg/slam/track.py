@@ -43,6 +43,7 @@ class Track:
         failures: scans without a credible match, carried by odometry.
         lost: scans from which on nothing matched what was known, so that a new local reference was begun.
         breaks: scans before which the odometry jumped, and the robot did not.
+        adrift: key scans that neither odometry nor a match ties to what was before.
         dead: first and last scans of the stretches over which the odometry stood still, and the robot did not.
     """
 
@@ -52,6 +53,7 @@ class Track:
     failures: int
     lost: list[int]
     breaks: list[int] = field(default_factory=list)
+    adrift: list[int] = field(default_factory=list)
     dead: list[tuple[int, int]] = field(default_factory=list)
 
     def trajectory(self, key_poses: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -142,6 +142,7 @@ class _Journey:
             failures=front_end.failures,
             lost=list(front_end.lost),
             breaks=list(front_end.breaks),
+            adrift=list(front_end.adrift),
             dead=[stretch for stretch in self._dead if _has_moved(T_track_scan[slice(*stretch)])],
         )
 

@@ -1,0 +1,47 @@
+"""Scans that come again to the last bit: a laser that froze, or a recorder that writes lines twice."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import Log
+from graph.se2 import between
+
+_STILL = 1e-9
+"""A step of odometry shorter than this is none [m, rad]."""
+
+
+def is_repeated(ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """(n,) which of (n, n_beams) scans are the same as the one before; noise alone makes any two differ."""
+    bits = np.ascontiguousarray(ranges, dtype=np.float32).view(np.int32)
+    return np.concatenate([np.zeros(min(len(bits), 1), dtype=np.bool_), (bits[1:] == bits[:-1]).all(axis=1)])
+
+
+def frozen_stretches(log: Log) -> list[tuple[int, int]]:
+    """First and last of the repeated scans of each stretch over which the laser repeats itself, but the odometry moves.
+
+    A scan without any return says nothing anyway.
+    """
+    repeated = is_repeated(log.ranges) & np.isfinite(log.ranges).any(axis=1)
+    if not (log.has_odometry and repeated.any()):
+        return []
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], repeated.astype(np.int8), [0]])))
+    moves = np.abs(between(log.odometry[:-1], log.odometry[1:])).max(axis=1) > _STILL
+    return [(first, end - 1) for first, end in edges.reshape(-1, 2).tolist() if moves[first - 1 : end - 1].any()]
+
+
+def without_frozen_scans(log: Log) -> Log:
+    """The same log; where its laser is frozen while the odometry moves, with nothing seen and a warning."""
+    stretches = frozen_stretches(log)
+    if not stretches:
+        return log
+    ranges = log.ranges.copy()
+    for first, last in stretches:
+        ranges[first : last + 1] = np.nan
+    n_scans = sum(last + 1 - first for first, last in stretches)
+    warning = (
+        f"the laser repeats itself in {n_scans} scans while the odometry moves, first from scan {stretches[0][0]} to "
+        f"scan {stretches[0][1]}: they are not believed"
+    )
+    return replace(log, ranges=ranges, warnings=(*log.warnings, warning))
