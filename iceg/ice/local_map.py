@@ -66,7 +66,10 @@ class LocalMap:
         self._sums = np.empty((4096, 5))
         self._surfels = np.empty((4096, 4))
         self.fine = _empty_field(origin, size, config.cell, config.fine_radius)
-        self.coarse = _empty_field(origin, size, config.coarse_cell, config.coarse_radius)
+        # Only a search among hypotheses asks for the wide field and the features: they are made when it does.
+        self._coarse = _empty_field(origin, size, config.coarse_cell, config.coarse_radius)
+        self._in_coarse = 0
+        self._new_features: list[tuple[FeatureRows, NDArray[np.float64]]] = []
         self._feature_count = 0
         self._kinds = np.empty(_FEATURE_CAPACITY, np.int8)
         self._rows = np.empty((_FEATURE_CAPACITY, 10))
@@ -82,22 +85,25 @@ class LocalMap:
     ) -> None:
         """Add the points and features of scans taken at `T_ref_scans`, (n, 3)."""
         start = self._surfel_count
+        self._fill_coarse()  # with the surfels as they are, before new points move them
         self._add_points(scan_points, T_ref_scans)
-        self._add_features(features, T_ref_scans)
-        end = self._surfel_count
-        surfel_kernels.mean_surfels(self._sums, end, self._surfels)
-        for field, is_thin in ((self.fine, False), (self.coarse, True)):
-            surfel_kernels.stamp_field(
-                self._surfels,
-                start,
-                end,
-                field.origin,
-                field.cell,
-                field.radius,
-                field.nearest,
-                field.distance2,
-                is_thin,
-            )
+        self._new_features += zip(features, T_ref_scans, strict=True)
+        surfel_kernels.mean_surfels(self._sums, self._surfel_count, self._surfels)
+        self._stamp(self.fine, start, is_thin=False)
+
+    def _stamp(self, field: NearestField, start: int, *, is_thin: bool) -> None:
+        """Note the surfels from `start` on in a field."""
+        surfel_kernels.stamp_field(
+            self._surfels,
+            start,
+            self._surfel_count,
+            field.origin,
+            field.cell,
+            field.radius,
+            field.nearest,
+            field.distance2,
+            is_thin,
+        )
 
     def _add_points(self, scan_points: Sequence[ScanPoints], T_ref_scans: NDArray[np.float64]) -> None:
         starts = starts_of(scan_points)
@@ -114,19 +120,6 @@ class LocalMap:
             self._surfel_count,
         )
 
-    def _add_features(self, features: Sequence[FeatureRows], T_ref_scans: NDArray[np.float64]) -> None:
-        self._feature_count = hypothesis_kernels.merge_features(
-            joined([one.kinds for one in features]),
-            joined([one.rows for one in features]),
-            starts_of([one.kinds for one in features]),
-            T_ref_scans,
-            self._merge_radius,
-            self._kinds,
-            self._rows,
-            self._hits,
-            self._feature_count,
-        )
-
     @property
     def surfels(self) -> NDArray[np.float64]:
         """(n, 4) mean position [m] and unit normal of each surfel."""
@@ -141,10 +134,37 @@ class LocalMap:
         return self._sweeps
 
     @property
+    def coarse(self) -> NearestField:
+        """The wide field."""
+        self._fill_coarse()
+        return self._coarse
+
+    def _fill_coarse(self) -> None:
+        if self._in_coarse < self._surfel_count:
+            self._stamp(self._coarse, self._in_coarse, is_thin=True)
+            self._in_coarse = self._surfel_count
+
+    @property
     def feature_rows(self) -> FeatureRows:
         """The merged features in the layout of the kernels."""
+        if self._new_features:
+            self._merge_features([one for one, _ in self._new_features], np.array([T for _, T in self._new_features]))
+            self._new_features.clear()
         n = self._feature_count
         return FeatureRows(kinds=self._kinds[:n], rows=self._rows[:n])
+
+    def _merge_features(self, features: Sequence[FeatureRows], T_ref_scans: NDArray[np.float64]) -> None:
+        self._feature_count = hypothesis_kernels.merge_features(
+            joined([one.kinds for one in features]),
+            joined([one.rows for one in features]),
+            starts_of([one.kinds for one in features]),
+            T_ref_scans,
+            self._merge_radius,
+            self._kinds,
+            self._rows,
+            self._hits,
+            self._feature_count,
+        )
 
     @property
     def features(self) -> Features:
