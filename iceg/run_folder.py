@@ -10,6 +10,7 @@ from typing import Any, cast, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.errors import reason
 from iceg.ice.features import KIND_NAMES
 from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
@@ -79,7 +80,7 @@ def read_ros_map(path: Path) -> OccupancyGrid:
         origin = np.array([float(word) for word in description["origin"].strip("[]").split(",")[:2]])
         grey = _read_pgm((path.parent / description["image"]).read_bytes())
     except (OSError, ValueError, KeyError) as err:
-        raise ResultsError(f"{path}: cannot be read as a map: {err}") from err
+        raise ResultsError(f"{path}: cannot be read as a map: {reason(err)}") from err
     log_odds = np.zeros(grey.shape, dtype=np.float32)
     log_odds[grey < _DARK] = _CERTAIN_LOG_ODDS
     log_odds[grey > _BRIGHT] = -_CERTAIN_LOG_ODDS
@@ -97,7 +98,7 @@ def read_geojson(path: Path) -> Landmarks:
         features = json.loads(path.read_text(encoding="utf-8"))["features"]
         return _landmarks(features)
     except (OSError, ValueError, KeyError, TypeError) as err:
-        raise ResultsError(f"{path}: cannot be read as landmarks: {type(err).__name__} {err}") from err
+        raise ResultsError(f"{path}: cannot be read as landmarks: {type(err).__name__} {reason(err)}") from err
 
 
 def read_closures(path: Path) -> tuple[Closure, ...]:
@@ -110,7 +111,7 @@ def read_closures(path: Path) -> tuple[Closure, ...]:
         with path.open(encoding="utf-8", newline="") as file:
             header, *rows = list(csv.reader(file)) or [[]]
     except (OSError, ValueError, csv.Error) as err:
-        raise ResultsError(f"{path}: cannot be read as loop closures: {err}") from err
+        raise ResultsError(f"{path}: cannot be read as loop closures: {reason(err)}") from err
     if tuple(header) != CLOSURE_COLUMNS:
         raise ResultsError(f"{path}: found the header '{','.join(header)}', expected '{','.join(CLOSURE_COLUMNS)}'")
     try:

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union
 
-from graph.errors import IcegError
+from graph.errors import IcegError, reason
 
 Settings = TypeVar("Settings")
 
@@ -40,7 +40,7 @@ def read_settings(cls: type[Settings], path: Path) -> Settings:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as err:
-        raise ConfigError(f"{path}: cannot be read as a configuration: {err}") from err
+        raise ConfigError(f"{path}: cannot be read as a configuration: {reason(err)}") from err
     return parse_settings(cls, text, where=str(path))
 
 

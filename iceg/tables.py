@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.errors import IcegError
+from graph.errors import IcegError, reason
 
 
 class TableError(IcegError):
@@ -38,7 +38,7 @@ def read_csv_table(path: Path, columns: Sequence[str]) -> NDArray[np.float64]:
                 )
             rows = [parse_numbers(row, columns, f"{path}:{reader.line_num}") for row in reader if row]
     except (OSError, UnicodeDecodeError, csv.Error) as err:
-        raise TableError(f"{path}: cannot be read as a CSV: {err}") from err
+        raise TableError(f"{path}: cannot be read as a CSV: {reason(err)}") from err
     if not rows:
         raise TableError(f"{path}: holds no rows under its header '{','.join(columns)}'")
     return np.array(rows)
@@ -65,7 +65,7 @@ def read_blank_separated_table(path: Path, columns: Sequence[str]) -> NDArray[np
                 if words and not words[0].startswith("#"):
                     rows.append(parse_numbers(words, columns, f"{path}:{number}"))
     except (OSError, UnicodeDecodeError) as err:
-        raise TableError(f"{path}: cannot be read as text: {err}") from err
+        raise TableError(f"{path}: cannot be read as text: {reason(err)}") from err
     if not rows:
         raise TableError(f"{path}: holds no rows, expected lines '{' '.join(columns)}'")
     return np.array(rows)

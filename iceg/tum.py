@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.errors import IcegError
+from graph.errors import IcegError, reason
 
 _LINE = "%.6f %.9f %.9f 0 0 0 %.12f %.12f\n"
 _N_COLUMNS = 8
@@ -73,7 +73,7 @@ def read_tum(path: Path) -> Trajectory:
         with path.open(encoding="utf-8") as file:
             rows = [line.split() for line in file]
     except (OSError, UnicodeDecodeError) as err:
-        raise TrajectoryError(f"{path}: cannot be read as a TUM trajectory: {err}") from err
+        raise TrajectoryError(f"{path}: cannot be read as a TUM trajectory: {reason(err)}") from err
     numbered = [(number, row) for number, row in enumerate(rows, 1) if row and not row[0].startswith("#")]
     if not numbered:
         raise TrajectoryError(f"{path}: holds no pose, expected lines 't x y z qx qy qz qw'")

@@ -165,3 +165,10 @@ def test_files_are_read_and_missing_ones_named(tmp_path: Path) -> None:
 
 def test_infinities_are_kept() -> None:
     assert parse_settings(Stage, format_settings(Stage(limit=-math.inf)), "here").limit == -math.inf
+
+
+def test_a_missing_file_is_said_once(tmp_path: Path) -> None:
+    path = tmp_path / "missing.toml"
+    with pytest.raises(ConfigError) as caught:
+        read_settings(path, Stage)
+    assert str(caught.value) == f"{path}: cannot be read as a configuration: No such file or directory"

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.logs.errors import LogError
+from graph.errors import reason
 
 _BLOCK_BYTES = 1 << 20
 _OPENERS = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ\x00", lzma.open))
@@ -104,7 +105,7 @@ class TextLog:
         except (zlib.error, lzma.LZMAError, gzip.BadGzipFile) as error:
             raise LogError(f"{self.path}: its compressed content is damaged ({error})") from error
         except OSError as error:
-            raise LogError(f"{self.path}: cannot be read ({error.strerror or error})") from error
+            raise LogError(f"{self.path}: cannot be read ({reason(error)})") from error
 
 
 class _Stream(BinaryIO):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from frontends.logs.errors import LogError
 from graph.atomic import replacing
+from graph.errors import reason
 
 
 def write_text_log(path: Path, pieces: Iterable[str]) -> None:
@@ -26,4 +27,4 @@ def write_text_log(path: Path, pieces: Iterable[str]) -> None:
             else:
                 file.writelines(piece.encode("ascii") for piece in pieces)
     except OSError as error:
-        raise LogError(f"{path}: cannot be written ({error.strerror or error})") from error
+        raise LogError(f"{path}: cannot be written ({reason(error)})") from error

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from frontends.simulator.svg import SvgError, read_svg
 from frontends.simulator.world import Segments, SimulatorError
+from graph.errors import reason
 
 
 def read_plan(path: Path, *, metres: float) -> Segments:
@@ -73,7 +74,7 @@ def _image(path: Path) -> NDArray[np.float64]:
             magic = stream.read(2)
         pixels = _pgm(path) if magic in {b"P2", b"P5"} else np.asarray(imread(path), dtype=np.float64)
     except (OSError, ValueError, SyntaxError) as error:
-        raise SimulatorError(f"{path}: cannot be read as an image: {error}") from error
+        raise SimulatorError(f"{path}: cannot be read as an image: {reason(error)}") from error
     if pixels.max(initial=0.0) > 1.0:
         pixels /= 255.0
     if pixels.ndim == 2:

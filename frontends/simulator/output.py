@@ -11,6 +11,7 @@ from frontends.logs.usarsim import write_usarsim
 from frontends.simulator.simulation import Simulation
 from frontends.simulator.world import SimulatorError
 from graph.atomic import write_atomically
+from graph.errors import reason
 
 
 def write_simulation(directory: Path, simulation: Simulation) -> None:
@@ -24,7 +25,7 @@ def write_simulation(directory: Path, simulation: Simulation) -> None:
     try:
         directory.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise SimulatorError(f"{directory}: the folder cannot be made ({error.strerror or error})") from error
+        raise SimulatorError(f"{directory}: the folder cannot be made ({reason(error)})") from error
     write_carmen(directory / "log.clf", simulation.log)
     write_usarsim(directory / "log.usarsim", replace(simulation.log, truth=simulation.truth))
     write_truth(directory / "truth.csv", simulation)

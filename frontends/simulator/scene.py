@@ -37,6 +37,7 @@ from frontends.simulator.robot import OdometryModel, Route, Waypoint
 from frontends.simulator.statements import Statement, statements
 from frontends.simulator.world import Segments, SimulatorError, World
 from graph.atomic import write_atomically
+from graph.errors import reason
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -236,7 +237,7 @@ def _text(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise SimulatorError(f"{path}: cannot be read as a .world text file: {error}") from error
+        raise SimulatorError(f"{path}: cannot be read as a .world text file: {reason(error)}") from error
 
 
 def _include(draft: _Draft, statement: Statement, path: Path, including: tuple[Path, ...]) -> None:

@@ -12,6 +12,7 @@ from iceg.evaluation.relations import Relations, error_statistics, relation_erro
 from iceg.evaluation.trajectory import TrajectoryErrors
 
 _DECIMALS = 5
+_SMALL = 1e-4  # figures below this get three digits, whatever their size
 
 _LABELS = {
     "n": "compared",
@@ -121,8 +122,8 @@ def consistency_report(summary: Consistency) -> dict[str, float]:
 
 
 def format_json(report: Mapping[str, float]) -> str:
-    """One JSON object, five decimals; what is not defined (the deviation of one value) is null."""
-    rounded = {name: round(value, _DECIMALS) if math.isfinite(value) else None for name, value in report.items()}
+    """One JSON object, five decimals or three digits; what is not defined (the deviation of one value) is null."""
+    rounded = {name: _rounded(value) if math.isfinite(value) else None for name, value in report.items()}
     return json.dumps(rounded, allow_nan=False)
 
 
@@ -137,4 +138,10 @@ def format_table(report: Mapping[str, float], title: str) -> str:
 def _format_figure(value: float) -> str:
     if isinstance(value, int):
         return str(value)
-    return f"{value:.{_DECIMALS}f}" if math.isfinite(value) else "-"
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.2e}" if 0.0 < abs(value) < _SMALL else f"{value:.{_DECIMALS}f}"
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.2e}") if 0.0 < abs(value) < _SMALL else round(value, _DECIMALS)

@@ -260,7 +260,7 @@ def _time_colour(share: float) -> str:
 def _paint_landmarks(pen: _Pen, landmarks: "Landmarks") -> None:
     """Intersections below, ends of walls, corners on top."""
     crossing, end, corner = (landmarks[landmarks.kinds == kind] for kind in (2, 1, 0))
-    pen.crosses(crossing.positions, KIND_COLOURS[2], 1.2, opacity=0.35)
+    pen.crosses(crossing.positions, KIND_COLOURS[2], 2.4, opacity=0.7)
     for chosen, colour in ((end, KIND_COLOURS[1]), (corner, KIND_COLOURS[0])):
         for stroke in wall_strokes(chosen.positions, chosen.directions, _STROKE):
             pen.line(stroke, colour, 1.0)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from graph.batch import optimize
 from graph.config import PoseGraphConfig
-from graph.errors import IcegError
+from graph.errors import IcegError, reason
 from graph.factors import Factor
 from graph.pose_graph import PoseGraph
 from graph.se2 import adjoint, compose, inverse
@@ -77,7 +77,7 @@ def read_manual_closures(path: Path) -> list[ManualClosure]:
             columns = _columns([word.strip() for word in next(reader, [])], path)
             closures = [_closure(row, columns, f"{path}:{reader.line_num}") for row in reader if row]
     except (OSError, UnicodeDecodeError, csv.Error) as err:
-        raise TableError(f"{path}: cannot be read as a CSV: {err}") from err
+        raise TableError(f"{path}: cannot be read as a CSV: {reason(err)}") from err
     if not closures:
         raise TableError(f"{path}: holds no rows under its header '{','.join(columns)}'")
     return closures

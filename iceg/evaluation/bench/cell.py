@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from graph.errors import reason
 from iceg.evaluation.bench.methods import Method, make_method
 from iceg.evaluation.errors import EvaluationError
 
@@ -120,4 +121,4 @@ def _content_digest(path: Path) -> str:
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as err:
-        raise EvaluationError(f"{path}: cannot be read: {err.strerror or err}") from err
+        raise EvaluationError(f"{path}: cannot be read: {reason(err)}") from err

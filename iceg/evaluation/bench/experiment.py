@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from graph.errors import IcegError
+from graph.errors import IcegError, reason
 from iceg.evaluation.bench.cell import SCENE, Cell, LogSource
 from iceg.evaluation.bench.logs import known_beside
 from iceg.evaluation.bench.methods import METHODS, applies, flattened
@@ -59,7 +59,7 @@ def read_experiment(path: Path) -> Experiment:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as err:
-        raise ExperimentError(f"{path}: cannot be read as an experiment: {err}") from err
+        raise ExperimentError(f"{path}: cannot be read as an experiment: {reason(err)}") from err
     return parse_experiment(text, path.parent, str(path))
 
 
