@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from graph.consistency import (
     ConsistencyConfig,
@@ -17,7 +18,7 @@ from graph.consistency import (
 )
 from graph.errors import GraphError
 from graph.factors import Factor
-from graph.se2 import adjoint, between, chain_covariance, compose, expmap, inverse, inverse_covariance
+from graph.se2 import adjoint, between, chain_covariance, compose, expmap, inverse, inverse_covariance, logmap
 
 Array = NDArray[np.float64]
 
@@ -107,6 +108,50 @@ def test_the_direction_of_a_closure_does_not_matter() -> None:
     np.testing.assert_array_equal(
         pairwise_consistency(forward, poses, cumulative, 0.6), pairwise_consistency(backward, poses, cumulative, 0.6)
     )
+
+
+def twin_consistency(closures: list[Factor], poses: Array, cumulative: Array) -> Array:
+    """(m, m) the squared norm of the cycle through each two closures, by its definition."""
+    norms = np.zeros((len(closures), len(closures)))
+    errors = [compose(compose(poses[c.i], c.T_i_j), inverse(poses[c.j])) for c in closures]
+    own = []
+    for c in closures:
+        carry = adjoint(compose(poses[c.i], c.T_i_j))
+        own.append(carry @ c.covariance @ carry.T)
+    for a, b in combinations(range(len(closures)), 2):
+        (i_a, j_a), (i_b, j_b) = ((closures[k].i or 0, closures[k].j) for k in (a, b))
+        carry = adjoint(errors[a])
+        here = cumulative[max(i_a, i_b)] - cumulative[min(i_a, i_b)]
+        there = cumulative[max(j_a, j_b)] - cumulative[min(j_a, j_b)]
+        error = logmap(compose(errors[a], inverse(errors[b])))
+        norms[a, b] = norms[b, a] = error @ np.linalg.solve(own[a] + own[b] + here + carry @ there @ carry.T, error)
+    return norms
+
+
+@pytest.mark.parametrize("half_turn", [False, True])
+def test_consistency_is_that_of_its_definition(half_turn: bool) -> None:
+    # Far ends, so that the chain between them decides; with a half turn, errors on either side of ±π say the same.
+    factors, poses, truth = chain(90, 4)
+    rng = np.random.default_rng(6)
+    pairs = [(int(i), int(j)) for i, j in zip(rng.integers(0, 40, 20), rng.integers(50, 90, 20), strict=True)]
+    found = closures(truth, pairs, 7)
+    if half_turn:
+        turn = np.array([1.0, -2.0, 0.06 - np.pi])
+        found = [
+            Factor(
+                kind="closure",
+                i=c.i,
+                j=c.j,
+                T_i_j=compose(between(poses[c.i or 0], turn), compose(poses[c.i or 0], c.T_i_j)),
+                covariance=LOOP,
+            )
+            for c in found
+        ]
+    cumulative = cumulative_covariances(factors, poses)
+    norms = twin_consistency(found, poses, cumulative)
+    agree = pairwise_consistency(found, poses, cumulative, 0.5)
+    np.testing.assert_array_equal(agree, norms <= chi2.isf(0.5, 3))
+    assert 0.1 < agree[np.triu_indices(20, 1)].mean() < 0.9
 
 
 def test_false_closures_are_left_out() -> None:

@@ -131,8 +131,8 @@ def twin_add(
             seen[cell] = (stops + np.float32(hit and leave >= reading), np.float32(path + (leave - enter)))
 
 
-def twin_dp_slam(log: Log, config: DpSlamConfig) -> tuple[NDArray[np.float64], Map]:
-    """The same filter with a whole map per particle, copied at each birth."""
+def twin_dp_slam(log: Log, config: DpSlamConfig) -> tuple[NDArray[np.float64], Map, list[int]]:
+    """The same filter with a whole map per particle, copied at each birth; and how many samples survive each scan."""
     rng = np.random.default_rng(config.seed)
     cell = config.resolution
     bearings = log.geometry.bearings
@@ -155,6 +155,7 @@ def twin_dp_slam(log: Log, config: DpSlamConfig) -> tuple[NDArray[np.float64], M
     shares = np.array([config.samples])
     twin_add(maps[0], lasers(poses)[0], directions, *scan(0), config.prior_length / cell)
     weights = np.ones(1)
+    survivors = []
     for index in range(1, len(log)):
         readings, returned = scan(index)
         parents = np.repeat(np.arange(len(poses)), shares)
@@ -187,6 +188,7 @@ def twin_dp_slam(log: Log, config: DpSlamConfig) -> tuple[NDArray[np.float64], M
                         )
                         scores[k] += math.log(max(likelihood, config.floor))
                 alive &= scores >= scores[alive].max() - config.cull
+        survivors.append(int(alive.sum()))
         weights = np.where(alive, np.exp(scores - scores[alive].max()), 0.0)
         times = np.empty(config.samples, np.int64)
         resample(weights / weights.sum(), rng.random(config.samples), config.particles, times)
@@ -197,15 +199,17 @@ def twin_dp_slam(log: Log, config: DpSlamConfig) -> tuple[NDArray[np.float64], M
         for seen, laser in zip(maps, lasers(poses), strict=True):
             twin_add(seen, laser, directions, readings, returned, config.prior_length / cell)
     best = int(np.argmax(weights))
-    return np.array(paths[best]), maps[best]
+    return np.array(paths[best]), maps[best], survivors
 
 
 def test_shared_maps_give_what_whole_maps_give() -> None:
     log, _ = room_log(9, 15)
-    config = dataclasses.replace(SMALL, samples=30, particles=6)
+    config = dataclasses.replace(SMALL, samples=30, particles=6, cull=1.5)
     result = dp_slam(log, config)
-    trajectory, seen = twin_dp_slam(log, config)
+    trajectory, seen, survivors = twin_dp_slam(log, config)
     assert_allclose(result.trajectory, trajectory, atol=1e-9)
+    assert result.summary["samples_after_full_cull"] == pytest.approx(np.mean(survivors), abs=0.01)
+    assert min(survivors) < config.samples
     assert result.summary["nodes_died"] > 0
     assert result.summary["nodes_merged"] > 0
     corner = -math.ceil(half_extent(log, config) / config.resolution)

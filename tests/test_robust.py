@@ -165,6 +165,22 @@ def test_a_heading_jump_of_odometry_yields_to_the_matches() -> None:
     assert np.abs(logmap(between(plain.poses, np.array(truth)))[:, 2]).max() > np.radians(10.0)
 
 
+@pytest.mark.parametrize(("sigmas", "holds"), [(3.2, True), (3.5, False), (6.0, False)])
+def test_a_closure_holds_up_to_the_gate_of_its_probability(sigmas: float, holds: bool) -> None:
+    # Far stronger steps hold the poses where they are; 99 % of three degrees of freedom lie within 3.37 σ.
+    step = np.array([1.0, 0.0, 0.0])
+    ties: list[tuple[FactorKind, int, int]] = [("odometry", k, k + 1) for k in range(3)]
+    factors = [Factor(kind="prior", i=None, j=0, T_i_j=np.zeros(3), covariance=1e-4 * COVARIANCE)]
+    factors += [Factor(kind=kind, i=i, j=j, T_i_j=step, covariance=1e-4 * COVARIANCE) for kind, i, j in ties]
+    off = np.array([3.0 + 0.02 * sigmas, 0.0, 0.0])
+    factors += [
+        Factor(kind="closure", i=0, j=3, T_i_j=np.array([3.0, 0.0, 0.0]), covariance=COVARIANCE),
+        Factor(kind="closure", i=0, j=3, T_i_j=off, covariance=COVARIANCE),
+    ]
+    result = optimize(factors, chained_poses(factors, 4), BatchConfig(gnc=True))
+    assert result.inliers.tolist() == [True] * 5 + [holds]
+
+
 def test_a_closure_that_alone_holds_a_part_is_no_suspect() -> None:
     # Two sessions, tied by one closure: it cannot be judged and must not be dropped.
     def step(i: int, j: int, kind: FactorKind = "odometry") -> Factor:

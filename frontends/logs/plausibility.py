@@ -20,7 +20,7 @@ def choose_stamps(both: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[
     own, logger = both[:, 0], both[:, 1]
     distinct, distinct_logger = len(np.unique(own)), len(np.unique(logger))
     stamps, warnings = own, []
-    if 2 * distinct <= len(own) and distinct_logger >= 2 * distinct:
+    if distinct_logger >= 2 * distinct:
         stamps = logger
         warnings.append(f"the stamps have only {distinct} values for {len(own)} scans: the logger's stamps are taken")
     elif len(own) > 1 and distinct == 1:
