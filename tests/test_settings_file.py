@@ -170,5 +170,5 @@ def test_infinities_are_kept() -> None:
 def test_a_missing_file_is_said_once(tmp_path: Path) -> None:
     path = tmp_path / "missing.toml"
     with pytest.raises(ConfigError) as caught:
-        read_settings(path, Stage)
+        read_settings(Stage, path)
     assert str(caught.value) == f"{path}: cannot be read as a configuration: No such file or directory"
