@@ -81,20 +81,6 @@ def new_isam(
     return gtsam.ISAM2(params)
 
 
-def marginal_covariances_of(graph: gtsam.NonlinearFactorGraph, values: gtsam.Values) -> NDArray[np.float64]:
-    """(n, 3, 3) marginal covariances at values whose keys are 0 … n−1, each in the tangent space at its pose.
-
-    Raises:
-        RuntimeError: GTSAM's, when the graph does not determine every pose.
-    """
-    try:
-        marginals: gtsam.Marginals | gtsam.ISAM2 = gtsam.Marginals(graph, values)
-    except RuntimeError:  # `Marginals` knows Cholesky only
-        marginals = new_isam("QR")
-        marginals.update(graph, values)
-    return np.array([marginals.marginalCovariance(key) for key in range(values.size())])
-
-
 @lru_cache
 def _estimator(kernel: RobustKernel) -> Any:  # noqa: ANN401  GTSAM's estimators share no stub type
     return _ESTIMATORS[kernel.name].Create(kernel.width)
