@@ -496,3 +496,10 @@ def test_geojson_tells_all_there_is_to_know(tmp_path: Path) -> None:
 def test_geojson_of_an_empty_map_is_valid(tmp_path: Path) -> None:
     write_geojson(FeatureMap().landmarks(), tmp_path / "features.geojson")
     assert json.loads((tmp_path / "features.geojson").read_text(encoding="utf-8"))["features"] == []
+
+
+@given(st.lists(st.sampled_from([-1.0, 0.0, 0.5, 2.0, math.inf, NAN]), max_size=12))
+def test_the_order_of_a_few_values_is_that_of_a_stable_sort(values: list[float]) -> None:
+    numbers = np.array(values, dtype=np.float64)
+    stable = [i for i in np.argsort(numbers, kind="stable") if math.isfinite(numbers[i])]
+    assert kernels.ascending(numbers).tolist() == stable

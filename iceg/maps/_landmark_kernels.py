@@ -156,10 +156,8 @@ def associate(
     taken = np.zeros(n_near, np.bool_)
     close_feature, close_near = close_pairs(observed, near_p, settings.max_distance)
     cost = pair_costs(close_feature, close_near, observed, noise, store, near, near_p, near_turn, settings)
-    for pair in np.argsort(cost, kind="mergesort"):
+    for pair in ascending(cost):
         f, j = close_feature[pair], close_near[pair]
-        if np.isinf(cost[pair]):
-            break
         if landmark_of[f] < 0 and not taken[j]:
             landmark_of[f] = j
             taken[j] = True
@@ -172,10 +170,11 @@ def associate(
 @njit(cache=True)
 def close_pairs(observed: Observed, near_p: F64, max_distance: float) -> tuple[I64, I64]:
     """All pairs of a feature and a near landmark within max_distance [m]."""
-    order = np.argsort(observed.positions[:, 0], kind="mergesort")
-    xs = observed.positions[order, 0]
-    pair_feature = np.empty(256, np.int64)
-    pair_near = np.empty(256, np.int64)
+    order = ascending(observed.positions[:, 0])
+    xs = np.empty(len(order))
+    for rank in range(len(order)):
+        xs[rank] = observed.positions[order[rank], 0]
+    pair_feature, pair_near = np.empty(256, np.int64), np.empty(256, np.int64)
     n_pairs = 0
     for j in range(len(near_p)):
         x, y = near_p[j, 0], near_p[j, 1]
@@ -187,11 +186,35 @@ def close_pairs(observed: Observed, near_p: F64, max_distance: float) -> tuple[I
             if dx * dx + dy * dy > max_distance * max_distance:
                 continue
             if n_pairs == len(pair_near):
-                pair_feature = np.concatenate((pair_feature, np.empty(n_pairs, np.int64)))
-                pair_near = np.concatenate((pair_near, np.empty(n_pairs, np.int64)))
+                pair_feature, pair_near = twice_as_long(pair_feature), twice_as_long(pair_near)
             pair_feature[n_pairs], pair_near[n_pairs] = order[rank], j
             n_pairs += 1
     return pair_feature[:n_pairs], pair_near[:n_pairs]
+
+
+@njit(cache=True)
+def ascending(values: F64) -> I64:
+    """Where the finite ones of a few values stand, smallest first; equal ones keep their order."""
+    order = np.empty(len(values), np.int64)
+    n = 0
+    for i in range(len(values)):
+        if not np.isfinite(values[i]):
+            continue
+        at = n
+        while at > 0 and values[order[at - 1]] > values[i]:
+            order[at] = order[at - 1]
+            at -= 1
+        order[at] = i
+        n += 1
+    return order[:n]
+
+
+@njit(cache=True)
+def twice_as_long(numbers: I64) -> I64:
+    """A copy with room for as many more."""
+    longer = np.empty(2 * len(numbers), np.int64)
+    longer[: len(numbers)] = numbers
+    return longer
 
 
 @njit(cache=True)
