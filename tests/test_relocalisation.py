@@ -1,6 +1,7 @@
 """A robot that is carried away: found again by what it sees, or the run says where the path is broken."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.config import Config
 from iceg.demo import demo_log_path, demo_truth_path
+from iceg.evaluation.degradation import DEGRADATIONS
 from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
 from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
@@ -184,3 +186,13 @@ def test_what_the_drift_left_behind_is_found_by_its_looks(log: Log, monkeypatch:
     assert found.breaks == ()
     assert sum(attempt.accepted for attempt in found.attempts) >= 8
     assert all("looks" in attempt.reason for attempt in found.attempts)
+
+
+def test_a_step_that_match_and_odometry_contradict_is_not_explained_by_drift(data_dir: Path) -> None:
+    # A minute of MIT CSAIL left out: what follows matches the wrong corner, with a steady 25 m for the path to bend.
+    carried = DEGRADATIONS["carried"](read_log(data_dir / "mit-csail.clf.gz")).log
+    result = run(carried, _QUICK)
+    (found,) = result.summary["breaks"]
+    assert found["outcome"] == "joined"
+    assert abs(found["scan"] - 994) <= 3
+    assert 24.0 < found["moved_m"] < 30.0

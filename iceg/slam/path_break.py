@@ -7,6 +7,8 @@ from iceg.slam.track import Track
 
 Outcome = Literal["joined", "apart", "contradicted"]
 
+REFUTED = 1.99
+"""Strength of a doubt from which on odometry and match contradict each other beyond all chance."""
 LOST = 3.0
 """Strength of a doubt from which on nothing was known when the robot went on."""
 

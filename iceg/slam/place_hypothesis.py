@@ -19,6 +19,8 @@ from iceg.slam.untied_steps import UntiedSteps
 
 _MOST = 0.75
 """Share of the most closures that span one step, from which on a step may be the one that they are about."""
+_CHANCE_SIGMAS2 = 25.0
+"""Chance explains an offset up to this squared Mahalanobis distance."""
 _BIAS_SIGMAS2 = 9.0
 """The path explains an offset if errors of up to three standard deviations at every step, all alike, do."""
 
@@ -44,14 +46,20 @@ class Hypothesis:
         """(3,) what moves the poses after the break, in the map: that of the closure nearest to the break."""
         return _correction(min(self.closures, key=lambda closure: closure.key_new), poses)
 
-    def is_drift(self, factors: Sequence[Factor], poses: NDArray[np.float64]) -> bool:
-        """Whether the path, with errors at every step that are larger than it claims and all alike, explains it."""
+    def is_drift(self, factors: Sequence[Factor], poses: NDArray[np.float64], *, is_biased: bool) -> bool:
+        """Whether the errors of the path explain it, step by step.
+
+        Args:
+            factors: of the graph.
+            poses: (k, 3) T_map_robot.
+            is_biased: the errors may be larger than the path claims, and all alike.
+        """
         cumulative = cumulative_covariances(_path(factors), poses)
         for closure in self.closures:
             error = logmap(_correction(closure, poses))
             covariance = cumulative[closure.key_new] - cumulative[closure.key_old]
-            steps = closure.key_new - closure.key_old
-            if error @ np.linalg.solve(covariance, error) > _BIAS_SIGMAS2 * steps:
+            most = _BIAS_SIGMAS2 * (closure.key_new - closure.key_old) if is_biased else _CHANCE_SIGMAS2
+            if error @ np.linalg.solve(covariance, error) > most:
                 return False
         return True
 

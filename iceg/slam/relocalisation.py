@@ -21,7 +21,7 @@ from iceg.slam.closure_attempt import Attempt, closure_factor, is_near
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.examination import Exam, Examiner
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.path_break import LOST, Break, Doubt
+from iceg.slam.path_break import LOST, REFUTED, Break, Doubt
 from iceg.slam.place_hypothesis import Hypothesis, about_one_step, agreeing_sets
 from iceg.slam.track import Track
 from iceg.slam.untied_steps import UntiedSteps
@@ -137,7 +137,9 @@ class _Relocalisation:
             return
         if not (is_confirmed or exam.beats(self._examiner.of_estimate(hypothesis, self._poses))):
             return
-        if is_confirmed or hypothesis.is_drift(self._factors, self._poses):
+        doubt = self._steps.doubts.get(hypothesis.key)
+        is_intact = doubt is None or doubt.strength < REFUTED
+        if is_confirmed or hypothesis.is_drift(self._factors, self._poses, is_biased=is_intact):
             self._steps.doubts.pop(hypothesis.key, None)
             self._close(closures)
         else:
