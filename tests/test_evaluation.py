@@ -278,6 +278,15 @@ def test_nees_of_poses_does_not_depend_on_the_frames() -> None:
     np.testing.assert_allclose(values, moved, rtol=1e-9)
 
 
+def test_each_pose_is_judged_by_its_own_covariance() -> None:
+    # Straight ahead, each pose after the first off by as many centimetres as its standard deviation says.
+    sigmas = np.array([0.5, 0.01, 0.02, 0.03])
+    estimated = np.array([[k + sigma, 0.0, 0.0] for k, sigma in enumerate(sigmas)])
+    estimated[0, 0] = 0.0
+    true = np.array([[float(k), 0.0, 0.0] for k in range(4)])
+    np.testing.assert_allclose(pose_nees(estimated, true, sigmas[:, None, None] ** 2 * np.eye(3)), 1.0)
+
+
 def test_errors_are_taken_in_the_robot_frame_of_the_estimate() -> None:
     # Heading north, 0.1 m too far north: an error along the robot's own x, where the covariance is wide.
     estimated = np.array([[0.0, 0, 0], [0, 2.1, np.pi / 2]])

@@ -1,11 +1,13 @@
 """Loops: where they are looked for, what is believed, and what a far-off one has to wait for."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from frontends.scan import Scan
 from frontends.simulator.simulation import Simulation, simulate
 from graph.config import PoseGraphConfig
 from graph.measurement import NoMatch, RelativePose
@@ -15,6 +17,7 @@ from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import KNOWN_SPACING, BackEnd, solve_track
 from iceg.slam.closure_attempt import Attempt
 from iceg.slam.closure_candidates import Candidate
+from iceg.slam.closure_verification import ClosureVerifier
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.finish import _spaced_keys, finish
@@ -195,6 +198,48 @@ def test_far_closures_that_contradict_each_other_stay_out(track: Track) -> None:
     script = {28: _closing_match(track, 0, 28, 1.0), 30: _closing_match(track, 0, 30, -1.0)}
     back_end = _run_scripted(track, script, confirmations=2)
     assert all(factor.kind != "closure" for factor in back_end.graph.factors)
+
+
+@pytest.mark.parametrize(("off", "enters"), [(9.0, True), (11.0, False)])
+def test_a_closure_farther_off_than_the_path_can_be_is_refused(track: Track, off: float, enters: bool) -> None:
+    solution = _run_scripted(track, {30: _closing_match(track, 0, 30, off)}, confirmations=1).solution()  # ± 2 m
+    assert [attempt.accepted for attempt in solution.attempts] == [enters]
+    assert ("sigma off the path" in solution.attempts[0].reason) == (not enters)
+
+
+class TwoAlikePlaces(IceMatcher):
+    """Finds what fits twice."""
+
+    def alternatives(
+        self,
+        reference: Any,
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> list[NDArray[np.float64]]:
+        best = super().alternatives(reference, scan, T_ref_guess, covariance_guess)[:1]
+        return best * 2
+
+
+def test_a_place_that_fits_twice_is_not_believed(track: Track, true_poses: NDArray[np.float64]) -> None:
+    once = ClosureVerifier(IceMatcher(), track, LoopClosureConfig())
+    twice = ClosureVerifier(TwoAlikePlaces(), track, LoopClosureConfig())
+    believed = [key for key in range(60, 200, 10) if once.match_anywhere(key - 3, key, true_poses).accepted]
+    assert believed
+    attempt = twice.match_anywhere(believed[0] - 3, believed[0], true_poses)
+    assert not attempt.accepted
+    assert attempt.reason.startswith("2 places fit")
+
+
+def test_the_covariance_of_a_closure_is_widened_as_configured(track: Track, true_poses: NDArray[np.float64]) -> None:
+    candidate = Candidate.of(60, 62, true_poses, np.array([0.1, 0.1, 0.03]))
+    narrow, wide = (
+        ClosureVerifier(IceMatcher(), track, LoopClosureConfig(covariance_factor=factor)).match(candidate, true_poses)
+        for factor in (1.0, 9.0)
+    )
+    assert narrow.match is not None
+    assert wide.match is not None
+    np.testing.assert_allclose(wide.match.covariance, 9.0 * narrow.match.covariance)
 
 
 class CrowdedCloser(ScriptedCloser):

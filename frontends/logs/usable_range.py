@@ -68,14 +68,14 @@ def usable_range(
 
 
 def mask_no_returns(readings: NDArray[np.float32], usable: UsableRange) -> None:
-    """Write NaN over every reading that is no return, in place."""
+    """Write NaN over every one of the (n_scans, n_beams) readings [m] that is no return, in place."""
     with np.errstate(invalid="ignore"):
         returns = (readings >= np.float32(usable.range_min)) & (readings <= np.float32(usable.range_max))
     readings[~returns] = np.nan
 
 
 def warn_of_no_returns(ranges: NDArray[np.float32]) -> list[str]:
-    """What to say where no beam of any scan has a usable return."""
+    """What to say where none of the (n_scans, n_beams) ranges is a usable return."""
     return [] if np.isfinite(ranges).any() else ["no beam of any scan has a usable return"]
 
 
