@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from iceg.ice import _refinement_kernels as kernels
+from iceg.ice import _score_kernels as kernels
 from iceg.ice.config import CovarianceConfig, FeatureConfig, LocalMapConfig, RefinementConfig
 from iceg.ice.covariance import ScoreCovariance, score_covariance
 from iceg.ice.features import FeatureRows

@@ -9,6 +9,7 @@ from scipy.optimize import least_squares
 
 from graph.se2 import between, compose, inverse
 from iceg.ice import _refinement_kernels as kernels
+from iceg.ice import _score_kernels as score_kernels
 from iceg.ice.config import FeatureConfig, LocalMapConfig, RefinementConfig
 from iceg.ice.features import CORNER, FeatureRows
 from iceg.ice.local_map import LocalMap
@@ -115,7 +116,7 @@ symmetric = st.lists(st.floats(-100, 100), min_size=9, max_size=9).map(
 @given(symmetric)
 def test_principal_axes_against_numpy(matrix: F64) -> None:
     values, axes = np.empty(3), np.empty((3, 3))
-    kernels.principal_axes(matrix, values, axes)
+    score_kernels.principal_axes(matrix, values, axes)
     np.testing.assert_allclose(np.sort(values), np.linalg.eigvalsh(matrix), atol=1e-8)
     np.testing.assert_allclose(axes @ np.diag(values) @ axes.T, matrix, atol=1e-8)
     np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-10)

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from iceg.ice import _refinement_kernels as kernels
+from iceg.ice import _refinement_kernels as refinement_kernels
+from iceg.ice import _score_kernels as kernels
 from iceg.ice.config import CovarianceConfig
 from iceg.ice.local_map import LocalMap
 from iceg.ice.points import ScanPoints
@@ -70,7 +71,7 @@ def score_covariance(
     field = local_map.fine
     pose, hessian = refined.T_ref_cur, np.empty((3, 3))
     points, normals = _on_surfaces(scan_points)
-    kernels.refine(
+    refinement_kernels.refine(
         points,
         normals,
         1,
