@@ -97,6 +97,18 @@ def _pulled_back(information: Floats, e: Floats, weight: float, out: Floats) -> 
 
 
 @njit(cache=True)
+def _first_jacobian(first: Floats, second: Floats, out: Floats) -> None:
+    """Write −Ad(T_j⁻¹ T_i) into `out`, what is left of Jᵢ with Jⱼ = Jr⁻¹ inside Ω; its last row is 0, 0, −1."""
+    turn = first[2] - second[2]
+    cj, sj = np.cos(second[2]), np.sin(second[2])
+    dx, dy = first[0] - second[0], first[1] - second[1]
+    ct, st = np.cos(turn), np.sin(turn)
+    out[0, 0], out[0, 1], out[0, 2] = -ct, st, -(cj * dy - sj * dx)
+    out[1, 0], out[1, 1], out[1, 2] = -st, -ct, cj * dx + sj * dy
+    out[2, 0], out[2, 1], out[2, 2] = 0.0, 0.0, -1.0
+
+
+@njit(cache=True)
 def normal_equations(
     poses: Floats,
     i: Ints,
@@ -143,15 +155,7 @@ def normal_equations(
         if i[m] < 0:
             continue
         a = row_of[i[m]]
-        # With Jⱼ = Jr⁻¹ inside Ω, what is left of Jᵢ is −Ad(T_j⁻¹ T_i).
-        turn = poses[i[m], 2] - poses[j[m], 2]
-        cj, sj = np.cos(poses[j[m], 2]), np.sin(poses[j[m], 2])
-        dx, dy = poses[i[m], 0] - poses[j[m], 0], poses[i[m], 1] - poses[j[m], 1]
-        x, y = cj * dx + sj * dy, cj * dy - sj * dx
-        ct, st = np.cos(turn), np.sin(turn)
-        first[0, 0], first[0, 1], first[0, 2] = -ct, st, -y
-        first[1, 0], first[1, 1], first[1, 2] = -st, -ct, x
-        first[2, 2] = -1.0
+        _first_jacobian(poses[i[m]], poses[j[m]], first)
         for r in range(3):
             for c in range(3):
                 wj[r, c] = o[r, 0] * first[0, c] + o[r, 1] * first[1, c] + o[r, 2] * first[2, c]

@@ -106,6 +106,21 @@ def _factor_diagonal(a: Floats, out: Floats) -> bool:
 
 
 @njit(cache=True)
+def _divided(x: Floats, d: Floats) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """M of m dᵀ = x, row after row, for a lower triangular 3×3 block d."""
+    m00, m10, m20 = x[0, 0] / d[0, 0], x[1, 0] / d[0, 0], x[2, 0] / d[0, 0]
+    m01, m11, m21 = (
+        (x[0, 1] - m00 * d[1, 0]) / d[1, 1],
+        (x[1, 1] - m10 * d[1, 0]) / d[1, 1],
+        (x[2, 1] - m20 * d[1, 0]) / d[1, 1],
+    )
+    m02 = (x[0, 2] - m00 * d[2, 0] - m01 * d[2, 1]) / d[2, 2]
+    m12 = (x[1, 2] - m10 * d[2, 0] - m11 * d[2, 1]) / d[2, 2]
+    m22 = (x[2, 2] - m20 * d[2, 0] - m21 * d[2, 1]) / d[2, 2]
+    return m00, m01, m02, m10, m11, m12, m20, m21, m22
+
+
+@njit(cache=True)
 def factorize(
     column_starts: Ints,
     rows: Ints,
@@ -132,17 +147,7 @@ def factorize(
         pivot[:] = diagonal_in[k]
         for p in range(row_starts[k], row_starts[k + 1]):
             i = columns_of_l[p]
-            d00, d10, d11 = diagonal[i, 0, 0], diagonal[i, 1, 0], diagonal[i, 1, 1]
-            d20, d21, d22 = diagonal[i, 2, 0], diagonal[i, 2, 1], diagonal[i, 2, 2]
-            m00 = x[i, 0, 0] / d00
-            m10 = x[i, 1, 0] / d00
-            m20 = x[i, 2, 0] / d00
-            m01 = (x[i, 0, 1] - m00 * d10) / d11
-            m11 = (x[i, 1, 1] - m10 * d10) / d11
-            m21 = (x[i, 2, 1] - m20 * d10) / d11
-            m02 = (x[i, 0, 2] - m00 * d20 - m01 * d21) / d22
-            m12 = (x[i, 1, 2] - m10 * d20 - m11 * d21) / d22
-            m22 = (x[i, 2, 2] - m20 * d20 - m21 * d21) / d22
+            m00, m01, m02, m10, m11, m12, m20, m21, m22 = _divided(x[i], diagonal[i])
             x[i] = 0.0
             place = places[p]
             for q in range(starts[i], place):
