@@ -194,6 +194,21 @@ def test_three_far_closures_that_agree_enter_together(track: Track) -> None:
     assert sum(factor.kind == "closure" for factor in back_end.graph.factors) == 3
 
 
+def test_far_closures_that_agree_with_the_newest_but_not_with_each_other_stay_out(track: Track) -> None:
+    T_old_28 = _closing_match(track, 0, 28, 1.0).T_ref_cur
+    script = {}
+    for key, off in ((28, 0.0), (30, 0.4), (32, 0.2)):  # half of what lies between the first two
+        T_28_key = between(track.keys[28].T_track_robot, track.keys[key].T_track_robot)
+        T_old_key = compose(compose(T_old_28, np.array([off, 0.0, 0.0])), T_28_key)
+        script[key] = replace(_closing_match(track, 0, key, 1.0), T_ref_cur=T_old_key)
+    assert _closures(_run_scripted(track, script, confirmations=2)) == 2
+    assert _closures(_run_scripted(track, script, confirmations=3)) == 0
+
+
+def _closures(back_end: BackEnd) -> int:
+    return sum(factor.kind == "closure" for factor in back_end.graph.factors)
+
+
 def test_far_closures_that_contradict_each_other_stay_out(track: Track) -> None:
     script = {28: _closing_match(track, 0, 28, 1.0), 30: _closing_match(track, 0, 30, -1.0)}
     back_end = _run_scripted(track, script, confirmations=2)

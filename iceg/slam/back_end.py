@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from frontends.matcher import Matcher
 from graph.config import PoseGraphConfig
+from graph.consistency import maximum_clique
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import squared_norm
 from graph.odometry import OdometryModel, OdometryMotion
@@ -201,7 +202,9 @@ class BackEnd:
         if is_near(attempt, poses):
             self._close(attempt)
             return True
-        partners = [other for other in self._pending if say_the_same(self.attempts[other], attempt, poses)]
+        partners = self._consistent(
+            [other for other in self._pending if say_the_same(self.attempts[other], attempt, poses)], poses
+        )
         if len(partners) + 1 < self._config.confirmations:
             self._pending.append(index)
             return False
@@ -210,6 +213,13 @@ class BackEnd:
             self._pending.remove(other)
         self._close(attempt)
         return True
+
+    def _consistent(self, waiting: list[int], poses: NDArray[np.float64]) -> list[int]:
+        """The most attempts of which each agrees with every other; those of one key scan do not contradict."""
+        attempts = [self.attempts[index] for index in waiting]
+        agree = [[a.key_new == b.key_new or say_the_same(a, b, poses) for a in attempts] for b in attempts]
+        members = maximum_clique(np.array(agree, dtype=np.bool_).reshape(len(waiting), len(waiting)))
+        return [index for index, is_member in zip(waiting, members, strict=True) if is_member]
 
     def _close(self, attempt: Attempt) -> None:
         assert attempt.match is not None
