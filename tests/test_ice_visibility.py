@@ -15,7 +15,7 @@ from iceg.ice.matcher import IceMatcher
 from iceg.ice.points import extract_points
 from iceg.ice.refinement import evaluate_points
 from iceg.ice.sweeps import sweeps_of
-from iceg.ice.verification import contradictions, view
+from iceg.ice.verification import Agreement, contradictions, view
 
 F64 = NDArray[np.float64]
 REACH, MARGIN, ACROSS, CELL = 20.0, 0.2, 0.15, LocalMapConfig().cell
@@ -163,3 +163,11 @@ def test_more_overlap_does_not_outweigh_what_is_denied(along: float) -> None:
     assert isinstance(match, RelativePose)
     np.testing.assert_allclose(match.T_ref_cur[1:], T_true[1:], atol=0.02)
     assert match.T_ref_cur[0] == pytest.approx(T_true[0], abs=0.2)
+
+
+def test_shares_of_an_agreement() -> None:
+    some = Agreement(points=100, known=50, inliers=40, seen=30, contradicted=10)
+    assert (some.overlap, some.fit, some.view) == (0.5, 0.8, 0.75)
+    assert some.evidence < some.inliers
+    nothing = Agreement()
+    assert (nothing.overlap, nothing.fit, nothing.view) == (0.0, 0.0, 1.0)

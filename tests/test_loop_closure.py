@@ -16,7 +16,7 @@ from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import KNOWN_SPACING, BackEnd, solve_track
 from iceg.slam.closure_attempt import Attempt
-from iceg.slam.closure_candidates import Candidate
+from iceg.slam.closure_candidates import Candidate, EarlierPasses
 from iceg.slam.closure_verification import ClosureVerifier
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
@@ -63,6 +63,14 @@ def test_a_closure_ends_the_drift_before_it() -> None:
     drift.close(6)
     assert drift.between(0, 10, poses)[0] == pytest.approx((4 * 1e-4) ** 0.5)
     assert drift.between(8, 10, poses)[0] == pytest.approx((2 * 1e-4) ** 0.5)
+
+
+def test_several_measurements_of_a_step_are_fused_and_the_wider_direction_counts() -> None:
+    drift = Drift(2)
+    drift.add(1, np.diag([4e-4, 1e-4, 2e-4]), np.diag([4e-4, 3e-4, 2e-4]))
+    position, heading = drift.between(0, 1, np.zeros((2, 3)))
+    assert position == pytest.approx(np.sqrt(2e-4))
+    assert heading == pytest.approx(np.sqrt(1e-4))
 
 
 def test_closures_at_true_poses_are_found_and_right(track: Track, true_poses: NDArray[np.float64]) -> None:
@@ -358,3 +366,13 @@ def test_loops_and_finish_bring_the_office_back_together(
     assert sum(attempt.accepted for attempt in solution.attempts) > 20
     assert worst(finished.poses) < 0.1
     assert finished.rounds[-1].closures > len([a for a in solution.attempts if a.accepted])
+
+
+@pytest.mark.parametrize(("enabled", "widest"), [(True, 3.0), (False, 0.3)])
+def test_a_search_reaches_as_far_as_drift_and_no_farther(track: Track, enabled: bool, widest: float) -> None:
+    config = LoopClosureConfig(enabled=enabled, max_drift=3.0, revisit_drift=0.3, max_turn=0.4)
+    passes = EarlierPasses(track, config, [])
+    little = np.array([config.drift_factor * 0.01 + config.drift_floor] * 2 + [config.drift_factor * 0.02])
+    little[2] += config.turn_floor
+    np.testing.assert_allclose(passes._search_deviations(np.array([0.01, 0.02])), little)
+    np.testing.assert_allclose(passes._search_deviations(np.array([50.0, 50.0])), [widest, widest, 0.4])
