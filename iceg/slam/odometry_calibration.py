@@ -127,7 +127,7 @@ def calibrate_odometry(track: Track, odometry: NDArray[np.float64]) -> OdometryC
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Samples:
-    """Per matched key scan: match, odometry, path, and change of speed from one key scan to the next."""
+    """Per matched key scan: match, odometry, path, change of speed from one key scan to the next, scans between."""
 
     matched: NDArray[np.float64]
     motions: NDArray[np.float64]
@@ -135,6 +135,7 @@ class _Samples:
     distance: NDArray[np.float64]
     turn: NDArray[np.float64]
     speed_change: NDArray[np.float64]
+    increments: NDArray[np.float64]
 
     @classmethod
     def collect(cls, track: Track, odometry: NDArray[np.float64], window: int = 1) -> "_Samples | None":
@@ -163,6 +164,7 @@ class _Samples:
             distance=travelled[ends] - travelled[starts],
             turn=turned[ends] - turned[starts],
             speed_change=speed[ends] - speed[starts],
+            increments=(ends - starts).astype(np.float64),
         )
 
 
@@ -209,17 +211,26 @@ def _robust_deviation(residual: NDArray[np.float64]) -> float:
 
 
 def _noise(samples: _Samples, left: NDArray[np.float64]) -> OdometryModel:
-    """Non-negative least squares of the squared residuals, (n, 3), on path and turn."""
+    """Non-negative least squares of the squared residuals, (n, 3), on path and turn.
+
+    A heading that errs on the way carries the robot aside: what the model makes of that by itself is no noise of the
+    position.
+    """
     rows = np.column_stack([np.ones(len(left)), samples.distance, samples.turn])
-    ahead, side, heading = (_variance_fit(left[:, k], samples.variances[:, k], rows) for k in range(3))
+    heading = _variance_fit(left[:, 2], samples.variances[:, 2], rows)
+    m = samples.increments  # each errs at its end and carries aside what follows: Σ (k / m)² / m for k < m
+    by_heading = heading[0] + rows[:, 1:] @ heading[1:] * (m - 1.0) * (2.0 * m - 1.0) / (6.0 * m**2)
+    by_heading = by_heading[:, None] * samples.motions[:, 1::-1] ** 2
+    known = samples.variances[:, :2] + by_heading
+    ahead, side = (_variance_fit(left[:, k], known[:, k], rows) for k in range(2))
     return OdometryModel(
         along_per_metre=max(0.01, float(ahead[1]) ** 0.5),
-        across_per_metre=max(0.002, float(side[1]) ** 0.5),
-        position_per_radian=max(0.002, float(0.5 * (ahead[2] + side[2])) ** 0.5),
+        across_per_metre=max(0.0005, float(side[1]) ** 0.5),
+        position_per_radian=max(0.0005, float(0.5 * (ahead[2] + side[2])) ** 0.5),
         heading_per_metre=max(0.003, float(heading[1]) ** 0.5),
         heading_per_radian=max(0.005, float(heading[2]) ** 0.5),
-        along_floor=max(0.002, float(ahead[0]) ** 0.5),
-        across_floor=max(0.001, float(side[0]) ** 0.5),
+        along_floor=max(0.0005, float(ahead[0]) ** 0.5),
+        across_floor=max(0.0005, float(side[0]) ** 0.5),
         heading_floor=max(0.001, float(heading[0]) ** 0.5),
     )
 
@@ -266,16 +277,17 @@ def _lasting(noise: OdometryModel, persistence: NDArray[np.float64], scale: floa
 
 
 def _variance_fit(
-    residual: NDArray[np.float64], variance: NDArray[np.float64], rows: NDArray[np.float64]
+    residual: NDArray[np.float64], known: NDArray[np.float64], rows: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Coefficients ≥ 0 of the residual's variance beyond the match's own; outliers are clipped.
+    """Coefficients ≥ 0 of the residual's variance beyond what is known of it; outliers are clipped.
 
     The first, what a motion is off by however short it is, is 0 unless it clearly explains more: key scans lie about as
     far apart as each other, and what grows with the path would look like it.
     """
-    limit = (_LARGEST_EXCESS * _robust_deviation(residual)) ** 2
-    excess = np.minimum(residual**2, limit) - np.minimum(variance, 0.5 * np.median(residual**2))
-    weights = 1.0 / np.maximum(rows[:, 1] + rows[:, 2], 0.05)
+    usual = _robust_deviation(residual) ** 2
+    excess = np.minimum(residual**2, _LARGEST_EXCESS**2 * (usual + known)) - known
+    path = np.maximum(rows[:, 1] + rows[:, 2], 0.05)
+    weights = 1.0 / (path * (usual / float(np.median(path))) + known)
     rows, excess = rows * weights[:, None], excess * weights
     whole, growing = _non_negative_fit(rows, excess), np.append(0.0, _non_negative_fit(rows[:, 1:], excess))
     left, left_by_growing = (float(np.sum((rows @ fit - excess) ** 2)) for fit in (whole, growing))
