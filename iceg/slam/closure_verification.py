@@ -20,6 +20,7 @@ from iceg.slam.closure_candidates import TRUSTED_DEVIATIONS, Candidate
 from iceg.slam.closure_reference import Reference, References
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.match_errors import closure_covariance, placement_covariance
 from iceg.slam.track import Track
 
 _LEAST_OVERLAP = 0.5
@@ -43,6 +44,7 @@ class ClosureVerifier:
             config: what is believed.
         """
         self._matcher = matcher
+        self._track = track
         self._keys = track.keys
         self._T_track_keys = np.array([key.T_track_robot for key in track.keys])
         self._config = config
@@ -97,9 +99,10 @@ class ClosureVerifier:
         if isinstance(found, NoMatch):
             return replace(attempt, reason=found.reason)
         support = self._support(reference, candidate.key_new, found.T_ref_cur)
+        placement = placement_covariance(self._track, candidate.key_old)
         return replace(
             attempt,
-            match=replace(found, covariance=found.covariance * self._config.covariance_factor),
+            match=replace(found, covariance=closure_covariance(found, placement)),
             accepted=self._is_supported(support),
             reason=_describe(support),
             overlap=support.overlap,

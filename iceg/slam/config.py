@@ -68,9 +68,6 @@ class LoopClosureConfig:
     """… and most pieces of passes after much drift."""
     reference_half: int = 7
     """Key scans of the earlier pass on either side that make up the reference."""
-    covariance_factor: float = 1.4
-    """The scans of an earlier pass have drifted against each other: covariances of closures are widened by this;
-    calibrated against simulated truth."""
     min_overlap: float = 0.4
     """Least share of the beams of a key scan and its neighbours that fall on the earlier pass …"""
     min_fit: float = 0.8

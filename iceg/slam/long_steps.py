@@ -11,12 +11,11 @@ import numpy as np
 
 from graph.measurement import NoMatch, RelativePose
 from graph.se2 import adjoint, between, chain_covariance, compose, inverse
+from iceg.slam.match_errors import OWN
 from iceg.slam.track import KeyScan, Track
 
 LONG_STEP = 6
 """Key scans from one to the next."""
-_OWN = 0.45
-"""Share of a step's covariance that belongs to either end and cancels in the sum; the rest is drift and adds up."""
 
 
 def long_step(track: Track, key: int) -> RelativePose | None:
@@ -42,10 +41,10 @@ def long_step(track: Track, key: int) -> RelativePose | None:
     T_first_key = between(track.keys[first].T_track_robot, compose(track.keys[key - 1].T_track_robot, last.T_ref_cur))
     covariances = np.array([step.covariance for step in known])
     drift = chain_covariance(np.array([step.T_ref_cur for step in known]), covariances)
-    covariance = _OWN * last.covariance + (1.0 - 2.0 * _OWN) * drift
+    covariance = OWN * last.covariance + (1.0 - 2.0 * OWN) * drift
     if start is not None:
         carry = adjoint(inverse(T_first_key))
-        covariance += _OWN * carry @ start.covariance @ carry.T
+        covariance += OWN * carry @ start.covariance @ carry.T
     return RelativePose(
         T_ref_cur=T_first_key,
         covariance=0.5 * (covariance + covariance.T),

@@ -127,7 +127,7 @@ def calibrate_odometry(track: Track, odometry: NDArray[np.float64]) -> OdometryC
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Samples:
-    """Per matched key scan: match, odometry, path, change of speed from one key scan to the next, scans between."""
+    """Per matched key scan: match, odometry, path, and change of speed from one key scan to the next."""
 
     matched: NDArray[np.float64]
     motions: NDArray[np.float64]
@@ -135,7 +135,6 @@ class _Samples:
     distance: NDArray[np.float64]
     turn: NDArray[np.float64]
     speed_change: NDArray[np.float64]
-    increments: NDArray[np.float64]
 
     @classmethod
     def collect(cls, track: Track, odometry: NDArray[np.float64], window: int = 1) -> "_Samples | None":
@@ -164,7 +163,6 @@ class _Samples:
             distance=travelled[ends] - travelled[starts],
             turn=turned[ends] - turned[starts],
             speed_change=speed[ends] - speed[starts],
-            increments=(ends - starts).astype(np.float64),
         )
 
 
@@ -218,9 +216,7 @@ def _noise(samples: _Samples, left: NDArray[np.float64]) -> OdometryModel:
     """
     rows = np.column_stack([np.ones(len(left)), samples.distance, samples.turn])
     heading = _variance_fit(left[:, 2], samples.variances[:, 2], rows)
-    m = samples.increments  # each errs at its end and carries aside what follows: Σ (k / m)² / m for k < m
-    by_heading = heading[0] + rows[:, 1:] @ heading[1:] * (m - 1.0) * (2.0 * m - 1.0) / (6.0 * m**2)
-    by_heading = by_heading[:, None] * samples.motions[:, 1::-1] ** 2
+    by_heading = (heading[0] + rows[:, 1:] @ heading[1:] / 3.0)[:, None] * samples.motions[:, 1::-1] ** 2
     known = samples.variances[:, :2] + by_heading
     ahead, side = (_variance_fit(left[:, k], known[:, k], rows) for k in range(2))
     return OdometryModel(

@@ -1,0 +1,49 @@
+"""What a match errs by: some of it is its key scan's own, the rest it shares with its neighbours.
+
+A match places a key scan on a local map. The covariance it gives is that of the step from the key scan before, as it is
+calibrated: the errors of both ends, and what the map itself drifts by in between. Nearly all of it belongs to the ends;
+so successive steps err against each other, and a long way hardly more than a short one.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.measurement import NoMatch, RelativePose
+from graph.se2 import compose_covariance
+from iceg.slam.track import KeyScan, Track
+
+OWN = 0.48
+"""Share of a step's covariance that belongs to either end; the rest is drift and adds up. From simulated truth."""
+
+
+def placement_covariance(track: Track, key: int) -> NDArray[np.float64]:
+    """How far a key scan lies off the local map around it.
+
+    Args:
+        track: what the front end found.
+        key: index of the key scan; the first, which was matched to nothing, is known as well as the second.
+
+    Returns:
+        (3, 3) tangent space at it; odometry limits it where its match is weak or missing.
+    """
+    scan: KeyScan = track.keys[min(max(key, 1), len(track.keys) - 1)]
+    if isinstance(scan.match, NoMatch):
+        return scan.motion.covariance
+    information = np.linalg.inv(scan.match.covariance) + np.linalg.inv(scan.motion.covariance)
+    return OWN * np.linalg.inv(information)
+
+
+def closure_covariance(match: RelativePose, placement: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariance of a match to an earlier pass as a factor between two key poses.
+
+    The match says how a scan lies to the pass as a whole. How far the key pose that the pass hangs on is itself off the
+    others adds to it, and the more the farther the two key poses are apart: an error of its heading has a lever.
+
+    Args:
+        match: of the later key scan, in the frame of the earlier one.
+        placement: (3, 3) of the earlier one (`placement_covariance`).
+
+    Returns:
+        (3, 3) tangent space at the match.
+    """
+    return compose_covariance(placement, match.T_ref_cur, match.covariance)
