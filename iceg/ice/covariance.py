@@ -21,6 +21,9 @@ _MIN_STEP = 5e-4
 _TEMPERATURE = 6.0
 """The scores are taken this much flatter and their second moment is divided by it: the costs are rough on the scale
 of the peak itself (correspondences change), and a single low one must not pass for certainty."""
+_GRAZING = 0.5
+"""Points of a wall far down a corridor lie truer on it than the laser measures: across it hardly any of the range noise
+is left. So the points that hold one direction may have residuals this much smaller than the least of all."""
 _EDGE_MASS = 0.25
 """Share of the weight on the edge of the widest grid from which on a direction counts as unobservable."""
 
@@ -131,7 +134,7 @@ def score_covariance(
         field.cell,
         FACING,
         2 * scale,
-        config.min_sigma**2,
+        (_GRAZING * config.min_sigma) ** 2,
         max(config.min_sigma, refined.residual) ** 2 * shared,
         ratios,
     )
