@@ -375,3 +375,25 @@ def product(diagonal: F64, pose_of: I64, line_of: I64, blocks: F64, n_lines: int
         for a in range(3):
             y[k, a] -= b[a, 0] * p[0] + b[a, 1] * p[1]
     return y
+
+
+@njit(cache=True)
+def fill(diagonal: F64, pose_of: I64, line_of: I64, blocks: F64, matrix: F64) -> None:
+    """The same system as a (3k, 3k) matrix, zeros before; its blocks sorted by line."""
+    for k in range(len(diagonal)):
+        for a in range(3):
+            for b in range(3):
+                matrix[3 * k + a, 3 * k + b] += diagonal[k, a, b]
+    first = 0
+    for q in range(len(pose_of)):
+        if line_of[q] != line_of[first]:
+            first = q
+        i = 3 * pose_of[q]
+        for p in range(first, q + 1):
+            j = 3 * pose_of[p]
+            for a in range(3):
+                for b in range(3):
+                    shared = blocks[q, a, 0] * blocks[p, b, 0] + blocks[q, a, 1] * blocks[p, b, 1]
+                    matrix[i + a, j + b] -= shared
+                    if p != q:
+                        matrix[j + b, i + a] -= shared

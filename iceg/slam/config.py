@@ -128,7 +128,10 @@ class JointRefinementConfig:
     independence: float = 0.15
     """Share of the points that count as independent: neighbouring ones err alike."""
     reach: float = 25.0
-    """Points farther than this from the robot are left out [m]."""
+    """Points farther than this from the robot are left out [m] …"""
+    telling_reach: float = 15.0
+    """… and those beyond this tell nothing of how well the poses are known: near the end of a laser's range noise
+    decides which points return at all [m]."""
     scans_per_key: int = 4
     """Scans of each key pose that take part: the key scan and some of those on the way to the next."""
     max_points: int = 500_000

@@ -18,7 +18,7 @@ from iceg.slam.closure_attempt import Attempt, say_the_same
 from iceg.slam.closure_candidates import Candidate
 from iceg.slam.closure_record import without_contradicted
 from iceg.slam.config import FinishConfig, LoopClosureConfig
-from iceg.slam.joint_refinement import key_clouds, refine_jointly
+from iceg.slam.joint_refinement import JointRefinement, key_clouds, refine_jointly
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 
@@ -64,12 +64,14 @@ class Finished:
         factors: those in force at the end.
         attempts: the closures tried in the last round, empty if none was.
         rounds: one entry for each.
+        covariances: (k, 3, 3) marginal covariances of the poses, None where only the graph knows them.
     """
 
     poses: NDArray[np.float64]
     factors: list[Factor]
     attempts: list[Attempt]
     rounds: list[Round]
+    covariances: NDArray[np.float64] | None = None
 
 
 def finish(
@@ -136,10 +138,12 @@ def finish(
             break
     attempts, loops = without_contradicted(attempts, loops, poses)
     factors = [*chain, *loops]
+    covariances = None
     if config.joint.enabled:
-        factors, poses, done = _joint(factors, poses, track, config, scan_of, parts, clock)
+        factors, refined, done = _joint(factors, poses, track, config, scan_of, parts, clock)
+        poses, covariances = refined.poses, refined.covariances
         rounds.append(replace(done, closures=len(loops)))
-    return Finished(poses=poses, factors=factors, attempts=attempts, rounds=rounds)
+    return Finished(poses=poses, factors=factors, attempts=attempts, rounds=rounds, covariances=covariances)
 
 
 _ELSEWHERE_DISTANCE, _ELSEWHERE_TURN = 0.25, 0.08
@@ -191,14 +195,14 @@ def _joint(
     scan_of: Callable[[int], Scan] | None,
     parts: Sequence[int],
     clock: _Clock,
-) -> tuple[list[Factor], NDArray[np.float64], Round]:
+) -> tuple[list[Factor], JointRefinement, Round]:
     """Refine poses and map together; the factors go along, so that the graph's optimum is the refined trajectory."""
     refined = refine_jointly(factors, poses, key_clouds(track, scan_of, config.joint), config.joint, parts)
     carried = _carried(factors, poses, refined.poses)
     largest, mean = _moves(poses, refined.poses)
     return (
         carried,
-        refined.poses,
+        refined,
         Round(
             stage="joint",
             closures=0,

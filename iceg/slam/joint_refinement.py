@@ -6,7 +6,7 @@ every scan that sees a piece holds its line, and the line holds them together, a
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -19,6 +19,7 @@ from graph.se2 import compose, expmap, inverse
 from iceg.ice.points import thinned_points
 from iceg.slam import _joint_kernels as kernels
 from iceg.slam.config import JointRefinementConfig
+from iceg.slam.joint_covariance import Walls, joint_covariances
 from iceg.slam.track import Track
 
 _LEAST_NOISE = 0.004
@@ -44,6 +45,7 @@ class JointRefinement:
         residual: … and in the end [m].
         on_walls_before: share of the points on their piece of wall (mean Cauchy weight) at the start …
         on_walls: … and in the end.
+        covariances: (k, 3, 3) marginal covariances of the poses in the end, None if there are no points to tell.
     """
 
     poses: NDArray[np.float64]
@@ -55,6 +57,7 @@ class JointRefinement:
     residual: float
     on_walls_before: float
     on_walls: float
+    covariances: NDArray[np.float64] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,19 +83,6 @@ class Clouds:
         """(k + 1,) first point of each key pose."""
         first = np.flatnonzero(np.diff(self.key_of_scan, prepend=-1))
         return np.append(self.starts[first], self.starts[-1])
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Walls:
-    """Pieces of wall at given poses, and how the points lie on them."""
-
-    placed: NDArray[np.float64]
-    piece_of: NDArray[np.int64]
-    lines: NDArray[np.float64]
-    residuals: NDArray[np.float64]
-    weights: NDArray[np.float64]
-    on_walls: float
-    residual: float
 
 
 def refine_jointly(
@@ -141,7 +131,31 @@ def refine_jointly(
         residual=last.residual,
         on_walls_before=first.on_walls,
         on_walls=last.on_walls,
+        covariances=_covariances(factors, refined, clouds, last, config),
     )
+
+
+def _covariances(
+    factors: Sequence[Factor],
+    poses: NDArray[np.float64],
+    clouds: Clouds,
+    walls: Walls,
+    config: JointRefinementConfig,
+) -> NDArray[np.float64] | None:
+    """Marginal covariances; of points far away, where noise decides which return at all, nothing is believed."""
+    if not len(walls.lines):
+        return None
+    near = np.hypot(clouds.points[:, 0], clouds.points[:, 1]) <= config.telling_reach
+    told = replace(walls, weights=np.where(near, walls.weights, 0.0))
+    try:
+        return joint_covariances(factors, poses, clouds.key_starts, told, _precision(walls, config))
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _precision(walls: Walls, config: JointRefinementConfig) -> float:
+    """Of one point of weight 1 [1/m²]."""
+    return float(config.independence / max(walls.residual, _LEAST_NOISE) ** 2)
 
 
 def key_clouds(track: Track, scan_of: Callable[[int], Scan] | None, config: JointRefinementConfig) -> Clouds:
@@ -198,7 +212,7 @@ def _walls(
     config: JointRefinementConfig,
     part_of: NDArray[np.int64],
     pieces: tuple[NDArray[np.int64], int] | None = None,
-) -> _Walls:
+) -> Walls:
     """Pieces of wall with the scans at (k, 3) poses; grouped anew unless given."""
     n = len(clouds.points)
     placed, turned = np.empty((n, 2)), np.empty((n, 2))
@@ -207,7 +221,7 @@ def _walls(
     piece_of, n_pieces = pieces or _pieces(placed, turned, part_of, config)
     lines, residuals, weights = np.empty((n_pieces, 4)), np.empty(n), np.empty(n)
     total, squares = kernels.fit_lines(placed, turned, piece_of, config.scale, _LINE_ROUNDS, lines, residuals, weights)
-    return _Walls(
+    return Walls(
         placed=placed,
         piece_of=piece_of,
         lines=lines,
@@ -250,7 +264,7 @@ def _pieces(
 
 def _step(
     clouds: Clouds,
-    walls: _Walls,
+    walls: Walls,
     graph: Linearization,
     poses: NDArray[np.float64],
     config: JointRefinementConfig,
@@ -274,7 +288,7 @@ def _step(
         blocks,
     )
     pose_of, line_of, blocks = pose_of[:count], line_of[:count], blocks[:count]
-    precision = config.independence / max(walls.residual, _LEAST_NOISE) ** 2
+    precision = _precision(walls, config)
 
     def times(x: NDArray[np.float64]) -> NDArray[np.float64]:
         of_points = kernels.product(diagonal, pose_of, line_of, blocks, len(walls.lines), x)

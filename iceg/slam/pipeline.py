@@ -107,9 +107,9 @@ def run(
         solution = add_by_hand(solution, by_hand, config.graph)
         track = _retied(track, solution, log, matcher)
     with clock.stage("finish"):
-        solution, rounds = _finish(solution, track, log, matcher, config, by_hand)
+        solution, rounds, known = _finish(solution, track, log, matcher, config, by_hand)
     with clock.stage("covariances"):
-        covariances = marginal_covariances(solution.graph.factors, solution.poses)
+        covariances = marginal_covariances(solution.graph.factors, solution.poses) if known is None else known
     trajectory = track.trajectory(solution.poses)
     with clock.stage("feature_map"):
         landmarks = _landmarks(track, solution.poses, matcher, config)
@@ -177,10 +177,13 @@ def _retied(track: Track, solution: Solution, log: Log, matcher: Matcher) -> Tra
 
 def _finish(
     solution: Solution, track: Track, log: Log, matcher: Matcher, config: Config, by_hand: list[Factor]
-) -> tuple[Solution, list[Round]]:
-    """The offline finish; its closures join the record, those it dropped stay in it with the reason."""
+) -> tuple[Solution, list[Round], NDArray[np.float64] | None]:
+    """The offline finish, and the covariances it knows of; its closures join the record.
+
+    Those it dropped stay in it with the reason.
+    """
     if not config.finish.enabled or len(track.keys) < 2:
-        return solution, []
+        return solution, [], None
     factors = list(solution.graph.factors)
     parts = [found.key for found in solution.breaks if found.outcome == "apart"]
     finished = finish(
@@ -197,7 +200,7 @@ def _finish(
     )
     graph = PoseGraph.from_factors(finished.factors, finished.poses, config.graph)
     attempts = with_earlier(finished.attempts, solution.attempts)
-    return replace(solution, graph=graph, poses=finished.poses, attempts=attempts), finished.rounds
+    return replace(solution, graph=graph, poses=finished.poses, attempts=attempts), finished.rounds, finished.covariances
 
 
 def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, config: Config) -> Landmarks:

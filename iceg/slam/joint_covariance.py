@@ -1,0 +1,131 @@
+"""How well the key poses are known once poses and map were refined together.
+
+The graph's marginals know of matches, not of the walls that many scans share. Here the points speak, as they do in the
+joint refinement: its normal equations, the walls eliminated, with odometry. Matches are left out, for they rest on the
+same points, which would count twice.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.factors import Factor
+from graph.se2 import adjoint, between, chain_covariance, compose_covariance
+from iceg.slam import _joint_kernels as kernels
+
+_MOST_ANCHORS = 500
+_HELD = 1e-10
+"""Variance of the first key pose, which the others are relative to [m², rad²]."""
+_SHARP = 1e6
+"""Points count as so many, so that the prior on a line, which is worth some points, holds nothing."""
+_UNTIED = np.diag([100.0, 100.0, np.pi]) ** 2
+"""Covariance of a step that no factor tells of."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Walls:
+    """Pieces of wall at given poses, and how the points lie on them.
+
+    Attributes:
+        placed: (n, 2) points in the map [m].
+        piece_of: (n,) piece of each point, -1 for none.
+        lines: (m, 4) a point and the unit normal of each piece.
+        residuals: (n,) distance of each point from its line [m].
+        weights: (n,) Cauchy weights.
+        on_walls: mean weight of the points on a piece.
+        residual: weighted root mean square distance [m].
+    """
+
+    placed: NDArray[np.float64]
+    piece_of: NDArray[np.int64]
+    lines: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+    weights: NDArray[np.float64]
+    on_walls: float
+    residual: float
+
+
+def joint_covariances(
+    factors: Sequence[Factor],
+    poses: NDArray[np.float64],
+    key_starts: NDArray[np.int64],
+    walls: Walls,
+    precision: float,
+) -> NDArray[np.float64]:
+    """Marginal covariances of the key poses from odometry and the points on shared walls.
+
+    In long runs only every so many key poses are unknowns; the points of those between lie rigidly on the one before,
+    and their own covariance has the way from there added.
+
+    Args:
+        factors: of the graph; those of odometry count, and matches where there is none.
+        poses: (k, 3) T_map_robot.
+        key_starts: (k + 1,) first point of each key pose.
+        walls: how the points lie on them; those of weight 0 tell nothing.
+        precision: of one point of weight 1 [1/m²].
+
+    Returns:
+        (k, 3, 3) tangent space at each pose, relative to the first.
+
+    Raises:
+        numpy.linalg.LinAlgError: neither points nor factors hold some pose.
+    """
+    k = len(poses)
+    every = -(-k // _MOST_ANCHORS)
+    anchors = np.arange(0, k, every)
+    information = _of_points(poses[anchors], np.append(key_starts[anchors], key_starts[-1]), walls, precision)
+    by_odometry, by_all = _steps(factors, k)
+    T_steps = between(poses[:-1], poses[1:])
+    for a, (first, last) in enumerate(zip(anchors[:-1].tolist(), anchors[1:].tolist(), strict=True)):
+        link = np.linalg.inv(chain_covariance(T_steps[first:last], by_odometry[first:last]))
+        jacobian = np.hstack([-adjoint(between(poses[last], poses[first])), np.eye(3)])
+        information[3 * a : 3 * a + 6, 3 * a : 3 * a + 6] += jacobian.T @ link @ jacobian
+    information[:3, :3] += np.eye(3) / _HELD
+    inverse = np.linalg.inv(np.linalg.cholesky(information))
+    columns = inverse.reshape(len(information), len(anchors), 3)
+    known = np.einsum("rka,rkb->kab", columns, columns)
+    covariances = np.empty((k, 3, 3))
+    covariances[anchors] = known
+    for key in np.flatnonzero(np.arange(k) % every).tolist():
+        covariances[key] = compose_covariance(covariances[key - 1], T_steps[key - 1], by_all[key - 1])
+    return covariances
+
+
+def _of_points(
+    poses: NDArray[np.float64], starts: NDArray[np.int64], walls: Walls, precision: float
+) -> NDArray[np.float64]:
+    """(3k, 3k) information of the points on the poses they hang on, the walls eliminated."""
+    k, n = len(poses), len(walls.placed)
+    diagonal, gradient = np.zeros((k, 3, 3)), np.zeros((k, 3))
+    pose_of, line_of, blocks = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((n, 3, 2))
+    count = kernels.normal_equations(
+        poses,
+        starts,
+        walls.placed,
+        walls.piece_of,
+        walls.lines,
+        walls.residuals,
+        _SHARP * walls.weights,
+        diagonal,
+        gradient,
+        pose_of,
+        line_of,
+        blocks,
+    )
+    information = np.zeros((3 * k, 3 * k))
+    order = np.argsort(line_of[:count], kind="stable")
+    kernels.fill(diagonal, pose_of[order], line_of[order], blocks[order], information)
+    return np.asarray(precision / _SHARP * information)
+
+
+def _steps(factors: Iterable[Factor], k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(k - 1, 3, 3) covariances of the steps between key poses: by odometry, matches where there is none, and by all."""
+    odometry, others = np.zeros((k - 1, 3, 3)), np.zeros((k - 1, 3, 3))
+    for factor in factors:
+        if factor.i is not None and factor.j == factor.i + 1:
+            (odometry if factor.kind == "odometry" else others)[factor.i] += np.linalg.inv(factor.covariance)
+    odometry = np.where(odometry.any(axis=(1, 2), keepdims=True), odometry, others)
+    odometry = np.where(odometry.any(axis=(1, 2), keepdims=True), odometry, np.linalg.inv(_UNTIED))
+    return np.linalg.inv(odometry), np.linalg.inv(odometry + others)
