@@ -56,8 +56,7 @@ def joint_covariances(
 ) -> NDArray[np.float64]:
     """Marginal covariances of the key poses from odometry and the points on shared walls.
 
-    In long runs only every so many key poses are unknowns; the points of those between lie rigidly on the one before,
-    and their own covariance has the way from there added.
+    In long runs only every so many key poses are unknowns; the points of those between lie rigidly on the one before.
 
     Args:
         factors: of the graph; those of odometry count, and matches where there is none.
@@ -75,28 +74,38 @@ def joint_covariances(
     k = len(poses)
     every = -(-k // _MOST_ANCHORS)
     anchors = np.arange(0, k, every)
-    information = _of_points(poses[anchors], np.append(key_starts[anchors], key_starts[-1]), walls, precision)
-    by_odometry, by_all = _steps(factors, k)
+    starts = np.append(key_starts[anchors], key_starts[-1])
+    _, information = _of_points(poses[anchors], starts, walls, precision, filled=True)
+    steps = _steps(factors, k)
     T_steps = between(poses[:-1], poses[1:])
     for a, (first, last) in enumerate(zip(anchors[:-1].tolist(), anchors[1:].tolist(), strict=True)):
-        link = np.linalg.inv(chain_covariance(T_steps[first:last], by_odometry[first:last]))
+        link = np.linalg.inv(chain_covariance(T_steps[first:last], steps[first:last]))
         jacobian = np.hstack([-adjoint(between(poses[last], poses[first])), np.eye(3)])
         information[3 * a : 3 * a + 6, 3 * a : 3 * a + 6] += jacobian.T @ link @ jacobian
     information[:3, :3] += np.eye(3) / _HELD
     inverse = np.linalg.inv(np.linalg.cholesky(information))
     columns = inverse.reshape(len(information), len(anchors), 3)
     known = np.einsum("rka,rkb->kab", columns, columns)
-    covariances = np.empty((k, 3, 3))
-    covariances[anchors] = known
-    for key in np.flatnonzero(np.arange(k) % every).tolist():
-        covariances[key] = compose_covariance(covariances[key - 1], T_steps[key - 1], by_all[key - 1])
-    return covariances
+    if every == 1:
+        return known
+    # The points of a group hold it as a whole; where each of its key poses lies in it, its own points and steps say.
+    of = np.arange(k) // every
+    own, _ = _of_points(poses, key_starts, walls, precision)
+    placement = np.linalg.inv(own + np.linalg.inv(steps[np.maximum(np.arange(k) - 1, 0)]))
+    placement[0] = 0.0
+    T_anchor_key = between(poses[anchors][of], poses)
+    share = np.where(of == 0, 1.0, 1.0 - 1.0 / every)[:, None, None]  # the first is held by no points
+    return compose_covariance(known[of], T_anchor_key, share * placement)
 
 
 def _of_points(
-    poses: NDArray[np.float64], starts: NDArray[np.int64], walls: Walls, precision: float
-) -> NDArray[np.float64]:
-    """(3k, 3k) information of the points on the poses they hang on, the walls eliminated."""
+    poses: NDArray[np.float64], starts: NDArray[np.int64], walls: Walls, precision: float, *, filled: bool = False
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Information of the points on the poses they hang on.
+
+    Returns:
+        (k, 3, 3) of each pose with the walls known, and, if filled, (3k, 3k) of all with the walls eliminated.
+    """
     k, n = len(poses), len(walls.placed)
     diagonal, gradient = np.zeros((k, 3, 3)), np.zeros((k, 3))
     pose_of, line_of, blocks = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((n, 3, 2))
@@ -114,18 +123,20 @@ def _of_points(
         line_of,
         blocks,
     )
-    information = np.zeros((3 * k, 3 * k))
+    information = np.zeros((3 * k, 3 * k) if filled else (0, 0))
     order = np.argsort(line_of[:count], kind="stable")
-    kernels.fill(diagonal, pose_of[order], line_of[order], blocks[order], information)
-    return np.asarray(precision / _SHARP * information)
+    if filled:
+        kernels.fill(diagonal, pose_of[order], line_of[order], blocks[order], information)
+    scale = precision / _SHARP
+    return scale * diagonal, scale * information
 
 
-def _steps(factors: Iterable[Factor], k: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """(k - 1, 3, 3) covariances of the steps between key poses: by odometry, matches where there is none, and by all."""
+def _steps(factors: Iterable[Factor], k: int) -> NDArray[np.float64]:
+    """(k - 1, 3, 3) covariances of the steps between key poses by odometry, or by matches where there is none."""
     odometry, others = np.zeros((k - 1, 3, 3)), np.zeros((k - 1, 3, 3))
     for factor in factors:
         if factor.i is not None and factor.j == factor.i + 1:
             (odometry if factor.kind == "odometry" else others)[factor.i] += np.linalg.inv(factor.covariance)
-    odometry = np.where(odometry.any(axis=(1, 2), keepdims=True), odometry, others)
-    odometry = np.where(odometry.any(axis=(1, 2), keepdims=True), odometry, np.linalg.inv(_UNTIED))
-    return np.linalg.inv(odometry), np.linalg.inv(odometry + others)
+    known = np.where(odometry.any(axis=(1, 2), keepdims=True), odometry, others)
+    known = np.where(known.any(axis=(1, 2), keepdims=True), known, np.linalg.inv(_UNTIED))
+    return np.asarray(np.linalg.inv(known), dtype=np.float64)

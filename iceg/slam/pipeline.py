@@ -200,7 +200,11 @@ def _finish(
     )
     graph = PoseGraph.from_factors(finished.factors, finished.poses, config.graph)
     attempts = with_earlier(finished.attempts, solution.attempts)
-    return replace(solution, graph=graph, poses=finished.poses, attempts=attempts), finished.rounds, finished.covariances
+    return (
+        replace(solution, graph=graph, poses=finished.poses, attempts=attempts),
+        finished.rounds,
+        finished.covariances,
+    )
 
 
 def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, config: Config) -> Landmarks:
