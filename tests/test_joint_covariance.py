@@ -30,7 +30,7 @@ def _factors(poses: Array, covariance: Array = ODOMETRY) -> list[Factor]:
     return [prior, *chain]
 
 
-def _walls(k: int, each: int, seed: int = 0) -> tuple[Walls, Array]:
+def _walls(k: int, each: int, seed: int = 0) -> tuple[Walls, NDArray[np.int64]]:
     """Points of every key pose on three walls; the last of them on one that a single pose sees."""
     rng = np.random.default_rng(seed)
     lines = np.array([[4.0, 0.0, -1.0, 0.0], [0.0, 5.0, 0.0, -1.0], [-3.0, -3.0, 0.6, 0.8], [9.0, 9.0, 0.0, 1.0]])
@@ -47,10 +47,10 @@ def _walls(k: int, each: int, seed: int = 0) -> tuple[Walls, Array]:
         on_walls=1.0,
         residual=0.01,
     )
-    return walls, np.arange(0, each * k + 1, each)
+    return walls, np.arange(0, each * k + 1, each, dtype=np.int64)
 
 
-def _dense(poses: Array, starts: Array, walls: Walls) -> Array:
+def _dense(poses: Array, starts: NDArray[np.int64], walls: Walls) -> Array:
     """Poses and lines as unknowns of one system, the first pose held."""
     k, m = len(poses), len(walls.lines)
     information = np.zeros((3 * k + 2 * m, 3 * k + 2 * m))

@@ -83,9 +83,8 @@ def joint_covariances(
         jacobian = np.hstack([-adjoint(between(poses[last], poses[first])), np.eye(3)])
         information[3 * a : 3 * a + 6, 3 * a : 3 * a + 6] += jacobian.T @ link @ jacobian
     information[:3, :3] += np.eye(3) / _HELD
-    inverse = np.linalg.inv(np.linalg.cholesky(information))
-    columns = inverse.reshape(len(information), len(anchors), 3)
-    known = np.einsum("rka,rkb->kab", columns, columns)
+    root = np.linalg.inv(np.linalg.cholesky(information)).reshape(len(information), len(anchors), 3)
+    known: NDArray[np.float64] = np.einsum("rka,rkb->kab", root, root)
     if every == 1:
         return known
     # The points of a group hold it as a whole; where each of its key poses lies in it, its own points and steps say.
