@@ -42,9 +42,8 @@ def scan_points(
     sums = np.empty((n + 1, 5))
     begin, end = np.empty(n, np.int64), np.empty(n, np.int64)
     _surfaces(points, beams, n, origin, _resolution(directions), jump, sums, begin, end)
-    first, last = 0, 0
     for i in range(n):
-        first, last = _neighbourhood(points, begin[i], end[i], i, reach * reach, first, last)
+        first, last = _neighbourhood(points, begin[i], end[i], i, reach * reach)
         normals[i, 0], normals[i, 1] = _normal(sums, first, last, points[i, 0] - origin[0], points[i, 1] - origin[1])
     return n
 
@@ -86,9 +85,8 @@ def thinned_points(
     for scan in range(len(ranges)):
         n = _returns(ranges[scan], directions, origin, returns, beams)
         _surfaces(returns, beams, n, origin, resolution, jump, sums, begin, end)
-        first, last = 0, 0
         for i in range(n):
-            first, last = _neighbourhood(returns, begin[i], end[i], i, reach * reach, first, last)
+            first, last = _neighbourhood(returns, begin[i], end[i], i, reach * reach)
             if i % every != offsets[scan]:
                 continue
             nx, ny = _normal(sums, first, last, returns[i, 0] - origin[0], returns[i, 1] - origin[1])
@@ -148,19 +146,22 @@ def _surfaces(
 
 
 @njit(cache=True)
-def _neighbourhood(points: F64, begin: int, end: int, i: int, reach2: float, first: int, last: int) -> tuple[int, int]:
-    """First and last point around i on its surface, begin..end: up to the reach, but at least two on either side.
-
-    Both only move on from those of the point before, `first` and `last`.
-    """
+def _neighbourhood(points: F64, begin: int, end: int, i: int, reach2: float) -> tuple[int, int]:
+    """First and last point around i on its surface, begin..end: up to the reach, but at least two on either side."""
     x, y = points[i, 0], points[i, 1]
-    first = max(first, begin, i - _MOST_NEIGHBOURS)
-    while first < i - 2 and (points[first + 1, 0] - x) ** 2 + (points[first + 1, 1] - y) ** 2 >= reach2:
-        first += 1
-    last = max(last, min(i + 2, end))
-    furthest = min(end, i + _MOST_NEIGHBOURS)
-    while last < furthest and (points[last, 0] - x) ** 2 + (points[last, 1] - y) ** 2 < reach2:
+    first, last = i, i
+    stop = max(begin, i - _MOST_NEIGHBOURS)
+    while first > stop:
+        first -= 1
+        dx, dy = points[first, 0] - x, points[first, 1] - y
+        if dx * dx + dy * dy >= reach2 and i - first >= 2:
+            break
+    stop = min(end, i + _MOST_NEIGHBOURS)
+    while last < stop:
         last += 1
+        dx, dy = points[last, 0] - x, points[last, 1] - y
+        if dx * dx + dy * dy >= reach2 and last - i >= 2:
+            break
     return first, last
 
 
