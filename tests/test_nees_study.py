@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from graph.factors import Factor
 from graph.se2 import between, compose, expmap
 from iceg.cli import main
+from iceg.evaluation.bench.consistency import factor_consistency
 from iceg.evaluation.nees_study import (
     FIRST_SEED,
     POSES,
@@ -78,6 +79,13 @@ def test_a_simulated_run_is_judged_in_every_respect() -> None:
     assert len(found.values[POSES]) == len(found.values["odometry"]) > 50
     assert 0.3 < found.values["ice"].mean() < 8.0
     assert found.without_truth["ice"].mean() < found.values["ice"].mean()
+
+
+def test_in_a_corridor_the_long_direction_is_weak_and_the_others_are_right() -> None:
+    row = factor_consistency("long_corridor", range(FIRST_SEED, FIRST_SEED + 1))
+    assert float(row["weak matches [%]"] or 0) > 50.0
+    assert float(row["NEES mean"] or 0) < 3.0 * float(row["NEES per observed direction"] or 0)
+    assert 0.4 < float(row["NEES per observed direction"] or 0) < 1.8
 
 
 def test_runs_are_spread_over_the_scenes() -> None:
