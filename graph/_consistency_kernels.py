@@ -1,15 +1,16 @@
 """Pairwise consistency of loop closures and cliques among them, compiled."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 
-@njit(cache=True)
+@compiled
 def _solve_symmetric(s: Floats, e0: float, e1: float, e2: float) -> float:
     """Mahalanobis square eᵀ S⁻¹ e of a positive definite 3×3 matrix; infinite if it is none."""
     if not s[0, 0] > 0.0:
@@ -27,7 +28,7 @@ def _solve_symmetric(s: Floats, e0: float, e1: float, e2: float) -> float:
     return float(e0 * e0 / s[0, 0] + y1 * y1 / d1 + y2 * y2 / d2)
 
 
-@njit(cache=True)
+@compiled
 def consistent_pairs(
     i: Ints, j: Ints, loops: Floats, loop_covariances: Floats, cumulative: Floats, gate: float
 ) -> Bools:
@@ -84,7 +85,7 @@ def consistent_pairs(
     return consistent
 
 
-@njit(cache=True)
+@compiled
 def greedy_clique(consistent: Bools) -> Bools:
     """(m,) members of a large clique: who has most conflicts leaves until none is left, then who fits returns."""
     m = len(consistent)

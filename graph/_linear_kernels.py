@@ -1,8 +1,9 @@
 """Residuals of relative poses, their robust weights and the normal equations of one step, compiled."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -10,12 +11,12 @@ Ints = NDArray[np.int64]
 PLAIN, HUBER, CAUCHY, GEMAN_MCCLURE, DCS = 0, 1, 2, 3, 4
 
 
-@njit(cache=True)
+@compiled
 def _wrapped(angle: float) -> float:
     return float(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
 
 
-@njit(cache=True)
+@compiled
 def residuals(poses: Floats, i: Ints, j: Ints, measured: Floats) -> Floats:
     """(m, 3) logarithms of T_measured⁻¹ · T_i⁻¹ · T_j; i = −1 stands for the map itself."""
     out = np.empty((len(j), 3))
@@ -35,7 +36,7 @@ def residuals(poses: Floats, i: Ints, j: Ints, measured: Floats) -> Floats:
     return out
 
 
-@njit(cache=True)
+@compiled
 def squared_norms(errors: Floats, information: Floats) -> Floats:
     """(m,) eᵀ Ω e."""
     out = np.empty(len(errors))
@@ -50,7 +51,7 @@ def squared_norms(errors: Floats, information: Floats) -> Floats:
     return out
 
 
-@njit(cache=True)
+@compiled
 def losses_and_weights(squared: Floats, kernel: Ints, width: Floats) -> tuple[Floats, Floats]:
     """(m,) robust losses ρ(e) (½ e² without kernel) and (m,) weights ρ′(e) / e, of e² = eᵀ Ω e."""
     loss, weight = np.empty(len(squared)), np.empty(len(squared))
@@ -70,7 +71,7 @@ def losses_and_weights(squared: Floats, kernel: Ints, width: Floats) -> tuple[Fl
     return loss, weight
 
 
-@njit(cache=True)
+@compiled
 def _pulled_back(information: Floats, e: Floats, weight: float, out: Floats) -> tuple[float, float, float]:
     """Write w MᵀΩM into `out` and return w MᵀΩe, M = Jr⁻¹(e) the derivative of the logarithm."""
     half = 0.5 * e[2]
@@ -96,7 +97,7 @@ def _pulled_back(information: Floats, e: Floats, weight: float, out: Floats) -> 
     return cotangent * g0 + half * g1, cotangent * g1 - half * g0, p * g0 + q * g1 + g2
 
 
-@njit(cache=True)
+@compiled
 def _first_jacobian(first: Floats, second: Floats, out: Floats) -> None:
     """Write −Ad(T_j⁻¹ T_i) into `out`, what is left of Jᵢ with Jⱼ = Jr⁻¹ inside Ω; its last row is 0, 0, −1."""
     turn = first[2] - second[2]
@@ -108,7 +109,7 @@ def _first_jacobian(first: Floats, second: Floats, out: Floats) -> None:
     out[2, 0], out[2, 1], out[2, 2] = 0.0, 0.0, -1.0
 
 
-@njit(cache=True)
+@compiled
 def normal_equations(
     poses: Floats,
     i: Ints,
@@ -170,7 +171,7 @@ def normal_equations(
                     upper[p, r, c] += wj[r, c]
 
 
-@njit(cache=True)
+@compiled
 def moved(poses: Floats, step: Floats, row_of: Ints) -> Floats:
     """(n, 3) poses · exp(step), the steps (n, 3) in the order of elimination; headings in (−π, π]."""
     out = np.empty_like(poses)

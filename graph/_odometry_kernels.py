@@ -3,13 +3,14 @@
 from math import cos, hypot, pi, sin
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 F64 = NDArray[np.float64]
 
 
-@njit(cache=True)
+@compiled
 def carry(pose: F64, covariance: F64, increments: F64, variances: F64) -> tuple[float, float]:
     """Extend a motion by increments: A C Aᵀ + own for each, A the adjoint of the increment's inverse.
 

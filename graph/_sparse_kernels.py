@@ -6,14 +6,15 @@ Sparse Linear Systems (2006).
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-@njit(cache=True)
+@compiled
 def multiplied(column_starts: Ints, rows: Ints, upper: Floats, diagonal: Floats, x: Floats) -> Floats:
     """(n, 3) product of the symmetric matrix with these strictly upper blocks and diagonal, and x."""
     y = np.zeros_like(x)
@@ -30,7 +31,7 @@ def multiplied(column_starts: Ints, rows: Ints, upper: Floats, diagonal: Floats,
     return y
 
 
-@njit(cache=True)
+@compiled
 def factor_structure(n: int, column_starts: Ints, rows: Ints) -> tuple[Ints, Ints, Ints, Ints, Ints]:
     """Where L has blocks: its columns, and the same by rows with the place of each block.
 
@@ -85,7 +86,7 @@ def factor_structure(n: int, column_starts: Ints, rows: Ints) -> tuple[Ints, Int
     return starts, rows_of_l, row_starts, columns_of_l, places
 
 
-@njit(cache=True)
+@compiled
 def _factor_diagonal(a: Floats, out: Floats) -> bool:
     """Lower triangular root of one 3×3 block; False when it is not positive definite."""
     if not a[0, 0] > 0.0:
@@ -105,7 +106,7 @@ def _factor_diagonal(a: Floats, out: Floats) -> bool:
     return True
 
 
-@njit(cache=True)
+@compiled
 def _divided(x: Floats, d: Floats) -> tuple[float, float, float, float, float, float, float, float, float]:
     """M of m dᵀ = x, row after row, for a lower triangular 3×3 block d."""
     m00, m10, m20 = x[0, 0] / d[0, 0], x[1, 0] / d[0, 0], x[2, 0] / d[0, 0]
@@ -120,7 +121,7 @@ def _divided(x: Floats, d: Floats) -> tuple[float, float, float, float, float, f
     return m00, m01, m02, m10, m11, m12, m20, m21, m22
 
 
-@njit(cache=True)
+@compiled
 def factorize(
     column_starts: Ints,
     rows: Ints,
@@ -178,7 +179,7 @@ def factorize(
     return True
 
 
-@njit(cache=True)
+@compiled
 def solve_factored(starts: Ints, rows_of_l: Ints, values: Floats, diagonal: Floats, right: Floats) -> Floats:
     """Solve L Lᵀ x = right, both (n, 3)."""
     n = len(diagonal)
@@ -204,7 +205,7 @@ def solve_factored(starts: Ints, rows_of_l: Ints, values: Floats, diagonal: Floa
     return x
 
 
-@njit(cache=True)
+@compiled
 def selected_inverse(starts: Ints, rows_of_l: Ints, values: Floats, diagonal: Floats) -> tuple[Floats, Floats]:
     """Blocks of (L Lᵀ)⁻¹ where L has blocks, by Takahashi's recursion.
 
@@ -254,14 +255,14 @@ def selected_inverse(starts: Ints, rows_of_l: Ints, values: Floats, diagonal: Fl
     return lower, on_diagonal
 
 
-@njit(cache=True)
+@compiled
 def _subtract_product(out: Floats, left: Floats, right: Floats) -> None:
     for a in range(3):
         for b in range(3):
             out[a, b] -= left[a, 0] * right[0, b] + left[a, 1] * right[1, b] + left[a, 2] * right[2, b]
 
 
-@njit(cache=True)
+@compiled
 def _subtract_turned_product(out: Floats, left: Floats, right: Floats) -> None:
     for a in range(3):
         for b in range(3):

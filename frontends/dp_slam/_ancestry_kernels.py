@@ -3,13 +3,13 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from frontends.dp_slam.shared_maps import Observations, Tree
+from graph.compiled import compiled
 
 
-@njit(cache=True)
+@compiled
 def tree_order(parents: NDArray[np.int32], children: NDArray[np.int32]) -> NDArray[np.int32]:
     """Nodes in use, parents before children."""
     depth = np.zeros(len(parents), np.int32)
@@ -34,7 +34,7 @@ def tree_order(parents: NDArray[np.int32], children: NDArray[np.int32]) -> NDArr
     return order
 
 
-@njit(cache=True)
+@compiled
 def prune(kept: NDArray[np.int64], observations: Observations, tree: Tree) -> tuple[int, int]:
     """Nodes without descendants die with their observations; a node with one child takes it in.
 
@@ -57,7 +57,7 @@ def prune(kept: NDArray[np.int64], observations: Observations, tree: Tree) -> tu
     return died, merged
 
 
-@njit(cache=True)
+@compiled
 def _die_out(leaf: int, observations: Observations, tree: Tree) -> int:
     """Remove a leaf and all above it that have no other child; how many these are."""
     heads, _, places, in_cell, back, of_node, firsts, _, pool = observations
@@ -78,7 +78,7 @@ def _die_out(leaf: int, observations: Observations, tree: Tree) -> int:
     return died
 
 
-@njit(cache=True)
+@compiled
 def _bequeath(child: int, above: int, observations: Observations) -> None:
     """The observations of an only child become its parent's; where the parent had one it is replaced."""
     heads, owners, places, in_cell, back, of_node, firsts, evidence, pool = observations
@@ -99,7 +99,7 @@ def _bequeath(child: int, above: int, observations: Observations) -> None:
     firsts[child] = -1
 
 
-@njit(cache=True)
+@compiled
 def _take_place(child: int, above: int, tree: Tree) -> None:
     """Put a node in the place of its only child."""
     tree.children[above] = tree.children[child]
@@ -112,7 +112,7 @@ def _take_place(child: int, above: int, tree: Tree) -> None:
     tree.children[child], tree.parents[child] = -1, -1
 
 
-@njit(cache=True)
+@compiled
 def _unlink(
     observation: int,
     heads: NDArray[np.int32],
@@ -134,7 +134,7 @@ def _unlink(
     pool[1] += 1
 
 
-@njit(cache=True)
+@compiled
 def densities_of(leaf: int, prior_length: float, observations: Observations, tree: Tree) -> NDArray[np.float32]:
     """(cells,) stops per cell length of one particle's map without the path credited in advance, NaN where unknown."""
     height = np.full(len(tree.parents), -1, np.int32)

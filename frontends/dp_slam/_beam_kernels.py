@@ -3,10 +3,10 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from frontends.dp_slam.shared_maps import BeamModel, Beams, Caches, Observations, Tree
+from graph.compiled import compiled
 
 _UNSEEN, _EMPTY, _UNKNOWN = -1, -2, -3  # kinds of views: not looked up yet, free for all, unknown to all
 Ray = tuple[float, float, float, float, float, float]
@@ -14,7 +14,7 @@ Ray = tuple[float, float, float, float, float, float]
 _FAR = 12.5  # squared error over twice the variance from which on a stop cannot have caused the reading
 
 
-@njit(cache=True)
+@compiled
 def localise(
     lasers: NDArray[np.float64],
     particle_of: NDArray[np.int32],
@@ -72,7 +72,7 @@ def localise(
     return survivors
 
 
-@njit(cache=True)
+@compiled
 def _stretch(reading: float, quick: bool, model: BeamModel) -> tuple[float, float]:
     """Where along a beam its likelihood is evaluated, from and to [cells]."""
     if quick:
@@ -80,7 +80,7 @@ def _stretch(reading: float, quick: bool, model: BeamModel) -> tuple[float, floa
     return 0.0, min(reading + model.trace_margin, model.max_range)
 
 
-@njit(cache=True)
+@compiled
 def _cull(scores: NDArray[np.float64], cull: float, alive: NDArray[np.bool_]) -> None:
     """Give up the samples whose score lies so far below the best one's."""
     best = -math.inf
@@ -91,7 +91,7 @@ def _cull(scores: NDArray[np.float64], cull: float, alive: NDArray[np.bool_]) ->
         alive[sample] = alive[sample] and scores[sample] >= best - cull
 
 
-@njit(cache=True)
+@compiled
 def _beam(
     ray: Ray,
     reading: float,
@@ -145,7 +145,7 @@ def _beam(
     return likelihood / (1.0 - reach) if reach < 1.0 else 0.0
 
 
-@njit(cache=True)
+@compiled
 def _see(
     ray: Ray,
     shape: tuple[int, int],
@@ -177,7 +177,7 @@ def _see(
     return True
 
 
-@njit(cache=True)
+@compiled
 def _look(cell: int, observations: Observations, tree: Tree, caches: Caches) -> int:
     """What all particles see of a cell: a kind of view, or the row of `densities` that was filled."""
     if observations.heads[cell] < 0:
@@ -212,7 +212,7 @@ def _look(cell: int, observations: Observations, tree: Tree, caches: Caches) -> 
     return slot
 
 
-@njit(cache=True)
+@compiled
 def _is_free_for_all(cell: int, observations: Observations, tree: Tree) -> bool:
     """Free for the root and for all that changed it since: the most frequent case by far."""
     everywhere = False
@@ -225,7 +225,7 @@ def _is_free_for_all(cell: int, observations: Observations, tree: Tree) -> bool:
     return everywhere
 
 
-@njit(cache=True)
+@compiled
 def _gather(
     cell: int,
     heads: NDArray[np.int32],
@@ -254,7 +254,7 @@ def _gather(
         row[particle] = nearest[leaves[particle]]
 
 
-@njit(cache=True)
+@compiled
 def _enter(ray: Ray) -> tuple[int, int, float, float, float, float]:
     """Column and row where a beam begins, where it crosses the next column and row, and how far apart crossings are."""
     x, y, ux, uy, begin, _ = ray
@@ -270,7 +270,7 @@ def _enter(ray: Ray) -> tuple[int, int, float, float, float, float]:
     return column, row, next_x, next_y, per_x, per_y
 
 
-@njit(cache=True)
+@compiled
 def add_scan(
     laser: NDArray[np.float64],
     particle: int,
@@ -339,7 +339,7 @@ def add_scan(
                 next_y += per_y
 
 
-@njit(cache=True)
+@compiled
 def _state(row: NDArray[np.int32], evidence: NDArray[np.float32], facts: NDArray[np.int32]) -> None:
     """How many particles know a cell, and whether any of them has seen a beam stop in it."""
     facts[0], facts[1] = 0, 0
@@ -354,7 +354,7 @@ def _state(row: NDArray[np.int32], evidence: NDArray[np.float32], facts: NDArray
                 facts[1] = 1
 
 
-@njit(cache=True)
+@compiled
 def forget(caches: Caches) -> None:
     """Empty the caches of a generation."""
     for k in range(caches.counts[0]):

@@ -1,11 +1,12 @@
 """Resampling, compiled: which samples become the particles of the next generation."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from graph.compiled import compiled
 
-@njit(cache=True)
+
+@compiled
 def resample(
     weights: NDArray[np.float64], uniforms: NDArray[np.float64], n_particles: int, times: NDArray[np.int64]
 ) -> None:

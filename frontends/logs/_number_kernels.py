@@ -1,19 +1,20 @@
 """Decimal numbers out of bytes, compiled."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 _EXACT_INTEGERS = 2**53  # a float64 holds every integer up to here
 _EXACT_DECIMALS = 22  # and every power of ten up to here: their quotient is rounded once, as float() rounds
 
 
-@njit(cache=True)
+@compiled
 def _is_space(byte: int) -> bool:
     return byte == 32 or 9 <= byte <= 13
 
 
-@njit(cache=True)
+@compiled
 def scan_numbers(text: NDArray[np.uint8], start: int, stop: int, out: NDArray[np.float64]) -> tuple[int, int]:
     """Read numbers parted by white space into `out` until it is full or a token is no plain decimal number.
 

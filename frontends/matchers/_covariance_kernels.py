@@ -3,14 +3,14 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from frontends.matchers._outline_kernels import Outline
 from frontends.matchers._pair_kernels import Pairs
+from graph.compiled import compiled
 
 
-@njit(cache=True)
+@compiled
 def covariance_parts(
     outline: Outline, pairs: Pairs, pose: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

@@ -3,14 +3,15 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 FULL = 255
 """Value of the table where a reference point lies; 0 stands for `reach` away from any and farther."""
 
 
-@njit(cache=True)
+@compiled
 def render_table(
     points: NDArray[np.float64], origin: NDArray[np.float64], cell: float, reach: float, table: NDArray[np.uint8]
 ) -> None:
@@ -35,7 +36,7 @@ def render_table(
                 table[i, j] = max(table[i, j], value)
 
 
-@njit(cache=True)
+@compiled
 def contours(points: NDArray[np.float64], link: float, spacing: float) -> NDArray[np.float64]:
     """The points in order, and more between neighbours nearer than `link`, `spacing` apart."""
     total = len(points)
@@ -61,7 +62,7 @@ def contours(points: NDArray[np.float64], link: float, spacing: float) -> NDArra
     return filled
 
 
-@njit(cache=True)
+@compiled
 def halve(table: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Largest value of each block of 2 by 2."""
     rows, columns = (table.shape[0] + 1) // 2, (table.shape[1] + 1) // 2
@@ -72,7 +73,7 @@ def halve(table: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return half
 
 
-@njit(cache=True)
+@compiled
 def cover(blocks: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Largest value of each block and its right, upper and upper right neighbour.
 
@@ -90,7 +91,7 @@ def cover(blocks: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return covered
 
 
-@njit(cache=True)
+@compiled
 def turned_cells(
     points: NDArray[np.float64],
     guess: NDArray[np.float64],
@@ -110,7 +111,7 @@ def turned_cells(
     return cells
 
 
-@njit(cache=True)
+@compiled
 def _sum_at(cells: NDArray[np.int32], dr: int, dc: int, table: NDArray[np.uint8]) -> int:
     rows, columns = table.shape
     total = 0
@@ -121,7 +122,7 @@ def _sum_at(cells: NDArray[np.int32], dr: int, dc: int, table: NDArray[np.uint8]
     return total
 
 
-@njit(cache=True)
+@compiled
 def exhaustive(cells: NDArray[np.int32], span: int, table: NDArray[np.uint8]) -> tuple[int, int, int, int]:
     """Best sum over all turns and offsets in cells, and where: sum, turn, row offset, column offset."""
     best, best_turn, best_dr, best_dc = -1, 0, 0, 0
@@ -134,7 +135,7 @@ def exhaustive(cells: NDArray[np.int32], span: int, table: NDArray[np.uint8]) ->
     return best, best_turn, best_dr, best_dc
 
 
-@njit(cache=True)
+@compiled
 def _bound_at(
     cells: NDArray[np.int32], dr: int, dc: int, pyramid: NDArray[np.uint8], layout: NDArray[np.int64], height: int
 ) -> int:
@@ -148,7 +149,7 @@ def _bound_at(
     return total
 
 
-@njit(cache=True)
+@compiled
 def branch_and_bound(
     cells: NDArray[np.int32],
     span: int,
@@ -198,7 +199,7 @@ def branch_and_bound(
     return best, best_turn, best_dr, best_dc, scored
 
 
-@njit(cache=True)
+@compiled
 def _node_bound(
     cells: NDArray[np.int32],
     dr: int,
@@ -214,7 +215,7 @@ def _node_bound(
     return _bound_at(cells, dr, dc, pyramid, layout, height)
 
 
-@njit(cache=True)
+@compiled
 def _roots(
     cells: NDArray[np.int32],
     span: int,
@@ -239,7 +240,7 @@ def _roots(
     return bounds, roots
 
 
-@njit(cache=True)
+@compiled
 def _branch(
     cells: NDArray[np.int32],
     dr: int,
@@ -268,7 +269,7 @@ def _branch(
     return count
 
 
-@njit(cache=True)
+@compiled
 def _smooth(table: NDArray[np.uint8], x: float, y: float) -> tuple[float, float, float]:
     """Bilinear value in [0, 1] and its derivatives per cell at a place in cells, cell centres at half numbers."""
     column, row = math.floor(x - 0.5), math.floor(y - 0.5)
@@ -281,7 +282,7 @@ def _smooth(table: NDArray[np.uint8], x: float, y: float) -> tuple[float, float,
     return value / FULL, ((b - a) * (1.0 - v) + (d - c) * v) / FULL, ((c - a) * (1.0 - u) + (d - b) * u) / FULL
 
 
-@njit(cache=True)
+@compiled
 def mean_value(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],
@@ -301,7 +302,7 @@ def mean_value(
     return total / max(n, 1)
 
 
-@njit(cache=True)
+@compiled
 def count_values(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],
@@ -322,7 +323,7 @@ def count_values(
     return high, some
 
 
-@njit(cache=True)
+@compiled
 def polish(
     points: NDArray[np.float64],
     start: NDArray[np.float64],
@@ -377,7 +378,7 @@ def polish(
     return pose
 
 
-@njit(cache=True)
+@compiled
 def score_volume(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],

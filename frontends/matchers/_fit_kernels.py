@@ -3,11 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from graph.compiled import compiled
 
-@njit(cache=True)
+
+@compiled
 def line_fit(
     moved: NDArray[np.float64],
     targets: NDArray[np.float64],
@@ -58,7 +59,7 @@ def line_fit(
     return t[0], t[1], angle
 
 
-@njit(cache=True)
+@compiled
 def rigid_fit(
     points: NDArray[np.float64], targets: NDArray[np.float64], kept: NDArray[np.bool_]
 ) -> tuple[float, float, float]:
@@ -84,7 +85,7 @@ def rigid_fit(
     return qx - c * px + s * py, qy - s * px - c * py, angle
 
 
-@njit(cache=True)
+@compiled
 def metric_normal_equations(
     moved: NDArray[np.float64], targets: NDArray[np.float64], kept: NDArray[np.bool_], length2: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -112,7 +113,7 @@ def metric_normal_equations(
     return H, g
 
 
-@njit(cache=True)
+@compiled
 def _unit_minimum(S: NDArray[np.float64], h: NDArray[np.float64]) -> float:
     """Angle of the unit vector z that minimises zᵀSz + 2hᵀz: (S + λI)z = −h with the largest λ that makes |z| = 1."""
     half, off = 0.5 * (S[0, 0] - S[1, 1]), S[0, 1]
@@ -135,7 +136,7 @@ def _unit_minimum(S: NDArray[np.float64], h: NDArray[np.float64]) -> float:
     return math.atan2(s * along + c * across, c * along - s * across)
 
 
-@njit(cache=True)
+@compiled
 def move(points: NDArray[np.float64], pose: NDArray[np.float64], moved: NDArray[np.float64]) -> None:
     """Place (n, 2) points at a pose, into `moved`, which the descent fills anew at every step."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -145,14 +146,14 @@ def move(points: NDArray[np.float64], pose: NDArray[np.float64], moved: NDArray[
         moved[i, 1] = pose[1] + s * px + c * py
 
 
-@njit(cache=True)
+@compiled
 def composed(x: float, y: float, angle: float, pose: NDArray[np.float64]) -> tuple[float, float, float]:
     """A motion in the reference frame after the pose so far."""
     c, s = math.cos(angle), math.sin(angle)
     return x + c * pose[0] - s * pose[1], y + s * pose[0] + c * pose[1], pose[2] + angle
 
 
-@njit(cache=True)
+@compiled
 def take(fit: tuple[float, float, float], pose: NDArray[np.float64], epsilon: float) -> bool:
     """Make the fit the pose; true when it moved by less than `epsilon` in metres and radians."""
     turn = (fit[2] - pose[2] + math.pi) % (2.0 * math.pi) - math.pi

@@ -4,7 +4,6 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from frontends.matchers._fit_kernels import composed, line_fit, metric_normal_equations, rigid_fit, take
@@ -20,6 +19,7 @@ from frontends.matchers._pair_kernels import (
     no_pairs,
     trim,
 )
+from graph.compiled import compiled
 
 _SAME_WAY = math.cos(math.radians(10.0))
 """Two steps point the same way when the cosine of the angle between them exceeds this …"""
@@ -38,7 +38,7 @@ class Stopping(NamedTuple):
     epsilon: float
 
 
-@njit(cache=True)
+@compiled
 def closest_points(
     outline: Outline,
     points: NDArray[np.float64],
@@ -77,7 +77,7 @@ def closest_points(
     return pose, pairs, done
 
 
-@njit(cache=True)
+@compiled
 def _accelerate(before: NDArray[np.float64], pose: NDArray[np.float64], steps: NDArray[np.float64]) -> None:
     """Go on where two steps point the same way, to where such steps lead to in the end (Besl and McKay 1992, IV.C).
 
@@ -102,7 +102,7 @@ def _accelerate(before: NDArray[np.float64], pose: NDArray[np.float64], steps: N
     steps[:] = 0.0
 
 
-@njit(cache=True)
+@compiled
 def closest_lines(
     outline: Outline,
     points: NDArray[np.float64],
@@ -126,7 +126,7 @@ def closest_lines(
     return pose, pairs, done
 
 
-@njit(cache=True)
+@compiled
 def dual(
     outline: Outline,
     points: NDArray[np.float64],

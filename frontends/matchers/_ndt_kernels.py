@@ -3,8 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 MEAN_X, MEAN_Y, INV_XX, INV_XY, INV_YY, VALID = range(6)
 """Columns of a cell: mean [m], inverse covariance [1/m²], whether there is a distribution."""
@@ -13,7 +14,7 @@ _FARTHEST = 30.0  # squared Mahalanobis distance beyond which exp(-d²/2) is as 
 _HALVINGS = 6
 
 
-@njit(cache=True)
+@compiled
 def build_cells(
     points: NDArray[np.float64],
     origin: NDArray[np.float64],
@@ -71,14 +72,14 @@ def build_cells(
     return cells
 
 
-@njit(cache=True)
+@compiled
 def _index(x: float, y: float, grid: int, origin: NDArray[np.float64], cell: float) -> tuple[int, int]:
     column = math.floor((x - origin[0]) / cell + 0.5 * (grid % 2))
     row = math.floor((y - origin[1]) / cell + 0.5 * (grid // 2))
     return int(row), int(column)
 
 
-@njit(cache=True)
+@compiled
 def score_of(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],
@@ -106,7 +107,7 @@ def score_of(
     return total
 
 
-@njit(cache=True)
+@compiled
 def derivatives(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],
@@ -159,7 +160,7 @@ def derivatives(
     return total
 
 
-@njit(cache=True)
+@compiled
 def _solve(hessian: NDArray[np.float64], gradient: NDArray[np.float64], reach2: float) -> NDArray[np.float64]:
     """Newton's step; λI is added until the Hessian is positive definite, the heading weighed by `reach2` [m²]."""
     lower = np.empty((3, 3))
@@ -200,7 +201,7 @@ def _solve(hessian: NDArray[np.float64], gradient: NDArray[np.float64], reach2: 
     return step
 
 
-@njit(cache=True)
+@compiled
 def align(
     points: NDArray[np.float64],
     start: NDArray[np.float64],
@@ -254,7 +255,7 @@ def align(
     return pose, score, done
 
 
-@njit(cache=True)
+@compiled
 def count_inliers(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],
@@ -287,7 +288,7 @@ def count_inliers(
     return inliers, met
 
 
-@njit(cache=True)
+@compiled
 def clustered_spread(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],
@@ -316,7 +317,7 @@ def clustered_spread(
     return spread
 
 
-@njit(cache=True)
+@compiled
 def thin_information(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],

@@ -8,8 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 
 class Outline(NamedTuple):
@@ -28,7 +29,7 @@ class Outline(NamedTuple):
     ends: NDArray[np.int8]
 
 
-@njit(cache=True)
+@compiled
 def closest(
     x: float, y: float, outline: Outline, length2: float, window: float, limit2: float, hint: int
 ) -> tuple[float, float, float, int]:
@@ -76,7 +77,7 @@ def closest(
     return fx, fy, best2, found
 
 
-@njit(cache=True)
+@compiled
 def matching_range(
     x: float, y: float, outline: Outline, ranges: NDArray[np.float64], window: float
 ) -> tuple[float, float, bool]:
@@ -119,7 +120,7 @@ def matching_range(
     return qx, qy, found
 
 
-@njit(cache=True)
+@compiled
 def _lower_bound(values: NDArray[np.float64], value: float) -> int:
     low, high = 0, len(values)
     while low < high:
@@ -131,7 +132,7 @@ def _lower_bound(values: NDArray[np.float64], value: float) -> int:
     return low
 
 
-@njit(cache=True)
+@compiled
 def _unwrapped(angle: float, base: float) -> float:
     """The same angle in [base, base + 2π)."""
     while angle < base:
@@ -141,7 +142,7 @@ def _unwrapped(angle: float, base: float) -> float:
     return angle
 
 
-@njit(cache=True)
+@compiled
 def _farthest_turn(reach: float, best2: float) -> float:
     """How far round something may lie and still be as near as √best2."""
     if best2 >= reach * reach:
@@ -149,7 +150,7 @@ def _farthest_turn(reach: float, best2: float) -> float:
     return math.asin(math.sqrt(best2) / reach)
 
 
-@njit(cache=True)
+@compiled
 def _nearest_on(
     x: float, y: float, r2: float, xy: NDArray[np.float64], j: int, whole: bool, length2: float
 ) -> tuple[float, float, float]:

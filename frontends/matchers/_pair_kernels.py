@@ -8,11 +8,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from frontends.matchers._fit_kernels import move
 from frontends.matchers._outline_kernels import Outline, closest, matching_range
+from graph.compiled import compiled
 
 
 class Pairs(NamedTuple):
@@ -53,7 +53,7 @@ class Trimming(NamedTuple):
     least_end: int
 
 
-@njit(cache=True)
+@compiled
 def no_pairs(n: int) -> Pairs:
     """Room for the pairs of n points."""
     return Pairs(
@@ -61,7 +61,7 @@ def no_pairs(n: int) -> Pairs:
     )
 
 
-@njit(cache=True)
+@compiled
 def associate(
     outline: Outline,
     points: NDArray[np.float64],
@@ -90,7 +90,7 @@ def associate(
             pairs.normals[i, 0], pairs.normals[i, 1] = -ey / length, ex / length
 
 
-@njit(cache=True)
+@compiled
 def _end_at(outline: Outline, j: int, x: float, y: float) -> int:
     """What kind of end a place on piece j is; 0 if it is none."""
     after = j + 1 if j + 1 < len(outline.xy) else 0
@@ -100,7 +100,7 @@ def _end_at(outline: Outline, j: int, x: float, y: float) -> int:
     return 0
 
 
-@njit(cache=True)
+@compiled
 def associate_range(
     outline: Outline, ranges: NDArray[np.float64], window: float, max_distance: float, pairs: Pairs
 ) -> None:
@@ -115,7 +115,7 @@ def associate_range(
             pairs.squares[i] = (x - px) ** 2 + (y - py) ** 2
 
 
-@njit(cache=True)
+@compiled
 def measure_to_lines(pairs: Pairs) -> None:
     """Take the distances to the lines through the surfaces instead of those to the nearest places."""
     for i in range(len(pairs.squares)):
@@ -127,7 +127,7 @@ def measure_to_lines(pairs: Pairs) -> None:
             pairs.squares[i] = (nx * dx + ny * dy) ** 2
 
 
-@njit(cache=True)
+@compiled
 def drop_doubles(n: int, pairs: Pairs) -> None:
     """Of the points that share a piece of the outline, one of n, only the one with the least error stays."""
     owner = np.full(n, -1, np.int64)
@@ -144,7 +144,7 @@ def drop_doubles(n: int, pairs: Pairs) -> None:
             pairs.squares[i] = math.inf
 
 
-@njit(cache=True)
+@compiled
 def drop_hidden(pairs: Pairs) -> None:
     """Points that fall behind an earlier one in bearing order cannot have been seen from the reference."""
     moved = pairs.moved
@@ -160,7 +160,7 @@ def drop_hidden(pairs: Pairs) -> None:
             farthest = turned
 
 
-@njit(cache=True)
+@compiled
 def trim(trimming: Trimming, pairs: Pairs) -> int:
     """Mark the pairs that are near enough; return how many."""
     finite = pairs.squares[np.isfinite(pairs.squares)]
@@ -180,7 +180,7 @@ def trim(trimming: Trimming, pairs: Pairs) -> int:
     return count
 
 
-@njit(cache=True)
+@compiled
 def agreement(
     outline: Outline, points: NDArray[np.float64], pose: NDArray[np.float64], inlier: float, known: float
 ) -> tuple[int, int]:
@@ -196,7 +196,7 @@ def agreement(
     return inliers, overlapping
 
 
-@njit(cache=True)
+@compiled
 def closeness(outline: Outline, points: NDArray[np.float64], pose: NDArray[np.float64], reach: float) -> float:
     """Mean of 1 − d²/reach², 0 from `reach` on, d to the reference's surface: in [0, 1].
 

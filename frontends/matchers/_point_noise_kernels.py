@@ -3,11 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from graph.compiled import compiled
 
-@njit(cache=True)
+
+@compiled
 def point_model(
     xy: NDArray[np.float64],
     linked: NDArray[np.bool_],
@@ -40,7 +41,7 @@ def point_model(
         spreads[i] = math.sqrt((shorter**3 + longer**3) / (3.0 * (shorter + longer)))
 
 
-@njit(cache=True)
+@compiled
 def place(
     xy: NDArray[np.float64],
     noise: NDArray[np.float64],
@@ -60,7 +61,7 @@ def place(
         out_noise[i, 0], out_noise[i, 1], out_noise[i, 2] = rotated(noise[i, 0], noise[i, 1], noise[i, 2], c, s)
 
 
-@njit(cache=True)
+@compiled
 def _wall_direction(xy: NDArray[np.float64], linked: NDArray[np.bool_], i: int, neighbours: int) -> tuple[float, float]:
     """Unit vector along the line through a point and its linked neighbours; 0, 0 where it has none."""
     n = len(xy)
@@ -83,7 +84,7 @@ def _wall_direction(xy: NDArray[np.float64], linked: NDArray[np.bool_], i: int, 
     return math.cos(angle), math.sin(angle)
 
 
-@njit(cache=True)
+@compiled
 def rotated(xx: float, xy: float, yy: float, c: float, s: float) -> tuple[float, float, float]:
     """R P Rᵀ."""
     return (

@@ -3,8 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 _BUCKET = 6
 _MAX_DEPTH = 24
@@ -26,7 +27,7 @@ class Nodes(NamedTuple):
     order: NDArray[np.int32]
 
 
-@njit(cache=True)
+@compiled
 def build_tree(xy: NDArray[np.float64]) -> Nodes:
     """Divide the points' square into four until a node holds few of them."""
     n = len(xy)
@@ -71,7 +72,7 @@ def build_tree(xy: NDArray[np.float64]) -> Nodes:
     return Nodes(boxes[:count].copy(), children[:count].copy(), leaves[:count].copy(), order)
 
 
-@njit(cache=True)
+@compiled
 def nearest(
     x: float, y: float, xy: NDArray[np.float64], nodes: Nodes, stack: NDArray[np.int32], limit2: float, hint: int
 ) -> tuple[int, float]:
@@ -113,7 +114,7 @@ def nearest(
     return best, best2
 
 
-@njit(cache=True)
+@compiled
 def nearest_all(
     queries: NDArray[np.float64], xy: NDArray[np.float64], nodes: Nodes, limit2: float
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

@@ -3,11 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from graph.compiled import compiled
 
-@njit(cache=True)
+
+@compiled
 def facing(points: NDArray[np.float64], link: float) -> tuple[NDArray[np.float64], float]:
     """How the surfaces of a scan face: mean of JJᵀ, J = (n, p×n / r), n the normal at p, r the mean distance.
 

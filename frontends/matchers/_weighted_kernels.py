@@ -4,11 +4,11 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from frontends.matchers._point_noise_kernels import rotated
 from frontends.matchers._quad_tree_kernels import Nodes, nearest
+from graph.compiled import compiled
 
 
 class Cloud(NamedTuple):
@@ -53,7 +53,7 @@ class Rules(NamedTuple):
     epsilon: float
 
 
-@njit(cache=True)
+@compiled
 def weighted_match(
     reference: Cloud, scan: Cloud, start: NDArray[np.float64], rules: Rules
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -91,7 +91,7 @@ def weighted_match(
     return pose, _information(sums), _statistics(errors, kept, done)
 
 
-@njit(cache=True)
+@compiled
 def _turn_about(mx: float, my: float, tx: float, ty: float, turn: float, pose: NDArray[np.float64]) -> float:
     """Turn a pose about (mx, my) and shift it; how far it moved [m]."""
     c, s = math.cos(turn), math.sin(turn)
@@ -103,7 +103,7 @@ def _turn_about(mx: float, my: float, tx: float, ty: float, turn: float, pose: N
     return step
 
 
-@njit(cache=True)
+@compiled
 def weighted_agreement(
     reference: Cloud, points: NDArray[np.float64], pose: NDArray[np.float64], inlier: float, known: float
 ) -> tuple[int, int]:
@@ -130,7 +130,7 @@ def weighted_agreement(
     return inliers, overlapping
 
 
-@njit(cache=True)
+@compiled
 def _associate(
     reference: Cloud,
     scan: Cloud,
@@ -158,7 +158,7 @@ def _associate(
                 pairs[i] = -1
 
 
-@njit(cache=True)
+@compiled
 def _weigh(
     reference: Cloud,
     point_noise: NDArray[np.float64],
@@ -185,7 +185,7 @@ def _weigh(
         weights[i, 0], weights[i, 1], weights[i, 2] = yy / determinant, -xy_ / determinant, xx / determinant
 
 
-@njit(cache=True)
+@compiled
 def _select(
     errors: NDArray[np.float64],
     weights: NDArray[np.float64],
@@ -217,7 +217,7 @@ def _select(
     return count
 
 
-@njit(cache=True)
+@compiled
 def _solve(
     moved: NDArray[np.float64],
     errors: NDArray[np.float64],
@@ -258,7 +258,7 @@ def _solve(
     return tx, ty, slope / information if information > 0.0 else 0.0
 
 
-@njit(cache=True)
+@compiled
 def _information(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     """Block-diagonal information about the midpoint, moved to the origin of the frame."""
     about = np.zeros((3, 3))
@@ -268,7 +268,7 @@ def _information(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     return to_middle.T @ about @ to_middle
 
 
-@njit(cache=True)
+@compiled
 def _statistics(errors: NDArray[np.float64], kept: NDArray[np.bool_], iterations: int) -> NDArray[np.float64]:
     count, total = 0, 0.0
     for i in range(len(kept)):

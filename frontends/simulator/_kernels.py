@@ -3,11 +3,12 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from graph.compiled import compiled
 
-@njit(cache=True)
+
+@compiled
 def cast_rays(
     T_world_laser: NDArray[np.float64],
     times: NDArray[np.float64],
@@ -52,7 +53,7 @@ def cast_rays(
     return ranges, hits
 
 
-@njit(cache=True)
+@compiled
 def cast_sweeps(
     T_world_laser: NDArray[np.float64],
     T_world_beam: NDArray[np.float64],
@@ -104,7 +105,7 @@ def cast_sweeps(
     return ranges, hits
 
 
-@njit(cache=True)
+@compiled
 def _distance(ax: float, ay: float, bx: float, by: float) -> float:
     """From the origin to a segment."""
     dx, dy = bx - ax, by - ay
@@ -113,7 +114,7 @@ def _distance(ax: float, ay: float, bx: float, by: float) -> float:
     return math.hypot(ax + share * dx, ay + share * dy)
 
 
-@njit(cache=True)
+@compiled
 def cast_on_circles(
     T_world_beam: NDArray[np.float64],
     centres: NDArray[np.float64],
@@ -141,7 +142,7 @@ def cast_on_circles(
                     hits[i, k] = -1
 
 
-@njit(cache=True)
+@compiled
 def _beams_across(bearings: NDArray[np.float64], end_a: float, end_b: float) -> tuple[int, int]:
     """Half-open range of the beams that may hit a segment whose ends have these bearings; all if it is behind."""
     lowest, highest = min(end_a, end_b), max(end_a, end_b)
@@ -153,6 +154,6 @@ def _beams_across(bearings: NDArray[np.float64], end_a: float, end_b: float) -> 
     return max(first, 0), min(last, len(bearings))
 
 
-@njit(cache=True)
+@compiled
 def _to_laser(dx: float, dy: float, c: float, s: float) -> tuple[float, float]:
     return c * dx + s * dy, c * dy - s * dx

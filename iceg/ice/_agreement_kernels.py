@@ -3,9 +3,9 @@
 from math import atan2, cos, floor, hypot, sin
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from graph.compiled import compiled
 from iceg.ice._refinement_kernels import partner
 from iceg.ice.sweeps import Sweeps
 
@@ -18,7 +18,7 @@ _NEAREST_JUDGED = 0.3
 _FLATTEST = 0.25
 
 
-@njit(cache=True)
+@compiled
 def compare(
     points: F64,
     normals: F64,
@@ -82,7 +82,7 @@ def compare(
     return known, inliers, seen, contradicted
 
 
-@njit(cache=True)
+@compiled
 def visible_agreement(
     surfels: F64,
     pose: F64,

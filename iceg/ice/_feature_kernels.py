@@ -3,8 +3,9 @@
 from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 F64 = NDArray[np.float64]
 I8 = NDArray[np.int8]
@@ -28,7 +29,7 @@ _BEHIND = 0.3
 _FLOOR = 1e-5
 
 
-@njit(cache=True)
+@compiled
 def _fit_line(points: F64, a: int, b: int, sigma: float, out: F64) -> float:
     """Total least squares through points[a..b]; return the largest distance of a point from the line."""
     n = b - a + 1
@@ -66,7 +67,7 @@ def _fit_line(points: F64, a: int, b: int, sigma: float, out: F64) -> float:
     return worst
 
 
-@njit(cache=True)
+@compiled
 def _cluster_ends(points: F64, beams: I32, i: int, origin: F64, resolution: float, gap: float) -> bool:
     """Whether a new surface starts after point i."""
     nearer = min(
@@ -77,7 +78,7 @@ def _cluster_ends(points: F64, beams: I32, i: int, origin: F64, resolution: floa
     return apart > gap + _SPACINGS * nearer * resolution or beams[i + 1] - beams[i] > _MISSING_BEAMS
 
 
-@njit(cache=True)
+@compiled
 def _farthest_from_chord(points: F64, a: int, b: int) -> tuple[float, int]:
     ux, uy = points[b, 0] - points[a, 0], points[b, 1] - points[a, 1]
     length = hypot(ux, uy)
@@ -90,7 +91,7 @@ def _farthest_from_chord(points: F64, a: int, b: int) -> tuple[float, int]:
     return worst, where
 
 
-@njit(cache=True)
+@compiled
 def _split(points: F64, start: int, end: int, tolerance: float, stack: I64, pieces: I64) -> int:
     """Split start..end where a point lies farthest from the chord; return the number of pieces, in scan order."""
     count, top = 0, 1
@@ -109,7 +110,7 @@ def _split(points: F64, start: int, end: int, tolerance: float, stack: I64, piec
     return count
 
 
-@njit(cache=True)
+@compiled
 def extract_segments(
     points: F64,
     beams: I32,
@@ -165,7 +166,7 @@ def extract_segments(
     return count
 
 
-@njit(cache=True)
+@compiled
 def smooth_on_segments(
     points: F64, origin: F64, segments: F64, min_points: int, min_length: float, smoothed: F64, normals: F64
 ) -> None:
@@ -185,7 +186,7 @@ def smooth_on_segments(
             normals[i, 0], normals[i, 1] = nx, ny
 
 
-@njit(cache=True)
+@compiled
 def _crossing(a: F64, b: F64, out: F64) -> tuple[float, float]:
     """Where the lines of two segments meet: out = x, y, var x, cov xy, var y; return where along each line."""
     ax, ay = -a[TY], a[TX]
@@ -207,7 +208,7 @@ def _crossing(a: F64, b: F64, out: F64) -> tuple[float, float]:
     return ta, tb
 
 
-@njit(cache=True)
+@compiled
 def _corners_and_intersections(
     points: F64,
     origin: F64,
@@ -253,7 +254,7 @@ def _corners_and_intersections(
     return count
 
 
-@njit(cache=True)
+@compiled
 def _visibly_ends(points: F64, beams: I32, origin: F64, end: int, step: int, distance: float) -> bool:
     """Whether the next beam passes the end of a wall and meets something behind it.
 
@@ -265,7 +266,7 @@ def _visibly_ends(points: F64, beams: I32, origin: F64, end: int, step: int, dis
     return hypot(points[following, 0] - origin[0], points[following, 1] - origin[1]) > distance + _BEHIND
 
 
-@njit(cache=True)
+@compiled
 def _end_of_wall(
     points: F64, beams: I32, origin: F64, resolution: float, line: F64, at_last: bool, weak_sigma: float, row: F64
 ) -> None:
@@ -293,7 +294,7 @@ def _end_of_wall(
     row[9] = distance
 
 
-@njit(cache=True)
+@compiled
 def extract_features(
     points: F64,
     beams: I32,

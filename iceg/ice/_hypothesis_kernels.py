@@ -3,8 +3,9 @@
 from math import atan, cos, exp, floor, hypot, pi, sin, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -21,18 +22,18 @@ _PROMISING = 0.15
 _ROUNDING = 1e-9
 
 
-@njit(cache=True)
+@compiled
 def _wrap(angle: float) -> float:
     return angle - 2.0 * pi * floor((angle + pi) / (2.0 * pi))
 
 
-@njit(cache=True)
+@compiled
 def _compatible(kind: int, other: int) -> bool:
     """The same kind, or a corner one of whose walls (or the corner itself) was hidden."""
     return kind == other or min(kind, other) == _CORNER
 
 
-@njit(cache=True)
+@compiled
 def _turned_covariance(row: F64, c: float, s: float) -> tuple[float, float, float]:
     """Covariance xx, xy, yy of a feature's position, turned."""
     xx, xy, yy = row[4], row[5], row[6]
@@ -43,7 +44,7 @@ def _turned_covariance(row: F64, c: float, s: float) -> tuple[float, float, floa
     )
 
 
-@njit(cache=True)
+@compiled
 def _same_directions(row: F64, turn: float, other: F64) -> bool:
     """Whether both have the same walls, and these point the same way."""
     for column in range(2, 4):
@@ -54,7 +55,7 @@ def _same_directions(row: F64, turn: float, other: F64) -> bool:
     return True
 
 
-@njit(cache=True)
+@compiled
 def merge_features(
     kinds: I8, rows: F64, starts: I64, poses: F64, radius: float, map_kinds: I8, map_rows: F64, hits: F64, m: int
 ) -> int:
@@ -96,7 +97,7 @@ def merge_features(
     return m
 
 
-@njit(cache=True)
+@compiled
 def _equal_feature(
     kind: int, row: F64, x: float, y: float, turn: float, radius: float, map_kinds: I8, map_rows: F64, m: int
 ) -> int:
@@ -109,7 +110,7 @@ def _equal_feature(
     return -1
 
 
-@njit(cache=True)
+@compiled
 def _merge_into(other: F64, row: F64, x: float, y: float, turn: float, hits: float) -> None:
     """Average a feature moved to x, y into one of the map that was seen so many times."""
     w = 1.0 / (hits + 1.0)
@@ -122,7 +123,7 @@ def _merge_into(other: F64, row: F64, x: float, y: float, turn: float, hits: flo
     other[9] = min(other[9], row[9])
 
 
-@njit(cache=True)
+@compiled
 def _turn_between(a0: float, a1: float, opening: float) -> float:
     """Turn that brings the walls of a feature onto those of another, from the turns of its two walls.
 
@@ -136,7 +137,7 @@ def _turn_between(a0: float, a1: float, opening: float) -> float:
     return a0 + 0.5 * difference if abs(difference) <= opening else np.nan
 
 
-@njit(cache=True)
+@compiled
 def pair_hypotheses(
     kinds: I8,
     rows: F64,
@@ -185,7 +186,7 @@ def pair_hypotheses(
     return count
 
 
-@njit(cache=True)
+@compiled
 def distinct(hypotheses: F64, order: I64, separation_m: float, separation_rad: float, chosen: I64) -> int:
     """The first hypotheses in an order that differ from all chosen before.
 
@@ -217,7 +218,7 @@ def distinct(hypotheses: F64, order: I64, separation_m: float, separation_rad: f
     return count
 
 
-@njit(cache=True)
+@compiled
 def _likelihood(
     points: F64, n_picks: int, pose: F64, distance2: F32, x0: float, y0: float, cell: float, k: float
 ) -> float:
@@ -236,7 +237,7 @@ def _likelihood(
     return total / n_picks
 
 
-@njit(cache=True)
+@compiled
 def score_by_points(
     points: F64,
     n_first: int,
@@ -281,7 +282,7 @@ def score_by_points(
         scores[h] = scores[h] - 2.0 if scores[h] >= 2.0 else min(scores[h], lowest)
 
 
-@njit(cache=True)
+@compiled
 def _coincidence(
     kind: int, row: F64, x: float, y: float, turn: float, ref_kinds: I8, ref_rows: F64
 ) -> tuple[int, float, float]:
@@ -304,13 +305,13 @@ def _coincidence(
     return best, best_d2, best_angle
 
 
-@njit(cache=True)
+@compiled
 def _importance(distance: float) -> float:
     """Equation (3): what a feature at this distance from the laser is worth."""
     return max(0.0, 0.6 - 0.4 * atan(0.2 * distance - 0.2))
 
 
-@njit(cache=True)
+@compiled
 def _information(row: F64, c: float, s: float, ref: F64) -> tuple[float, float, float]:
     """Inverse xx, xy, yy of the covariance of the difference of two features' positions."""
     xx, xy, yy = _turned_covariance(row, c, s)
@@ -321,7 +322,7 @@ def _information(row: F64, c: float, s: float, ref: F64) -> tuple[float, float, 
     return yy / det, -xy / det, xx / det
 
 
-@njit(cache=True)
+@compiled
 def score_by_features(
     kinds: I8, rows: F64, ref_kinds: I8, ref_rows: F64, hypotheses: F64, paper: bool, counts: I64, scores: F64
 ) -> None:
@@ -368,7 +369,7 @@ def score_by_features(
             scores[h] = likelihood / max(1, len(kinds))
 
 
-@njit(cache=True)
+@compiled
 def polish_on_features(
     kinds: I8, rows: F64, ref_kinds: I8, ref_rows: F64, start: F64, iterations: int, pose: F64
 ) -> int:
@@ -400,7 +401,7 @@ def polish_on_features(
     return hit
 
 
-@njit(cache=True)
+@compiled
 def _accumulate_features(kinds: I8, rows: F64, ref_kinds: I8, ref_rows: F64, pose: F64, h: F64, g: F64) -> int:
     """Normal equations of the coinciding features, with Cauchy weights; return how many coincide."""
     c, s = cos(pose[2]), sin(pose[2])

@@ -3,8 +3,9 @@
 from math import hypot, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -19,7 +20,7 @@ _THICKEST = 0.1
 _STRETCH = 4
 
 
-@njit(cache=True)
+@compiled
 def scan_points(
     ranges: F32, directions: F64, origin: F64, reach: float, jump: float, points: F64, normals: F64, beams: I32
 ) -> int:
@@ -48,7 +49,7 @@ def scan_points(
     return n
 
 
-@njit(cache=True)
+@compiled
 def thinned_points(
     ranges: F32,
     directions: F64,
@@ -96,7 +97,7 @@ def thinned_points(
         starts[scan + 1] = count
 
 
-@njit(cache=True)
+@compiled
 def _resolution(directions: F64) -> float:
     """Distance of two neighbouring beams, 1 m out [m]."""
     if len(directions) < 2:
@@ -104,7 +105,7 @@ def _resolution(directions: F64) -> float:
     return hypot(directions[1, 0] - directions[0, 0], directions[1, 1] - directions[0, 1])
 
 
-@njit(cache=True)
+@compiled
 def _returns(ranges: F32, directions: F64, origin: F64, points: F64, beams: I32) -> int:
     """End points and beam indices of the beams with a return; their number."""
     n = 0
@@ -118,7 +119,7 @@ def _returns(ranges: F32, directions: F64, origin: F64, points: F64, beams: I32)
     return n
 
 
-@njit(cache=True)
+@compiled
 def _surfaces(
     points: F64, beams: I32, n: int, origin: F64, resolution: float, jump: float, sums: F64, begin: I64, end: I64
 ) -> None:
@@ -145,7 +146,7 @@ def _surfaces(
     end[start:n] = n - 1
 
 
-@njit(cache=True)
+@compiled
 def _neighbourhood(points: F64, begin: int, end: int, i: int, reach2: float) -> tuple[int, int]:
     """First and last point around i on its surface, begin..end: up to the reach, but at least two on either side."""
     x, y = points[i, 0], points[i, 1]
@@ -165,7 +166,7 @@ def _neighbourhood(points: F64, begin: int, end: int, i: int, reach2: float) -> 
     return first, last
 
 
-@njit(cache=True)
+@compiled
 def _normal(sums: F64, first: int, last: int, rx: float, ry: float) -> tuple[float, float]:
     """Normal of the line through points first..last, against the ray (rx, ry); 0, 0 where they are no line."""
     m = last - first + 1
@@ -194,7 +195,7 @@ def _normal(sums: F64, first: int, last: int, rx: float, ry: float) -> tuple[flo
     return ax / norm, ay / norm
 
 
-@njit(cache=True)
+@compiled
 def count_returns(ranges: F32, near: float) -> tuple[int, int]:
     """How many beams returned, and how many of these from nearer than `near` [m]."""
     returns, close = 0, 0
@@ -204,7 +205,7 @@ def count_returns(ranges: F32, near: float) -> tuple[int, int]:
     return returns, close
 
 
-@njit(cache=True)
+@compiled
 def range_noise(points: F64, beams: I32) -> float:
     """Standard deviation of the points across the surfaces they lie on [m].
 

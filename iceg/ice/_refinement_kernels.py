@@ -3,8 +3,9 @@
 from math import cos, sin, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
@@ -15,7 +16,7 @@ _STILL_M, _STILL_RAD = 2e-4, 1e-4
 _NEARLY_M, _NEARLY_RAD = 0.02, 0.01
 
 
-@njit(cache=True)
+@compiled
 def partner(
     x: float,
     y: float,
@@ -38,7 +39,7 @@ def partner(
     return int(k)
 
 
-@njit(cache=True)
+@compiled
 def solve_step(h: F64, g: F64, damping: float, step: F64) -> bool:
     """Solve (h + damping·1)·step = -g for a symmetric 3×3 h; return whether it has an inverse."""
     h00, h11, h22 = h[0, 0] + damping, h[1, 1] + damping, h[2, 2] + damping
@@ -54,7 +55,7 @@ def solve_step(h: F64, g: F64, damping: float, step: F64) -> bool:
     return True
 
 
-@njit(cache=True)
+@compiled
 def refine(
     points: F64,
     normals: F64,
@@ -118,7 +119,7 @@ def refine(
     return inliers, used, weights, sqrt(squares / max(weights, 1e-9))
 
 
-@njit(cache=True)
+@compiled
 def _normal_equations(
     points: F64,
     normals: F64,

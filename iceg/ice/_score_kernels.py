@@ -3,9 +3,9 @@
 from math import cos, exp, log, sin, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from graph.compiled import compiled
 from iceg.ice._refinement_kernels import partner
 
 F64 = NDArray[np.float64]
@@ -18,7 +18,7 @@ _TELLING = 10.0
 """So many points must hold a direction for their own residuals to count as much as those of all."""
 
 
-@njit(cache=True)
+@compiled
 def dependence(
     points: F64,
     normals: F64,
@@ -62,7 +62,7 @@ def dependence(
     return max(1.0, 1.0 + 2.0 * total / squares)
 
 
-@njit(cache=True)
+@compiled
 def unevenness(
     points: F64,
     normals: F64,
@@ -123,7 +123,7 @@ def unevenness(
         ratios[a] = _ratio(levers[:, a], pulls[:, a], least, variance)
 
 
-@njit(cache=True)
+@compiled
 def _ratio(levers: F64, pulls: F64, least: float, variance: float) -> float:
     """The ratio of `unevenness` along one axis, from (n,) Jᵢv and (n,) rᵢ Jᵢv."""
     squares, fourth, meat = 0.0, 0.0, 0.0
@@ -145,7 +145,7 @@ def _ratio(levers: F64, pulls: F64, least: float, variance: float) -> float:
     return float((_TELLING + held_by * meat / (variance * squares)) / (_TELLING + held_by))
 
 
-@njit(cache=True)
+@compiled
 def principal_axes(matrix: F64, values: F64, axes: F64) -> None:
     """Eigenvalues and eigenvectors (columns) of a symmetric 3×3 matrix, by Jacobi rotations."""
     a = matrix.copy()
@@ -177,7 +177,7 @@ def principal_axes(matrix: F64, values: F64, axes: F64) -> None:
         values[k] = a[k, k]
 
 
-@njit(cache=True)
+@compiled
 def score_grid(
     points: F64,
     normals: F64,
@@ -236,7 +236,7 @@ def score_grid(
     return best
 
 
-@njit(cache=True)
+@compiled
 def _cost(
     points: F64,
     normals: F64,
@@ -274,7 +274,7 @@ def _cost(
     return cost + log(product)
 
 
-@njit(cache=True)
+@compiled
 def moments(costs: F64, best: float, per_cost: float, steps: F64, second: F64, edges: F64) -> None:
     """Turn costs into normalised weights exp(-per_cost·(cost - best)), in place, and take their central second moment.
 
@@ -315,7 +315,7 @@ def moments(costs: F64, best: float, per_cost: float, steps: F64, second: F64, e
     costs /= total
 
 
-@njit(cache=True)
+@compiled
 def score_covariance(
     points: F64,
     normals: F64,
@@ -399,7 +399,7 @@ def score_covariance(
             covariance[b, a] = covariance[a, b]
 
 
-@njit(cache=True)
+@compiled
 def _turned(basis: F64, matrix: F64, out: F64) -> None:
     """Basis · matrix · basisᵀ, all (3, 3)."""
     for a in range(3):

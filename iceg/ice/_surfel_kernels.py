@@ -8,8 +8,9 @@ look-up.
 from math import ceil, cos, floor, hypot, sin, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -20,7 +21,7 @@ _SAME_FACING = 0.6
 _CROWDED = 0.3
 
 
-@njit(cache=True)
+@compiled
 def add_surfels(
     points: F64,
     normals: F64,
@@ -78,7 +79,7 @@ def add_surfels(
     return n_surfels
 
 
-@njit(cache=True)
+@compiled
 def widen_box(points: F64, starts: I64, poses: F64, lower: F64, upper: F64) -> None:
     """Widen the box from `lower` to `upper`, (2,) each, around the points (n, 2) of scans, see `add_surfels`."""
     for scan in range(len(poses)):
@@ -90,7 +91,7 @@ def widen_box(points: F64, starts: I64, poses: F64, lower: F64, upper: F64) -> N
             upper[0], upper[1] = max(upper[0], x), max(upper[1], y)
 
 
-@njit(cache=True)
+@compiled
 def mean_surfels(sums: F64, count: int, surfels: F64) -> None:
     """Turn sums into surfels: mean x, y and unit normal."""
     for k in range(count):
@@ -100,7 +101,7 @@ def mean_surfels(sums: F64, count: int, surfels: F64) -> None:
         surfels[k, 2], surfels[k, 3] = sums[k, 2] / norm, sums[k, 3] / norm
 
 
-@njit(cache=True)
+@compiled
 def stamp_field(
     surfels: F64,
     start: int,

@@ -3,9 +3,9 @@
 from math import atan2, cos, floor, hypot, sin
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from graph.compiled import compiled
 from iceg.ice.sweeps import Sweeps
 
 F32 = NDArray[np.float32]
@@ -19,7 +19,7 @@ _NEAREST = 0.3
 _FLATTEST = 0.05
 
 
-@njit(cache=True)
+@compiled
 def _place(
     px: float,
     py: float,
@@ -52,7 +52,7 @@ def _place(
     return beam, distance, facing
 
 
-@njit(cache=True)
+@compiled
 def _verdict(ranges: F32, beam: int, distance: float, margin: float) -> int:
     """Whether a beam or its neighbours end at a distance, or all three go on behind it."""
     behind, at = 0, 0
@@ -66,7 +66,7 @@ def _verdict(ranges: F32, beam: int, distance: float, margin: float) -> int:
     return SEEN_THROUGH if behind == 3 else UNSEEN
 
 
-@njit(cache=True)
+@compiled
 def _laser(T_ref_robot: F64, T_robot_laser: F64) -> tuple[float, float, float, float]:
     """Position of the laser, cosine and sine of its heading."""
     c, s = cos(T_ref_robot[2]), sin(T_ref_robot[2])
@@ -79,7 +79,7 @@ def _laser(T_ref_robot: F64, T_robot_laser: F64) -> tuple[float, float, float, f
     )
 
 
-@njit(cache=True)
+@compiled
 def beams_through(
     surfels: F64,
     T_ref_robot: F64,
@@ -130,7 +130,7 @@ def beams_through(
     return int(np.count_nonzero(through))
 
 
-@njit(cache=True)
+@compiled
 def judge_points(
     points: F64,
     normals: F64,
@@ -188,7 +188,7 @@ def judge_points(
             verdicts[i] = verdict
 
 
-@njit(cache=True)
+@compiled
 def judge_points_by_all(
     points: F64,
     normals: F64,

@@ -6,8 +6,9 @@ rows are contiguous in memory. Surfaces are cast cell by cell.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -16,7 +17,7 @@ I64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 
-@njit(cache=True)
+@compiled
 def beam_outline(
     ranges: F32,
     bearings: F64,
@@ -71,7 +72,7 @@ def beam_outline(
         surface[j, 0] = product / (chords[i, 3] * r_j + chords[i, 4] * r_i)
 
 
-@njit(cache=True)
+@compiled
 def chord_tables(bearings: F64, half_widths: F64) -> F64:
     """What the chord between the returns of beams i and i + 1 needs at the borders of the two beams.
 
@@ -89,7 +90,7 @@ def chord_tables(bearings: F64, half_widths: F64) -> F64:
     return tables
 
 
-@njit(cache=True)
+@compiled
 def cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64, at: int) -> int:
     """All cells a straight line passes through, in order, start and end included.
 
@@ -137,7 +138,7 @@ def cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64,
     return count
 
 
-@njit(cache=True)
+@compiled
 def fill_polygon(
     log_odds: F32,
     xs: F64,
@@ -194,7 +195,7 @@ def fill_polygon(
         counts[row - base] = 0
 
 
-@njit(cache=True)
+@compiled
 def collect_hits(
     xs: F64, ys: F64, evidence: float, n_cols: int, rows: I64, cols: I64, cells: I64, shares: F32, count: int
 ) -> int:
@@ -225,14 +226,14 @@ def collect_hits(
     return count + n
 
 
-@njit(cache=True)
+@compiled
 def footprint_cells(xs: F64, ys: F64) -> int:
     """Upper bound of the cells below a footprint of three points."""
     length = abs(xs[1] - xs[0]) + abs(ys[1] - ys[0]) + abs(xs[2] - xs[1]) + abs(ys[2] - ys[1])
     return int(length) + 8
 
 
-@njit(cache=True)
+@compiled
 def extent(
     T_map_laser: F64, ranges: F32, bearings: F64, half_widths: F64, max_range: float, no_return_range: float
 ) -> tuple[float, float, float, float]:
@@ -257,7 +258,7 @@ def extent(
     return x_min - side, y_min - side, x_max + side, y_max + side
 
 
-@njit(cache=True)
+@compiled
 def border_directions(bearings: F64, half_widths: F64) -> tuple[F64, F64]:
     """Cosine and sine, (n, 3) each, of every beam's right border, axis and left border in the laser frame."""
     n = len(bearings)
@@ -270,7 +271,7 @@ def border_directions(bearings: F64, half_widths: F64) -> tuple[F64, F64]:
     return cos, sin
 
 
-@njit(cache=True)
+@compiled
 def grown_cells(cells: I64, count: int, capacity: int) -> I64:
     """A longer copy of the first `count` cells."""
     longer = np.empty(capacity, np.int64)
@@ -278,7 +279,7 @@ def grown_cells(cells: I64, count: int, capacity: int) -> I64:
     return longer
 
 
-@njit(cache=True)
+@compiled
 def grown_shares(shares: F32, count: int, capacity: int) -> F32:
     """A longer copy of the first `count` shares."""
     longer = np.empty(capacity, np.float32)
@@ -286,7 +287,7 @@ def grown_shares(shares: F32, count: int, capacity: int) -> F32:
     return longer
 
 
-@njit(cache=True)
+@compiled
 def render(
     log_odds: F32,
     origin_x: float,

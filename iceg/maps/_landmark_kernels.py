@@ -3,8 +3,9 @@
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -68,7 +69,7 @@ class Settings(NamedTuple):
     expiry_evidence: float
 
 
-@njit(cache=True)
+@compiled
 def observe(key: int, frames: F64, observed: Observed, store: Store, valid: I64, count: int, settings: Settings) -> int:
     """Enter the features of one key scan into the map.
 
@@ -92,7 +93,7 @@ def observe(key: int, frames: F64, observed: Observed, store: Store, valid: I64,
     return add(key, observed, store, count, landmark_of, settings)
 
 
-@njit(cache=True)
+@compiled
 def nearby(
     key: int, frames: F64, observed: Observed, store: Store, valid: I64, settings: Settings
 ) -> tuple[I64, F64, F64]:
@@ -125,7 +126,7 @@ def nearby(
     return near[:n], near_p[:n], near_turn[:n]
 
 
-@njit(cache=True)
+@compiled
 def observation_noise(observed: Observed, settings: Settings) -> F64:
     """(n_features, 3) entries xx, xy, yy of each feature's covariance, the error of the key pose included.
 
@@ -141,7 +142,7 @@ def observation_noise(observed: Observed, settings: Settings) -> F64:
     return noise
 
 
-@njit(cache=True)
+@compiled
 def associate(
     observed: Observed, noise: F64, store: Store, near: I64, near_p: F64, near_turn: F64, settings: Settings
 ) -> tuple[I64, Bool, Bool]:
@@ -167,7 +168,7 @@ def associate(
     return landmark_of, taken, explained
 
 
-@njit(cache=True)
+@compiled
 def close_pairs(observed: Observed, near_p: F64, max_distance: float) -> tuple[I64, I64]:
     """All pairs of a feature and a near landmark within max_distance [m]."""
     order = ascending(observed.positions[:, 0])
@@ -192,7 +193,7 @@ def close_pairs(observed: Observed, near_p: F64, max_distance: float) -> tuple[I
     return pair_feature[:n_pairs], pair_near[:n_pairs]
 
 
-@njit(cache=True)
+@compiled
 def ascending(values: F64) -> I64:
     """Where the finite ones of a few values stand, smallest first; equal ones keep their order."""
     order = np.empty(len(values), np.int64)
@@ -209,7 +210,7 @@ def ascending(values: F64) -> I64:
     return order[:n]
 
 
-@njit(cache=True)
+@compiled
 def twice_as_long(numbers: I64) -> I64:
     """A copy with room for as many more."""
     longer = np.empty(2 * len(numbers), np.int64)
@@ -217,7 +218,7 @@ def twice_as_long(numbers: I64) -> I64:
     return longer
 
 
-@njit(cache=True)
+@compiled
 def pair_costs(
     close_feature: I64,
     close_near: I64,
@@ -262,7 +263,7 @@ def pair_costs(
     return costs
 
 
-@njit(cache=True)
+@compiled
 def fuse(
     key: int,
     observed: Observed,
@@ -303,7 +304,7 @@ def fuse(
         store.last_seen[k] = key
 
 
-@njit(cache=True)
+@compiled
 def fuse_position(
     position: F64, covariance: F64, noise: F64, dx: float, dy: float, turn: F64, drift_variance: float
 ) -> None:
@@ -325,7 +326,7 @@ def fuse_position(
     covariance[0, 0], covariance[0, 1], covariance[1, 0], covariance[1, 1] = qxx, qxy, qxy, qyy
 
 
-@njit(cache=True)
+@compiled
 def fuse_direction(directions: F64, variances: F64, wall: int, difference: float, variance: float) -> None:
     """Move one direction of a landmark towards an observation that differs by `difference`."""
     gain = variances[wall] / (variances[wall] + variance)
@@ -333,7 +334,7 @@ def fuse_direction(directions: F64, variances: F64, wall: int, difference: float
     variances[wall] *= 1.0 - gain
 
 
-@njit(cache=True)
+@compiled
 def judge(
     key: int,
     observed: Observed,
@@ -377,7 +378,7 @@ def judge(
                 store.expired_at[k] = key
 
 
-@njit(cache=True)
+@compiled
 def add(key: int, observed: Observed, store: Store, count: int, landmark_of: I64, settings: Settings) -> int:
     """Make landmarks, anchored to the key pose, of the features that have none; returns the number of landmarks."""
     for f in range(len(landmark_of)):
@@ -405,7 +406,7 @@ def add(key: int, observed: Observed, store: Store, count: int, landmark_of: I64
     return count
 
 
-@njit(cache=True)
+@compiled
 def rotated(xx: float, xy: float, yy: float, cos: float, sin: float) -> tuple[float, float, float]:
     """R C Rᵀ of a symmetric C, entries xx, xy, yy."""
     return (
@@ -415,25 +416,25 @@ def rotated(xx: float, xy: float, yy: float, cos: float, sin: float) -> tuple[fl
     )
 
 
-@njit(cache=True)
+@compiled
 def wrap(angle: float) -> float:
     """The same angle in [-π, π)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
-@njit(cache=True)
+@compiled
 def wrap_line(angle: float) -> float:
     """The same angle of a line without orientation in [-π/2, π/2)."""
     return (angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi
 
 
-@njit(cache=True)
+@compiled
 def same_kind(a: int, b: int) -> bool:
     """Whether two kinds may be one landmark: equal, or a corner whose second wall was hidden from the other."""
     return a == b or INTERSECTION not in (a, b)
 
 
-@njit(cache=True)
+@compiled
 def pair_directions(kind: int, a0: float, a1: float, b0: float, b1: float) -> tuple[int, int, float, float]:
     """How the walls of feature a and landmark b correspond: clockwise to clockwise, as one sees their open side.
 
@@ -451,7 +452,7 @@ def pair_directions(kind: int, a0: float, a1: float, b0: float, b1: float) -> tu
     return (0 if both0 else -1, 1 if both1 else -1, wrap(a0 - b0) if both0 else 0.0, wrap(a1 - b1) if both1 else 0.0)
 
 
-@njit(cache=True)
+@compiled
 def is_visible(
     x: float,
     y: float,

@@ -7,8 +7,9 @@ direction) is an unknown beside the poses; it is eliminated, so that the system 
 from math import atan2, cos, floor, hypot, sin, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -27,7 +28,7 @@ _LOOSE = 1e-3
 _PRIOR_LENGTH = 0.05
 
 
-@njit(cache=True)
+@compiled
 def place(T_map_scans: F64, starts: I64, points: F64, normals: F64, placed: F64, turned: F64) -> None:
     """Move points (n, 2) and normals of scans into the map; scan k has those from starts[k] to starts[k + 1]."""
     for k in range(len(T_map_scans)):
@@ -40,7 +41,7 @@ def place(T_map_scans: F64, starts: I64, points: F64, normals: F64, placed: F64,
             turned[i, 1] = s * normals[i, 0] + c * normals[i, 1]
 
 
-@njit(cache=True)
+@compiled
 def _find(keys: I64, key: int) -> int:
     """Place of a key in an open hash table of a power of two places, or the free place where it belongs."""
     mask = len(keys) - 1
@@ -50,12 +51,12 @@ def _find(keys: I64, key: int) -> int:
     return spot
 
 
-@njit(cache=True)
+@compiled
 def _key(u: int, v: int, slot: int) -> int:
     return ((u << 24) + v) * _SLOTS + slot
 
 
-@njit(cache=True)
+@compiled
 def _enlarged(keys: I64, surfel_at: I64) -> tuple[I64, I64]:
     """The same hash table with four times as many places."""
     more_keys, more_at = np.full(4 * len(keys), -1), np.empty(4 * len(keys), np.int64)
@@ -66,7 +67,7 @@ def _enlarged(keys: I64, surfel_at: I64) -> tuple[I64, I64]:
     return more_keys, more_at
 
 
-@njit(cache=True)
+@compiled
 def surfels(placed: F64, turned: F64, cell: float, member: I64) -> tuple[F64, I64, I64]:
     """Average the points of one cell that face the same way.
 
@@ -119,7 +120,7 @@ def surfels(placed: F64, turned: F64, cell: float, member: I64) -> tuple[F64, I6
     return sums[:count].copy(), keys, surfel_at
 
 
-@njit(cache=True)
+@compiled
 def group(
     surfels: F64,
     order: I64,
@@ -172,7 +173,7 @@ def group(
     return pieces
 
 
-@njit(cache=True)
+@compiled
 def fit_lines(
     placed: F64,
     turned: F64,
@@ -229,7 +230,7 @@ def fit_lines(
     return total, squares
 
 
-@njit(cache=True)
+@compiled
 def _add_moments(m: F64, w: float, point: F64, normal: F64, anchor: F64) -> None:
     """Add a weighed point to the sums of 1, x, y, normal, xx, xy, yy of its piece, x and y from its anchor."""
     x, y = point[0] - anchor[0], point[1] - anchor[1]
@@ -243,7 +244,7 @@ def _add_moments(m: F64, w: float, point: F64, normal: F64, anchor: F64) -> None
     m[7] += w * y * y
 
 
-@njit(cache=True)
+@compiled
 def _line(m: F64, anchor: F64, line: F64) -> None:
     """Mean point and unit normal of a piece from the sums of its points."""
     x, y = m[1] / m[0], m[2] / m[0]
@@ -261,7 +262,7 @@ def _line(m: F64, anchor: F64, line: F64) -> None:
     line[0], line[1], line[2], line[3] = anchor[0] + x, anchor[1] + y, nx, ny
 
 
-@njit(cache=True)
+@compiled
 def normal_equations(
     poses: F64,
     starts: I64,
@@ -358,7 +359,7 @@ def normal_equations(
     return count
 
 
-@njit(cache=True)
+@compiled
 def product(diagonal: F64, pose_of: I64, line_of: I64, blocks: F64, n_lines: int, x: F64) -> F64:
     """(k, 3) H x of the system that `normal_equations` leaves."""
     y = np.empty_like(x)
@@ -377,7 +378,7 @@ def product(diagonal: F64, pose_of: I64, line_of: I64, blocks: F64, n_lines: int
     return y
 
 
-@njit(cache=True)
+@compiled
 def fill(diagonal: F64, pose_of: I64, line_of: I64, blocks: F64, matrix: F64) -> None:
     """The same system as a (3k, 3k) matrix, zeros before; its blocks sorted by line."""
     for k in range(len(diagonal)):

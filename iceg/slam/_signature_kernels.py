@@ -3,8 +3,9 @@
 from math import atan2, cos, floor, hypot, pi, sin, sqrt
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from graph.compiled import compiled
 
 F64 = NDArray[np.float64]
 I8 = NDArray[np.int8]
@@ -15,7 +16,7 @@ _CLOSEST = 0.3
 _MOST_HITS = 4.0
 
 
-@njit(cache=True)
+@compiled
 def _direction(row: F64) -> float:
     """Heading of a feature: of its wall, or halfway between its two walls."""
     a, b = row[2], row[3]
@@ -26,12 +27,12 @@ def _direction(row: F64) -> float:
     return atan2(sin(a) + sin(b), cos(a) + cos(b))
 
 
-@njit(cache=True)
+@compiled
 def _sector(angle: float, sectors: int) -> int:
     return floor(angle / (2.0 * pi) * sectors + 0.5) % sectors
 
 
-@njit(cache=True)
+@compiled
 def count_pairs(kinds: I8, rows: F64, hits: F64, reach: float, cell: float, sectors: int, histogram: F64) -> None:
     """Add every pair of features to a histogram of what does not change when the whole place is turned or moved.
 
@@ -65,7 +66,7 @@ def count_pairs(kinds: I8, rows: F64, hits: F64, reach: float, cell: float, sect
             histogram[(word + lower + 1) * _MULTIPLIER % bins] += weight * share
 
 
-@njit(cache=True)
+@compiled
 def count_distances(points: F64, cell: float, histogram: F64) -> None:
     """Add the distance of every pair of points, (n, 2) [m], to a histogram with cells of that width [m]."""
     for i in range(len(points)):
