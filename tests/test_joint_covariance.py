@@ -147,3 +147,11 @@ def test_marginals_do_not_depend_on_where_the_map_lies() -> None:
     assert joint_covariances(_factors(turned), turned, starts, moved, PRECISION) == pytest.approx(
         covariances, rel=1e-5, abs=1e-12
     )
+
+
+def test_the_inverse_of_a_triangle_by_halves() -> None:
+    rng = np.random.default_rng(4)
+    lower = np.tril(rng.normal(size=(301, 301))) + 20.0 * np.eye(301)
+    inverse = joint_covariance._inverse_of_lower(lower)
+    np.testing.assert_allclose(inverse @ lower, np.eye(301), atol=1e-12)
+    assert not np.triu(inverse, 1).any()

@@ -16,6 +16,8 @@ from graph.se2 import adjoint, between, chain_covariance, compose_covariance
 from iceg.slam import _joint_kernels as kernels
 
 _MOST_ANCHORS = 500
+_SMALL = 96
+"""Rows of a matrix that is not worth halving."""
 _HELD = 1e-10
 """Variance of the first key pose, which the others are relative to [m², rad²]."""
 _SHARP = 1e6
@@ -83,7 +85,8 @@ def joint_covariances(
         jacobian = np.hstack([-adjoint(between(poses[last], poses[first])), np.eye(3)])
         information[3 * a : 3 * a + 6, 3 * a : 3 * a + 6] += jacobian.T @ link @ jacobian
     information[:3, :3] += np.eye(3) / _HELD
-    root = np.linalg.inv(np.linalg.cholesky(information)).reshape(len(information), len(anchors), 3)
+    lower = np.asarray(np.linalg.cholesky(information), dtype=np.float64)
+    root = _inverse_of_lower(lower).reshape(len(information), len(anchors), 3)
     known: NDArray[np.float64] = np.einsum("rka,rkb->kab", root, root)
     if every == 1:
         return known
@@ -95,6 +98,19 @@ def joint_covariances(
     T_anchor_key = between(poses[anchors][of], poses)
     share = np.where(of == 0, 1.0, 1.0 - 1.0 / every)[:, None, None]  # the first is held by no points
     return compose_covariance(known[of], T_anchor_key, share * placement)
+
+
+def _inverse_of_lower(lower: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Inverse of a triangular matrix, by halves: a quarter of the time of a full matrix's."""
+    n = len(lower)
+    if n <= _SMALL:
+        return np.tril(np.linalg.inv(lower))
+    half = n // 2
+    first, last = _inverse_of_lower(lower[:half, :half]), _inverse_of_lower(lower[half:, half:])
+    inverse = np.zeros_like(lower)
+    inverse[:half, :half], inverse[half:, half:] = first, last
+    inverse[half:, :half] = -last @ (lower[half:, :half] @ first)
+    return inverse
 
 
 def _of_points(
