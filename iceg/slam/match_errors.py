@@ -12,7 +12,7 @@ from graph.measurement import NoMatch, RelativePose
 from graph.se2 import compose_covariance
 from iceg.slam.track import KeyScan, Track
 
-OWN = 0.48
+OWN = 0.45
 """Share of a step's covariance that belongs to either end; the rest is drift and adds up. From simulated truth."""
 
 

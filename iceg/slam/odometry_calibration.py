@@ -209,24 +209,17 @@ def _robust_deviation(residual: NDArray[np.float64]) -> float:
 
 
 def _noise(samples: _Samples, left: NDArray[np.float64]) -> OdometryModel:
-    """Non-negative least squares of the squared residuals, (n, 3), on path and turn.
-
-    A heading that errs on the way carries the robot aside: what the model makes of that by itself is no noise of the
-    position.
-    """
+    """Non-negative least squares of the squared residuals, (n, 3), on path and turn."""
     rows = np.column_stack([np.ones(len(left)), samples.distance, samples.turn])
-    heading = _variance_fit(left[:, 2], samples.variances[:, 2], rows)
-    by_heading = (heading[0] + rows[:, 1:] @ heading[1:] / 3.0)[:, None] * samples.motions[:, 1::-1] ** 2
-    known = samples.variances[:, :2] + by_heading
-    ahead, side = (_variance_fit(left[:, k], known[:, k], rows) for k in range(2))
+    ahead, side, heading = (_variance_fit(left[:, k], samples.variances[:, k], rows) for k in range(3))
     return OdometryModel(
         along_per_metre=max(0.01, float(ahead[1]) ** 0.5),
-        across_per_metre=max(0.0005, float(side[1]) ** 0.5),
-        position_per_radian=max(0.0005, float(0.5 * (ahead[2] + side[2])) ** 0.5),
+        across_per_metre=max(0.002, float(side[1]) ** 0.5),
+        position_per_radian=max(0.002, float(0.5 * (ahead[2] + side[2])) ** 0.5),
         heading_per_metre=max(0.003, float(heading[1]) ** 0.5),
         heading_per_radian=max(0.005, float(heading[2]) ** 0.5),
-        along_floor=max(0.0005, float(ahead[0]) ** 0.5),
-        across_floor=max(0.0005, float(side[0]) ** 0.5),
+        along_floor=max(0.002, float(ahead[0]) ** 0.5),
+        across_floor=max(0.001, float(side[0]) ** 0.5),
         heading_floor=max(0.001, float(heading[0]) ** 0.5),
     )
 
@@ -273,17 +266,16 @@ def _lasting(noise: OdometryModel, persistence: NDArray[np.float64], scale: floa
 
 
 def _variance_fit(
-    residual: NDArray[np.float64], known: NDArray[np.float64], rows: NDArray[np.float64]
+    residual: NDArray[np.float64], variance: NDArray[np.float64], rows: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Coefficients ≥ 0 of the residual's variance beyond what is known of it; outliers are clipped.
+    """Coefficients ≥ 0 of the residual's variance beyond the match's own; outliers are clipped.
 
     The first, what a motion is off by however short it is, is 0 unless it clearly explains more: key scans lie about as
     far apart as each other, and what grows with the path would look like it.
     """
-    usual = _robust_deviation(residual) ** 2
-    excess = np.minimum(residual**2, _LARGEST_EXCESS**2 * (usual + known)) - known
-    path = np.maximum(rows[:, 1] + rows[:, 2], 0.05)
-    weights = 1.0 / (path * (usual / float(np.median(path))) + known)
+    limit = (_LARGEST_EXCESS * _robust_deviation(residual)) ** 2
+    excess = np.minimum(residual**2, limit) - np.minimum(variance, 0.5 * np.median(residual**2))
+    weights = 1.0 / np.maximum(rows[:, 1] + rows[:, 2], 0.05)
     rows, excess = rows * weights[:, None], excess * weights
     whole, growing = _non_negative_fit(rows, excess), np.append(0.0, _non_negative_fit(rows[:, 1:], excess))
     left, left_by_growing = (float(np.sum((rows @ fit - excess) ** 2)) for fit in (whole, growing))
