@@ -5,7 +5,6 @@ import math
 import platform
 import shutil
 import signal
-import sys
 import tempfile
 import threading
 import time
@@ -21,6 +20,7 @@ from numpy.typing import NDArray
 
 from graph.errors import IcegError
 from iceg.config import format_config
+from iceg.memory import peak_memory_mb
 from iceg.tables import read_csv_table
 from iceg.tum import format_tum
 
@@ -226,18 +226,8 @@ def _circumstances() -> dict[str, Any]:
     packages = ("iceg", "gtsam", "numpy", "scipy", "numba", "matplotlib")
     return {
         "versions": {"python": platform.python_version(), **{name: version(name) for name in packages}},
-        "peak_memory_mb": _peak_memory(),
+        "peak_memory_mb": peak_memory_mb(),
     }
-
-
-def _peak_memory() -> float | None:
-    """Largest resident memory of this process so far [MB]; None where the system does not tell."""
-    try:
-        import resource
-    except ImportError:
-        return None
-    unit = 1 if sys.platform == "darwin" else 1024
-    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6, 1)
 
 
 def _format_summary(summary: Mapping[str, Any]) -> str:

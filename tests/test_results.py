@@ -3,6 +3,8 @@
 import json
 import os
 import signal
+import subprocess
+import sys
 import threading
 from pathlib import Path
 from types import MappingProxyType, SimpleNamespace
@@ -223,3 +225,10 @@ def test_the_summary_is_valid_json_for_strict_readers(tmp_path: Path) -> None:
 
     write_results(make_result(), tmp_path)
     json.loads((tmp_path / "summary.json").read_text(), parse_constant=refuse)
+
+
+def test_the_memory_a_process_held_is_its_own() -> None:
+    code = "from iceg.memory import peak_memory_mb; print(peak_memory_mb())"
+    ballast = np.ones(40_000_000)  # 320 MB that the child is not to be charged with
+    peak = float(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout)
+    assert 5.0 < peak < 250.0 < 1e-6 * ballast.nbytes

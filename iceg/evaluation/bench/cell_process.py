@@ -1,7 +1,6 @@
 """The inside of the process that makes one run: a cell on its standard input, its results into the folder named."""
 
 import math
-import resource
 import sys
 import time
 from contextlib import suppress
@@ -17,6 +16,7 @@ from graph.errors import IcegError
 from iceg.evaluation.bench.cell import Cell
 from iceg.evaluation.bench.methods import Estimate, Method
 from iceg.evaluation.bench.outcome import FIGURES_FILE, TRAJECTORY_FILE, Figures, format_figures
+from iceg.memory import peak_memory_mb
 
 _WARM_UP_SCANS = 40
 
@@ -52,7 +52,7 @@ def run_cell(cell: Cell, folder: Path) -> Figures:
         "cpu_s": cpu,
         "wall_s": wall,
         "scans_per_cpu_s": len(log) / max(cpu, 1e-9),
-        "peak_memory_mb": _peak_memory(),
+        "peak_memory_mb": peak_memory_mb() or math.nan,
     }
 
 
@@ -124,12 +124,6 @@ def _load_kernels(method: Method, log: Log) -> None:
     start = replace(log, ranges=log.ranges[first], odometry=log.odometry[first], stamps=log.stamps[first], truth=None)
     with suppress(IcegError):
         method.run(start)
-
-
-def _peak_memory() -> float:
-    """Largest resident memory of this process [MB]."""
-    unit = 1 if sys.platform == "darwin" else 1024
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
 
 
 def main() -> int:

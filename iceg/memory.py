@@ -1,0 +1,20 @@
+"""How much memory this process has held."""
+
+import sys
+from pathlib import Path
+
+
+def peak_memory_mb() -> float | None:
+    """Largest resident memory of this process so far [MB]; None where the system does not tell."""
+    try:
+        # What the process itself held: getrusage counts what its parent held when it was started, too.
+        status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines())
+        return round(int(status["VmHWM"].split()[0]) * 1024 / 1e6, 1)
+    except (OSError, KeyError, ValueError):
+        pass
+    try:
+        import resource
+    except ImportError:
+        return None
+    unit = 1 if sys.platform == "darwin" else 1024
+    return round(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6, 1)
