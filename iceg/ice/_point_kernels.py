@@ -87,9 +87,9 @@ def thinned_points(
         n = _returns(ranges[scan], directions, origin, returns, beams)
         _surfaces(returns, beams, n, origin, resolution, jump, sums, begin, end)
         for i in range(n):
-            first, last = _neighbourhood(returns, begin[i], end[i], i, reach * reach)
             if i % every != offsets[scan]:
                 continue
+            first, last = _neighbourhood(returns, begin[i], end[i], i, reach * reach)
             nx, ny = _normal(sums, first, last, returns[i, 0] - origin[0], returns[i, 1] - origin[1])
             points[count, 0], points[count, 1] = returns[i, 0], returns[i, 1]
             normals[count, 0], normals[count, 1] = nx, ny

@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 
 from frontends.scan import Log
 from graph.se2 import between, compose
+from iceg.slam.odometry_steps import is_moving
 from iceg.slam.repeated_scans import is_repeated
 
-_STILL = 1e-9
-"""A step shorter than this is none [m, rad]: the same reading again."""
 _SELDOM = 0.5
 """Where more of the moves than this follow upon a standstill, odometry is read more seldom than the laser."""
 _FEWEST_MOVES = 20
@@ -122,4 +121,4 @@ def _change(before: NDArray[np.float32], after: NDArray[np.float32]) -> float:
 
 def _moves(odometry: NDArray[np.float64]) -> NDArray[np.int64]:
     """(m,) the steps that move."""
-    return np.flatnonzero((np.abs(between(odometry[:-1], odometry[1:])) > _STILL).any(axis=1))
+    return np.flatnonzero(is_moving(odometry))

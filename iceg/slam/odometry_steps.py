@@ -1,4 +1,4 @@
-"""Steps of the odometry that no robot made, as where it was set anew."""
+"""Steps of the odometry: which move at all, and which no robot made, as where it was set anew."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,6 +7,13 @@ from graph.se2 import between
 
 _DISTANCE, _TURN, _FACTOR = 1.0, 0.8, 3.0
 _NEARLY_ALL = 0.99
+_STILL = 1e-9
+"""A step shorter than this is none [m, rad]: the same reading again."""
+
+
+def is_moving(odometry: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n - 1,) which steps of (n, 3) odometry move."""
+    return np.asarray((np.abs(between(odometry[:-1], odometry[1:])) > _STILL).any(axis=1))
 
 
 def sudden_steps(odometry: NDArray[np.float64], stamps: NDArray[np.float64] | None = None) -> NDArray[np.bool_]:

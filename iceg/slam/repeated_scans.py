@@ -6,10 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Log
-from graph.se2 import between
-
-_STILL = 1e-9
-"""A step of odometry shorter than this is none [m, rad]."""
+from iceg.slam.odometry_steps import is_moving
 
 
 def is_repeated(ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
@@ -27,7 +24,7 @@ def frozen_stretches(log: Log) -> list[tuple[int, int]]:
     if not (log.has_odometry and repeated.any()):
         return []
     edges = np.flatnonzero(np.diff(np.concatenate([[0], repeated.astype(np.int8), [0]])))
-    moves = np.abs(between(log.odometry[:-1], log.odometry[1:])).max(axis=1) > _STILL
+    moves = is_moving(log.odometry)
     return [(first, end - 1) for first, end in edges.reshape(-1, 2).tolist() if moves[first - 1 : end - 1].any()]
 
 
