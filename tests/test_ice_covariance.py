@@ -11,6 +11,7 @@ from iceg.ice.features import FeatureRows
 from iceg.ice.local_map import LocalMap
 from iceg.ice.points import ScanPoints
 from iceg.ice.refinement import FACING, evaluate_points
+from iceg.ice.scored import Scored
 
 F64 = NDArray[np.float64]
 NO_FEATURES = FeatureRows(kinds=np.empty(0, np.int8), rows=np.empty((0, 10)))
@@ -76,10 +77,8 @@ def test_the_costs_against_a_slow_twin() -> None:
         np.array([0.1, 0.2, 0.05]),
     )
     costs, field = np.empty((3, 3, 3)), local_map.fine
-    best = kernels.score_grid(
-        scan.points, scan.normals, 50, local_map.surfels, field.nearest, field.origin, field.cell, 0.04, FACING,
-        pose, axes, steps, costs,
-    )  # fmt: skip
+    scored = Scored.of(scan.points, scan.normals, local_map, 0.04)
+    best = kernels.score_grid(scored, 50, pose, axes, steps, costs)
     picked = ((np.arange(50) + 0.5) * 4).astype(int)
     for index in np.ndindex(3, 3, 3):
         d = axes @ ((np.array(index) - 1) * steps)
@@ -130,16 +129,10 @@ def test_errors_that_neighbours_share_do_not_average_out() -> None:
 def test_dependence_counts_what_neighbours_share() -> None:
     rng = np.random.default_rng(3)
     local_map = map_of(walls("left", "right", "front", n=800))
-    field = local_map.fine
 
     def of(noise: F64) -> float:
         scan = walls("left", "right", "front", noise=noise, n=800)
-        return float(
-            kernels.dependence(
-                scan.points, scan.normals, np.zeros(3), local_map.surfels, field.nearest, field.origin, field.cell,
-                FACING, 0.08,
-            )
-        )  # fmt: skip
+        return float(kernels.dependence(Scored.of(scan.points, scan.normals, local_map, 0.04), np.zeros(3), 0.08))
 
     assert of(rng.normal(0, 0.01, 2400)) < 1.4
     # Blocks of four equal errors: ρ = 3/4, 1/2, 1/4, hence 1 + 2 Σ (1 - l/13) ρ = 3.62.
@@ -175,10 +168,7 @@ def test_unevenness_equals_its_slow_twin() -> None:
     scan, local_map = walls("left", "right", "front", noise=noise), map_of(walls("left", "right", "front"))
     pose, axes, ratios = np.array([0.01, -0.005, 0.02]), np.linalg.qr(rng.normal(size=(3, 3)))[0], np.empty(3)
     field, variance = local_map.fine, 1e-4
-    kernels.unevenness(
-        scan.points, scan.normals, pose, axes, local_map.surfels, field.nearest, field.origin, field.cell,
-        FACING, 0.08, 1e-6, variance, ratios,
-    )  # fmt: skip
+    kernels.unevenness(Scored.of(scan.points, scan.normals, local_map, 0.04), pose, axes, 0.08, 1e-6, variance, ratios)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     R = np.array([[c, -s], [s, c]])
     pulls, levers = np.zeros((300, 3)), np.zeros((300, 3))

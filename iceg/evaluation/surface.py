@@ -7,7 +7,7 @@ from frontends.scan import Scan
 from iceg.ice import _score_kernels as kernels
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
-from iceg.ice.refinement import FACING
+from iceg.ice.scored import Scored
 
 
 def correlation_surface(
@@ -34,22 +34,8 @@ def correlation_surface(
         of a point to the line of the nearest surfel, s the width of the refinement.
     """
     scan_points = matcher.observe(scan).points
-    n, field = len(scan_points), reference.fine
-    side, step = 2 * half_cells + 1, half_width / half_cells
+    n, side, step = len(scan_points), 2 * half_cells + 1, half_width / half_cells
     costs = np.empty((side, side, 1))
-    kernels.score_grid(
-        scan_points.points,
-        scan_points.normals,
-        n,
-        reference.surfels,
-        field.nearest,
-        field.origin,
-        field.cell,
-        matcher.config.refinement.scale,
-        FACING,
-        T_ref_cur,
-        np.eye(3),
-        np.array([step, step, 0.0]),
-        costs,
-    )
+    scored = Scored.of(scan_points.points, scan_points.normals, reference, matcher.config.refinement.scale)
+    kernels.score_grid(scored, n, T_ref_cur, np.eye(3), np.array([step, step, 0.0]), costs)
     return np.linspace(-half_width, half_width, side), np.exp(-costs[:, :, 0].T / n)

@@ -1,15 +1,16 @@
 """Compiled loops that weigh the poses around an optimum: what the points of a scan say of its uncertainty."""
 
 from math import cos, exp, log, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graph.compiled import compiled
-from iceg.ice._refinement_kernels import partner
+from iceg.ice._refinement_kernels import partner, refine
+from iceg.ice.scored import Scored
 
 F64 = NDArray[np.float64]
-I32 = NDArray[np.int32]
 Bool = NDArray[np.bool_]
 
 _FAR = 10.0
@@ -18,22 +19,75 @@ _TELLING = 10.0
 """So many points must hold a direction for their own residuals to count as much as those of all."""
 
 
+class Reading(NamedTuple):
+    """How scores around an optimum are taken and read.
+
+    Attributes:
+        n_picks: how many of the points are used for the scores.
+        sigma: standard deviation of a residual [m].
+        least_variance: of the residuals of points that hold one direction [m²].
+        limit: residuals beyond this tell of something else [m].
+        independence: share of the points that count as independent where neighbouring residuals are uncorrelated.
+        temperature: the scores are flattened by it, their second moment is divided by it.
+        spacing: of the grid, in standard deviations of the flattened Hessian's Gaussian.
+        min_step: least spacing [m or rad] …
+        max_step: … and largest.
+        edge_mass: with more weight than this on the edge of the largest grid a direction is unobservable.
+        weak_sigma: standard deviation it is given [m or rad].
+    """
+
+    n_picks: int
+    sigma: float
+    least_variance: float
+    limit: float
+    independence: float
+    temperature: float
+    spacing: float
+    min_step: float
+    max_step: float
+    edge_mass: float
+    weak_sigma: float
+
+
+class Weighed(NamedTuple):
+    """What scores tell of an optimum, filled in by `score_covariance`.
+
+    Attributes:
+        covariance: (3, 3) second moment of the scores, tangent space of the robot.
+        axes: (3, 3) columns: principal directions of the grid.
+        steps: (3,) its spacing along each.
+        weights: (side, side, side) normalised scores on the grid.
+        weak: (3,) which axes are unobservable.
+        ratios: (3,) see `unevenness`.
+    """
+
+    covariance: F64
+    axes: F64
+    steps: F64
+    weights: F64
+    weak: Bool
+    ratios: F64
+
+    @classmethod
+    def empty(cls, side: int) -> "Weighed":
+        """With room for a grid of so many poses along each axis."""
+        return cls(
+            np.empty((3, 3)),
+            np.empty((3, 3)),
+            np.empty(3),
+            np.empty((side, side, side)),
+            np.empty(3, np.bool_),
+            np.empty(3),
+        )
+
+
 @compiled
-def dependence(
-    points: F64,
-    normals: F64,
-    pose: F64,
-    surfels: F64,
-    nearest: I32,
-    origin: F64,
-    cell: float,
-    facing: float,
-    limit: float,
-) -> float:
+def dependence(scored: Scored, pose: F64, limit: float) -> float:
     """How many neighbouring points say the same: 1 + 2 Σ (1 - l/13) ρ_l over the lags l = 1..12, at least 1.
 
     ρ_l is the correlation of the residuals of points l apart, among those with a residual below `limit`.
     """
+    points, normals, surfels, origin = scored.points, scored.normals, scored.surfels, scored.origin
     n = len(points)
     residuals = np.empty(n)
     c, s = cos(pose[2]), sin(pose[2])
@@ -42,7 +96,7 @@ def dependence(
         x = pose[0] + c * points[i, 0] - s * points[i, 1]
         y = pose[1] + s * points[i, 0] + c * points[i, 1]
         nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
-        k = partner(x, y, nx, ny, surfels, nearest, origin[0], origin[1], 1.0 / cell, facing)
+        k = partner(x, y, nx, ny, surfels, scored.nearest, origin[0], origin[1], 1.0 / scored.cell, scored.facing)
         residuals[i] = 0.0
         if k < 0:
             continue
@@ -64,15 +118,9 @@ def dependence(
 
 @compiled
 def unevenness(
-    points: F64,
-    normals: F64,
+    scored: Scored,
     pose: F64,
     axes: F64,
-    surfels: F64,
-    nearest: I32,
-    origin: F64,
-    cell: float,
-    facing: float,
     limit: float,
     least: float,
     variance: float,
@@ -86,20 +134,15 @@ def unevenness(
     and the ratio keeps near 1.
 
     Args:
-        points: (n, 2) in the robot frame [m].
-        normals: (n, 2); 0, 0 where unknown.
+        scored: the points and the reference.
         pose: (3,) the optimum.
         axes: (3, 3) columns, in the tangent space of the robot.
-        surfels: (m, 4) of the reference.
-        nearest: (ny, nx) of its field.
-        origin: (2,) lower left corner of the field [m].
-        cell: width of its cells [m].
-        facing: least cosine between the normals of a point and of its surfel.
         limit: residuals beyond this tell of something else [m].
         least: a residual's variance is never taken to be smaller [m²].
         variance: of a residual, times how many neighbours say the same [m²].
         ratios: (3,) output.
     """
+    points, normals, surfels, origin = scored.points, scored.normals, scored.surfels, scored.origin
     n = len(points)
     pulls, levers = np.zeros((n, 3)), np.zeros((n, 3))
     c, s = cos(pose[2]), sin(pose[2])
@@ -107,7 +150,7 @@ def unevenness(
         px, py = points[i, 0], points[i, 1]
         x, y = pose[0] + c * px - s * py, pose[1] + s * px + c * py
         nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
-        k = partner(x, y, nx, ny, surfels, nearest, origin[0], origin[1], 1.0 / cell, facing)
+        k = partner(x, y, nx, ny, surfels, scored.nearest, origin[0], origin[1], 1.0 / scored.cell, scored.facing)
         if k < 0:
             continue
         mx, my = surfels[k, 2], surfels[k, 3]
@@ -178,36 +221,15 @@ def principal_axes(matrix: F64, values: F64, axes: F64) -> None:
 
 
 @compiled
-def score_grid(
-    points: F64,
-    normals: F64,
-    n_picks: int,
-    surfels: F64,
-    nearest: I32,
-    origin: F64,
-    cell: float,
-    scale: float,
-    facing: float,
-    pose: F64,
-    axes: F64,
-    steps: F64,
-    costs: F64,
-) -> float:
+def score_grid(scored: Scored, n_picks: int, pose: F64, axes: F64, steps: F64, costs: F64) -> float:
     """Costs on a grid of poses around `pose`.
 
     The cost of a pose is Σ log(1 + r²/scale²) over evenly picked points, r the distance to the nearest surfel's line;
     a point that leaves the reference costs as much as one 3·scale away.
 
     Args:
-        points: (n, 2) in the robot frame [m].
-        normals: (n, 2); 0, 0 where unknown.
+        scored: the points and the reference.
         n_picks: how many of the points are used.
-        surfels: (m, 4) of the reference.
-        nearest: (ny, nx) of its field.
-        origin: (2,) lower left corner of the field [m].
-        cell: width of its cells [m].
-        scale: width of the Cauchy cost [m].
-        facing: least cosine between the normals of a point and of its surfel.
         pose: (3,) centre of the grid, T_ref_robot.
         axes: (3, 3) columns: directions of the grid in the tangent space of the robot.
         steps: (3,) spacing along each.
@@ -217,7 +239,6 @@ def score_grid(
         The smallest cost.
     """
     half0, half1, half2 = costs.shape[0] // 2, costs.shape[1] // 2, costs.shape[2] // 2
-    inverse_scale2 = 1.0 / (scale * scale)
     c0, s0 = cos(pose[2]), sin(pose[2])
     best = np.inf
     for i0 in range(-half0, half0 + 1):
@@ -228,32 +249,18 @@ def score_grid(
                 d1 = axes[1, 0] * g0 + axes[1, 1] * g1 + axes[1, 2] * g2
                 turn = pose[2] + axes[2, 0] * g0 + axes[2, 1] * g1 + axes[2, 2] * g2
                 x0, y0 = pose[0] + c0 * d0 - s0 * d1, pose[1] + s0 * d0 + c0 * d1
-                cost = _cost(
-                    points, normals, n_picks, surfels, nearest, origin, cell, inverse_scale2, facing, x0, y0, turn
-                )
+                cost = _cost(scored, n_picks, x0, y0, turn)
                 costs[i0 + half0, i1 + half1, i2 + half2] = cost
                 best = min(best, cost)
     return best
 
 
 @compiled
-def _cost(
-    points: F64,
-    normals: F64,
-    n_picks: int,
-    surfels: F64,
-    nearest: I32,
-    origin: F64,
-    cell: float,
-    inverse_scale2: float,
-    facing: float,
-    x0: float,
-    y0: float,
-    turn: float,
-) -> float:
+def _cost(scored: Scored, n_picks: int, x0: float, y0: float, turn: float) -> float:
     """The cost of one pose x0, y0, turn, see `score_grid`."""
-    stride = len(points) / n_picks
-    x00, y00, cells_per_metre = origin[0], origin[1], 1.0 / cell
+    points, normals, surfels, nearest = scored.points, scored.normals, scored.surfels, scored.nearest
+    x00, y00, cells_per_metre, facing = scored.origin[0], scored.origin[1], 1.0 / scored.cell, scored.facing
+    stride, inverse_scale2 = len(points) / n_picks, 1.0 / (scored.scale * scored.scale)
     c, s = cos(turn), sin(turn)
     # The logarithm of a product is taken now and then instead of that of every factor.
     cost, product = 0.0, 1.0
@@ -316,87 +323,74 @@ def moments(costs: F64, best: float, per_cost: float, steps: F64, second: F64, e
 
 
 @compiled
-def score_covariance(
-    points: F64,
-    normals: F64,
-    n_picks: int,
-    surfels: F64,
-    nearest: I32,
-    origin: F64,
-    cell: float,
-    scale: float,
-    facing: float,
-    pose: F64,
-    hessian: F64,
-    sigma: float,
-    share: float,
-    temperature: float,
-    spacing: float,
-    min_step: float,
-    max_step: float,
-    edge_mass: float,
-    weak_sigma: float,
-    covariance: F64,
-    axes: F64,
-    steps: F64,
-    weights: F64,
-    weak: Bool,
-) -> None:
+def score_covariance(scored: Scored, pose: F64, reading: Reading, out: Weighed) -> None:
     """Second moment of the scores around an optimum, on a grid along the principal axes of its Hessian.
 
     Args:
-        points: see `score_grid`, as the following up to `pose`.
-        normals: …
-        n_picks: …
-        surfels: …
-        nearest: …
-        origin: …
-        cell: …
-        scale: …
-        facing: …
-        pose: …
-        hessian: (3, 3) in the reference frame, unit residual variance.
-        sigma: standard deviation of a residual [m].
-        share: of the points that count as independent.
-        temperature: the scores are flattened by it, their second moment is divided by it.
-        spacing: of the grid, in standard deviations of the flattened Hessian's Gaussian.
-        min_step: least spacing [m or rad] …
-        max_step: … and largest.
-        edge_mass: with more weight than this on the edge of the largest grid a direction is unobservable.
-        weak_sigma: standard deviation it is given [m or rad].
-        covariance: (3, 3) output, tangent space of the robot.
-        axes: (3, 3) output, columns.
-        steps: (3,) output.
-        weights: (side, side, side) output.
-        weak: (3,) output, which axes are unobservable.
+        scored: the points and the reference.
+        pose: (3,) the optimum.
+        reading: how the scores are taken and read.
+        out: output.
     """
-    c, s = cos(pose[2]), sin(pose[2])
-    turn = np.zeros((3, 3))
-    turn[0, 0], turn[0, 1], turn[1, 0], turn[1, 1], turn[2, 2] = c, s, -s, c, 1.0
-    precision = share / (temperature * sigma * sigma)
-    information = np.empty((3, 3))
-    _turned(turn, hessian, information)
-    information *= precision
-    values, edges, second = np.empty(3), np.empty(3), np.empty((3, 3))
-    principal_axes(information, values, axes)
+    hessian = _hessian(scored, pose)
+    repeated = dependence(scored, pose, reading.limit)
+    share = reading.independence / repeated
+    _lay_grid(hessian, pose[2], share / (reading.temperature * reading.sigma * reading.sigma), reading, out)
+    best = score_grid(scored, reading.n_picks, pose, out.axes, out.steps, out.weights)
+    per_point = 0.5 * (scored.scale / reading.sigma) ** 2 * share / reading.temperature
+    edges, second = np.empty(3), np.empty((3, 3))
+    moments(out.weights, best, per_point * len(scored.points) / reading.n_picks, out.steps, second, edges)
+    second /= reading.temperature
     for a in range(3):
-        steps[a] = min(max_step, max(min_step, spacing / sqrt(max(values[a], 1e-9))))
-    best = score_grid(
-        points, normals, n_picks, surfels, nearest, origin, cell, scale, facing, pose, axes, steps, weights
-    )
-    per_cost = 0.5 * (scale / sigma) ** 2 * share / temperature * len(points) / n_picks
-    moments(weights, best, per_cost, steps, second, edges)
-    second /= temperature
-    for a in range(3):
-        weak[a] = edges[a] > edge_mass and steps[a] >= 0.999 * max_step
-        if weak[a]:
+        out.weak[a] = edges[a] > reading.edge_mass and out.steps[a] >= 0.999 * reading.max_step
+        if out.weak[a]:
             second[a, :] = 0.0
             second[:, a] = 0.0
-            second[a, a] = weak_sigma * weak_sigma
-    _turned(axes, second, covariance)
+            second[a, a] = reading.weak_sigma * reading.weak_sigma
+    _turned(out.axes, second, out.covariance)
     for a in range(3):
         for b in range(a):
-            covariance[b, a] = covariance[a, b]
+            out.covariance[b, a] = out.covariance[a, b]
+    variance = reading.sigma**2 * repeated
+    unevenness(scored, pose, out.axes, reading.limit, reading.least_variance, variance, out.ratios)
+
+
+@compiled
+def _hessian(scored: Scored, pose: F64) -> F64:
+    """(3, 3) Σ w JᵀJ of the points at a pose, in the reference frame, rotation about the robot."""
+    hessian, same_pose, only_judge = np.empty((3, 3)), np.empty(3), 0
+    refine(
+        scored.points,
+        scored.normals,
+        1,
+        pose,
+        scored.surfels,
+        scored.nearest,
+        scored.origin,
+        scored.cell,
+        scored.scale,
+        scored.scale,
+        only_judge,
+        0.0,
+        scored.facing,
+        same_pose,
+        hessian,
+    )
+    return hessian
+
+
+@compiled
+def _lay_grid(hessian: F64, heading: float, precision: float, reading: Reading, out: Weighed) -> None:
+    """Axes and steps of the grid: the principal axes of the Hessian, seen from the robot, steps by their width."""
+    c, s = cos(heading), sin(heading)
+    turn, information, values = np.zeros((3, 3)), np.empty((3, 3)), np.empty(3)
+    turn[0, 0], turn[0, 1], turn[1, 0], turn[1, 1], turn[2, 2] = c, s, -s, c, 1.0
+    _turned(turn, hessian, information)
+    information *= precision
+    principal_axes(information, values, out.axes)
+    for a in range(3):
+        width = reading.spacing / sqrt(max(values[a], 1e-9))
+        out.steps[a] = min(reading.max_step, max(reading.min_step, width))
 
 
 @compiled

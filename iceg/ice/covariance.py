@@ -5,12 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from iceg.ice import _refinement_kernels as refinement_kernels
 from iceg.ice import _score_kernels as kernels
+from iceg.ice._score_kernels import Reading, Weighed
 from iceg.ice.config import CovarianceConfig
 from iceg.ice.local_map import LocalMap
 from iceg.ice.points import ScanPoints
-from iceg.ice.refinement import FACING, Refined
+from iceg.ice.refinement import Refined
+from iceg.ice.scored import Scored
 
 _FEWEST_ON_SURFACES = 10
 _SIDE = 5
@@ -71,78 +72,30 @@ def score_covariance(
     Returns:
         The covariance with its weak directions.
     """
-    field = local_map.fine
-    pose, hessian = refined.T_ref_cur, np.empty((3, 3))
-    points, normals = _on_surfaces(scan_points)
-    refinement_kernels.refine(
-        points,
-        normals,
-        1,
-        pose,
-        local_map.surfels,
-        field.nearest,
-        field.origin,
-        field.cell,
-        scale,
-        scale,
-        0,
-        0.0,
-        FACING,
-        np.empty(3),
-        hessian,
+    scored = Scored.of(*_on_surfaces(scan_points), local_map, scale)
+    reading = Reading(
+        n_picks=min(len(scored.points), config.points),
+        sigma=max(config.min_sigma, refined.residual),
+        least_variance=(_GRAZING * config.min_sigma) ** 2,
+        limit=2 * scale,
+        independence=config.independence,
+        temperature=_TEMPERATURE,
+        spacing=_SPACING,
+        min_step=_MIN_STEP,
+        max_step=config.max_step,
+        edge_mass=_EDGE_MASS,
+        weak_sigma=config.weak_sigma,
     )
-    shared = kernels.dependence(
-        points, normals, pose, local_map.surfels, field.nearest, field.origin, field.cell, FACING, 2 * scale
-    )
-    covariance, axes, steps = np.empty((3, 3)), np.empty((3, 3)), np.empty(3)
-    weights, weak = np.empty((_SIDE, _SIDE, _SIDE)), np.empty(3, np.bool_)
-    kernels.score_covariance(
-        points,
-        normals,
-        min(len(points), config.points),
-        local_map.surfels,
-        field.nearest,
-        field.origin,
-        field.cell,
-        scale,
-        FACING,
-        pose,
-        hessian,
-        max(config.min_sigma, refined.residual),
-        config.independence / shared,
-        _TEMPERATURE,
-        _SPACING,
-        _MIN_STEP,
-        config.max_step,
-        _EDGE_MASS,
-        config.weak_sigma,
-        covariance,
-        axes,
-        steps,
-        weights,
-        weak,
-    )
-    ratios = np.empty(3)
-    kernels.unevenness(
-        points,
-        normals,
-        pose,
-        axes,
-        local_map.surfels,
-        field.nearest,
-        field.origin,
-        field.cell,
-        FACING,
-        2 * scale,
-        (_GRAZING * config.min_sigma) ** 2,
-        max(config.min_sigma, refined.residual) ** 2 * shared,
-        ratios,
-    )
-    stretch = axes * np.where(weak, 1.0, np.sqrt(ratios)) @ axes.T
-    covariance = stretch @ covariance @ stretch
-    covariance = 0.5 * (covariance + covariance.T)
+    found = Weighed.empty(_SIDE)
+    kernels.score_covariance(scored, refined.T_ref_cur, reading, found)
+    stretch = found.axes * np.where(found.weak, 1.0, np.sqrt(found.ratios)) @ found.axes.T
+    covariance = stretch @ found.covariance @ stretch
     return ScoreCovariance(
-        covariance=covariance, weak_directions=axes[:, weak].T.copy(), weights=weights, axes=axes, steps=steps
+        covariance=0.5 * (covariance + covariance.T),
+        weak_directions=found.axes[:, found.weak].T.copy(),
+        weights=found.weights,
+        axes=found.axes,
+        steps=found.steps,
     )
 
 
@@ -152,7 +105,7 @@ def _on_surfaces(scan_points: ScanPoints) -> tuple[NDArray[np.float64], NDArray[
     A point without one fits either face of a wall's end, so that it may hold a match where it slid to: it helps to
     find the pose, but tells nothing about how well it is known.
     """
-    known = (scan_points.normals != 0.0).any(axis=1)
-    if np.count_nonzero(known) < _FEWEST_ON_SURFACES:
+    known = scan_points.normals.any(axis=1)
+    if not _FEWEST_ON_SURFACES <= np.count_nonzero(known) < len(scan_points):
         return scan_points.points, scan_points.normals
     return scan_points.points[known], scan_points.normals[known]
