@@ -340,8 +340,7 @@ def test_points_of_key_scans_and_of_scans_between(office: Simulation, track: Tra
 
 def finished_with(solution: Solution, track: Track, office: Simulation, matcher: Matcher, joint: bool) -> Finished:
     config = FinishConfig(joint=JointRefinementConfig(enabled=joint))
-    factors = list(solution.graph.factors)
-    return finish(factors, solution.poses, track, matcher, LoopClosureConfig(), config, scan_of=office.log.scan)
+    return finish(solution, track, matcher, LoopClosureConfig(), config, scan_of=office.log.scan)
 
 
 def test_the_finish_of_an_office(solution: Solution, track: Track, office: Simulation, matcher: Matcher) -> None:

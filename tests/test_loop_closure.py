@@ -20,10 +20,11 @@ from iceg.slam.closure_candidates import Candidate, EarlierPasses
 from iceg.slam.closure_verification import ClosureVerifier
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
-from iceg.slam.finish import _spaced_keys, finish
+from iceg.slam.finish import finish
 from iceg.slam.long_steps import LONG_STEP, long_step
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.match_errors import placement_covariance
+from iceg.slam.rematch import _spaced_keys
 from iceg.slam.track import Track
 from iceg.slam.tracking import track_log
 
@@ -357,7 +358,7 @@ def test_loops_and_finish_bring_the_office_back_together(
 ) -> None:
     matcher = IceMatcher()
     solution = solve_track(track, office.log.odometry, OdometryModel(), matcher, PoseGraphConfig(), LoopClosureConfig())
-    finished = finish(list(solution.graph.factors), solution.poses, track, matcher, LoopClosureConfig(), FinishConfig())
+    finished = finish(solution, track, matcher, LoopClosureConfig(), FinishConfig())
 
     def worst(poses: NDArray[np.float64]) -> float:
         error = between(true_poses, compose(true_poses[0], poses))

@@ -45,12 +45,7 @@ def without_contradicted(
 
 
 def with_earlier(last: Sequence[Attempt], earlier: Sequence[Attempt]) -> list[Attempt]:
-    """The record of all closures: those tried last, and those of before whose key poses were not tried again.
-
-    Those accepted earlier are in force only if none was tried since.
-    """
-    if not last:
-        return list(earlier)
+    """The record of all closures in the order of the path; those tried last in the place of the same tried before."""
     known = {(attempt.key_old, attempt.key_new) for attempt in last}
-    gone = [a for a in earlier if not a.accepted and (a.key_old, a.key_new) not in known]
-    return sorted([*gone, *last], key=lambda attempt: (attempt.key_new, attempt.key_old))
+    others = [a for a in earlier if (a.key_old, a.key_new) not in known]
+    return sorted([*others, *last], key=lambda attempt: (attempt.key_new, attempt.key_old))

@@ -160,7 +160,7 @@ class FinishConfig:
     tolerance: float = 0.002
     """A round that moves no key pose farther than this is the last [m]."""
     spacing: float = 1.5
-    """Match again after this much path [m] …"""
+    """Where no closure ties two passes, match again after this much path [m] …"""
     spacing_angle: float = 2.0
     """… or turning [rad]; in between, the joint refinement holds the passes together."""
     max_passes: int = 4

@@ -12,14 +12,15 @@ from frontends.matcher import Matcher
 from frontends.scan import Scan
 from graph.batch import BatchConfig, optimize
 from graph.factors import Factor, RobustKernel
+from graph.problem import Problem
 from graph.se2 import between, compose, inverse
-from iceg.slam.back_end import KNOWN_SPACING
-from iceg.slam.closure_attempt import Attempt, say_the_same
-from iceg.slam.closure_candidates import Candidate
-from iceg.slam.closure_record import without_contradicted
+from iceg.slam.back_end import Solution
+from iceg.slam.closure_attempt import Attempt, closure_factor
+from iceg.slam.closure_record import with_earlier, without_contradicted
 from iceg.slam.config import FinishConfig, LoopClosureConfig
 from iceg.slam.joint_refinement import JointRefinement, key_clouds, refine_jointly
 from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.rematch import match_again, second_look
 from iceg.slam.track import Track
 
 Stage = Literal["solve", "rematch", "joint"]
@@ -62,7 +63,7 @@ class Finished:
     Attributes:
         poses: (k, 3) T_map_robot of the key poses.
         factors: those in force at the end.
-        attempts: the closures tried in the last round, empty if none was.
+        attempts: the record of all closures tried.
         rounds: one entry for each.
         covariances: (k, 3, 3) marginal covariances of the poses, None where only the graph knows them.
     """
@@ -75,70 +76,48 @@ class Finished:
 
 
 def finish(
-    factors: list[Factor],
-    poses: NDArray[np.float64],
+    solution: Solution,
     track: Track,
     matcher: Matcher,
     closures: LoopClosureConfig,
     config: FinishConfig,
-    progress: Callable[[int], None] | None = None,
+    *,
     kept: Sequence[Factor] = (),
     scan_of: Callable[[int], Scan] | None = None,
-    offered: NDArray[np.bool_] | None = None,
-    parts: Sequence[int] = (),
+    progress: Callable[[int], None] | None = None,
 ) -> Finished:
     """Make the trajectory as good as the data allows.
 
     Args:
-        factors: of the graph so far.
-        poses: (k, 3) its solution.
+        solution: the graph so far, its record of closures, and where its path is broken.
         track: key scans.
         matcher: for re-matching.
         closures: what counts as a closure.
         config: rounds and tolerances.
-        progress: called with the number of rounds done.
         kept: those of the factors that are closures beyond doubt, as those added by hand.
         scan_of: the scans of the log by index, so that those between key scans take part in the joint refinement.
-        offered: (k,) key scans that later ones are matched against; all when left out.
-        parts: key poses at which a part begins that nothing ties to what was before.
+        progress: called with the number of rounds done.
 
     Returns:
         The final poses and factors.
     """
-    kernel = RobustKernel(name="dcs", width=config.kernel_width)
+    parts = [found.key for found in solution.breaks if found.outcome == "apart"]
     closer = LoopCloser(matcher, track, replace(closures, max_passes=config.max_passes), parts)
-    if offered is not None:
-        closer.offered = offered
-    chain = [factor for factor in factors if factor.kind != "closure" or factor in kept]
-    doubtful = [factor for factor in factors if factor.kind == "closure" and factor not in kept]
-    loops = [replace(factor, kernel=kernel) for factor in doubtful]
+    closer.offered = solution.offered
     clock = _Clock()
-    poses, done = _solve("solve", chain, loops, poses, clock)
+    graph, done = _solved("solve", _Graph.of(solution, kept, config), clock)
     rounds = [done]
-    attempts: list[Attempt] = []
     for count in range(config.rounds if closures.enabled or closures.revisits else 0):
-        joined = {(factor.i, factor.j) for factor in loops}
-        attempts = _rematch(closer, track, poses, config)
-        loops = [_closure_factor(attempt, kernel) for attempt in attempts if attempt.accepted]
-        found = _second_look(closer, attempts, poses, closures, config)
-        before = poses
-        if found:
-            # Without a kernel first: they are far off, and a robust kernel would let the graph ignore them.
-            pull = [_closure_factor(attempt, None) for attempt in found]
-            poses, _ = _solve("rematch", chain, [*loops, *pull], poses, clock)
-            attempts = _rematch(closer, track, poses, config)
-            loops = [_closure_factor(attempt, kernel) for attempt in attempts if attempt.accepted]
-        poses, done = _solve("rematch", chain, loops, poses, clock)
-        largest, mean = _moves(before, poses)
-        fresh = sum((factor.i, factor.j) not in joined for factor in loops)
-        rounds.append(replace(done, fresh=fresh, largest_move=largest, mean_move=mean))
+        before = graph
+        graph, done = _solved("rematch", _rematched(graph, closer, track, config), clock)
+        largest, mean = _moves(before.poses, graph.poses)
+        rounds.append(replace(done, fresh=len(graph.joined - before.joined), largest_move=largest, mean_move=mean))
         if progress is not None:
             progress(count + 1)
         if largest < config.tolerance:
             break
-    attempts, loops = without_contradicted(attempts, loops, poses)
-    factors = [*chain, *loops]
-    covariances = None
+    attempts, loops = without_contradicted(graph.attempts, graph.loops, graph.poses)
+    factors, poses, covariances = [*graph.chain, *loops], graph.poses, None
     if config.joint.enabled:
         factors, refined, done = _joint(factors, poses, track, config, scan_of, parts, clock)
         poses, covariances = refined.poses, refined.covariances
@@ -146,11 +125,6 @@ def finish(
     return Finished(poses=poses, factors=factors, attempts=attempts, rounds=rounds, covariances=covariances)
 
 
-_ELSEWHERE_DISTANCE, _ELSEWHERE_TURN = 0.25, 0.08
-_AROUND = (-4, -2, 0, 2, 4)
-"""Key scans around a doubtful one that are searched, too …"""
-_AROUND_FIRST = (-2, 0, 2)
-"""… once these have found something: where three of five say the same, one of these is among them."""
 _BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
 
 
@@ -165,14 +139,75 @@ class _Clock:
         return round(self._last - last, 4)
 
 
-def _solve(
-    stage: Stage, chain: list[Factor], loops: list[Factor], poses: NDArray[np.float64], clock: _Clock
-) -> tuple[NDArray[np.float64], Round]:
-    result = optimize([*chain, *loops], poses, _BATCH)
-    largest, mean = _moves(poses, result.poses)
-    return result.poses, Round(
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Graph:
+    """The graph between two steps of the finish.
+
+    Attributes:
+        poses: (k, 3) T_map_robot of the key poses.
+        chain: the factors beyond doubt.
+        loops: the closures in force, each with its robust kernel.
+        attempts: the record of all closures tried.
+    """
+
+    poses: NDArray[np.float64]
+    chain: list[Factor]
+    loops: list[Factor]
+    attempts: list[Attempt]
+
+    @classmethod
+    def of(cls, solution: Solution, kept: Sequence[Factor], config: FinishConfig) -> "_Graph":
+        factors, kernel = solution.graph.factors, _kernel(config)
+        chain = [factor for factor in factors if factor.kind != "closure" or factor in kept]
+        loops = [replace(f, kernel=kernel) for f in factors if f.kind == "closure" and f not in kept]
+        return cls(poses=solution.poses, chain=chain, loops=loops, attempts=solution.attempts)
+
+    @property
+    def joined(self) -> set[tuple[int | None, int]]:
+        """Key poses that closures join."""
+        return {(factor.i, factor.j) for factor in self.loops}
+
+    def judged(self) -> tuple[list[Factor], list[Factor]]:
+        """The closures that agree with the poses, and those that their robust kernel doubts."""
+        if not self.loops:
+            return [], []
+        weights = Problem.of(self.loops, len(self.poses)).evaluate(self.poses).weights.tolist()
+        pairs = list(zip(self.loops, weights, strict=True))
+        return [loop for loop, weight in pairs if weight >= 1.0], [loop for loop, weight in pairs if weight < 1.0]
+
+    def with_tried(self, sure: list[Factor], tried: list[Attempt], config: FinishConfig) -> "_Graph":
+        """The same with the closures that stay and those of the last attempts that were accepted."""
+        kernel = _kernel(config)
+        fresh = [closure_factor(attempt, kernel) for attempt in tried if attempt.accepted]
+        return replace(self, loops=[*sure, *fresh], attempts=with_earlier(tried, self.attempts))
+
+
+def _kernel(config: FinishConfig) -> RobustKernel:
+    return RobustKernel(name="dcs", width=config.kernel_width)
+
+
+def _rematched(graph: _Graph, closer: LoopCloser, track: Track, config: FinishConfig) -> _Graph:
+    """The graph with closures where none tied two passes, and with those in doubt tried again."""
+    sure, doubtful = graph.judged()
+    tried = match_again(closer, track, graph.poses, sure, doubtful, config)
+    graph = graph.with_tried(sure, tried, config)
+    found = second_look(closer, tried, graph.poses, config)
+    if not found:
+        return graph
+    # Without a kernel first: they are far off, and a robust kernel would let the graph ignore them.
+    pull = [closure_factor(attempt) for attempt in found]
+    graph = replace(graph, poses=optimize([*graph.chain, *graph.loops, *pull], graph.poses, _BATCH).poses)
+    sure, doubtful = graph.with_tried(graph.loops, found, config).judged()
+    tried = match_again(closer, track, graph.poses, sure, doubtful, config)
+    return graph.with_tried(sure, tried, config)
+
+
+def _solved(stage: Stage, graph: _Graph, clock: _Clock) -> tuple[_Graph, Round]:
+    result = optimize([*graph.chain, *graph.loops], graph.poses, _BATCH)
+    largest, mean = _moves(graph.poses, result.poses)
+    return replace(graph, poses=result.poses), Round(
         stage=stage,
-        closures=len(loops),
+        closures=len(graph.loops),
         error_before=result.error_before,
         error=result.error_after,
         largest_move=largest,
@@ -227,81 +262,3 @@ def _carried(factors: list[Factor], before: NDArray[np.float64], after: NDArray[
     return [
         factor if factor.i is None else factor.measuring(T_i_j) for factor, T_i_j in zip(factors, measured, strict=True)
     ]
-
-
-def _rematch(closer: LoopCloser, track: Track, poses: NDArray[np.float64], config: FinishConfig) -> list[Attempt]:
-    """Match key scans against every earlier pass around them, close to where the optimum puts them."""
-    deviations = np.array([config.search_distance, config.search_distance, config.search_angle])
-    candidates = [
-        candidate
-        for key in _spaced_keys(track, config, closer.offered)
-        for candidate in closer.neighbours(key, poses, deviations)
-    ]
-    # By reference, so that each is built once; then back into the order of the path.
-    attempts = [closer.match(candidate, poses) for candidate in sorted(candidates, key=lambda c: c.key_old)]
-    return sorted(attempts, key=lambda attempt: (attempt.key_new, attempt.key_old))
-
-
-def _second_look(
-    closer: LoopCloser,
-    attempts: list[Attempt],
-    poses: NDArray[np.float64],
-    closures: LoopClosureConfig,
-    config: FinishConfig,
-) -> list[Attempt]:
-    """Where two passes lie on each other and contradict each other: search wider, believe what several say."""
-    if not closures.enabled:
-        return []
-    doubtful = [a for a in attempts if not a.accepted and a.overlap >= config.doubt_overlap]
-    pairs = sorted({(a.key_old, a.key_new + step) for a in doubtful for step in _AROUND})
-    pairs = [(old, new) for old, new in pairs if old < new < len(poses)]
-    pairs = pairs[:: max(1, -(-len(pairs) // config.doubts))]
-    first = {(a.key_old, a.key_new + step) for a in doubtful for step in _AROUND_FIRST}
-    accepted = _elsewhere(closer, [pair for pair in pairs if pair in first], poses, config)
-    if accepted:
-        accepted += _elsewhere(closer, [pair for pair in pairs if pair not in first], poses, config)
-    return [
-        attempt
-        for attempt in accepted
-        if sum(say_the_same(attempt, other, poses) for other in accepted) + 1 >= closures.confirmations
-    ]
-
-
-def _elsewhere(
-    closer: LoopCloser, pairs: Sequence[tuple[int, int]], poses: NDArray[np.float64], config: FinishConfig
-) -> list[Attempt]:
-    """Closures of an earlier and a later key pose each, searched wide, that would move them against each other."""
-    deviations = np.array([config.doubt_distance, config.doubt_distance, config.doubt_angle])
-    wide = [closer.match(Candidate.of(old, new, poses, deviations), poses) for old, new in pairs]
-    return [attempt for attempt in wide if attempt.accepted and _is_elsewhere(attempt, poses)]
-
-
-def _is_elsewhere(attempt: Attempt, poses: NDArray[np.float64]) -> bool:
-    """Whether a closure would move the passes against each other, not only confirm how they lie."""
-    assert attempt.match is not None
-    x, y, turn = between(between(poses[attempt.key_old], poses[attempt.key_new]), attempt.match.T_ref_cur).tolist()
-    return bool(x * x + y * y > _ELSEWHERE_DISTANCE**2 or abs(turn) > _ELSEWHERE_TURN)
-
-
-def _spaced_keys(track: Track, config: FinishConfig, offered: NDArray[np.bool_]) -> list[int]:
-    """Key scans to match again: some distance apart, farther on known ground."""
-    since, keys = np.zeros(2), []
-    for key in range(1, len(track.keys)):
-        step = np.array([track.keys[key].motion.distance, track.keys[key].motion.turn])
-        since += step if offered[key] else step / KNOWN_SPACING
-        if since[0] >= config.spacing or since[1] >= config.spacing_angle:
-            since[:] = 0.0
-            keys.append(key)
-    return keys
-
-
-def _closure_factor(attempt: Attempt, kernel: RobustKernel | None) -> Factor:
-    assert attempt.match is not None
-    return Factor(
-        kind="closure",
-        i=attempt.key_old,
-        j=attempt.key_new,
-        T_i_j=attempt.match.T_ref_cur,
-        covariance=attempt.match.covariance,
-        kernel=kernel,
-    )

@@ -24,7 +24,6 @@ from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.broken_track import retied
 from iceg.slam.closure import Closure
-from iceg.slam.closure_record import with_earlier
 from iceg.slam.finish import Round, finish
 from iceg.slam.manual_closures import (
     ManualClosure,
@@ -184,24 +183,10 @@ def _finish(
     """
     if not config.finish.enabled or len(track.keys) < 2:
         return solution, [], None
-    factors = list(solution.graph.factors)
-    parts = [found.key for found in solution.breaks if found.outcome == "apart"]
-    finished = finish(
-        factors,
-        solution.poses,
-        track,
-        matcher,
-        config.loops,
-        config.finish,
-        kept=by_hand,
-        offered=solution.offered,
-        scan_of=log.scan,
-        parts=parts,
-    )
+    finished = finish(solution, track, matcher, config.loops, config.finish, kept=by_hand, scan_of=log.scan)
     graph = PoseGraph.from_factors(finished.factors, finished.poses, config.graph)
-    attempts = with_earlier(finished.attempts, solution.attempts)
     return (
-        replace(solution, graph=graph, poses=finished.poses, attempts=attempts),
+        replace(solution, graph=graph, poses=finished.poses, attempts=finished.attempts),
         finished.rounds,
         finished.covariances,
     )
