@@ -63,8 +63,7 @@ def map_image(
     if landmarks is not None:
         _paint_landmarks(pen, landmarks)
     if closures is not None and trajectory is not None:
-        for pair in trajectory[closures][:, :, :2]:
-            pen.line(pair, CLOSURE_COLOUR, 0.4, opacity=0.45)
+        pen.strokes(trajectory[closures][:, :, :2], CLOSURE_COLOUR, 0.4, opacity=0.45)
     if trajectory is not None:
         _paint_trajectory(pen, trajectory)
     if key_poses is not None:
@@ -84,38 +83,50 @@ class _Pen:
         self._corner = (box[0], box[3])
         self._width = width
 
-    def line(self, points: NDArray[np.float64], colour: str, width: float, *, opacity: float = 1.0) -> None:
+    def line(self, points: NDArray[np.float64], colour: str, width: float) -> None:
         """A line through (n, 2) points."""
-        self._draw.line(self._pixels(points), fill=_faded(colour, opacity), width=max(1, round(width * self._width)))
+        self.strokes(points[None], colour, width)
 
-    def dots(self, points: NDArray[np.float64], colour: str, diameter: float, *, opacity: float = 1.0) -> None:
+    def strokes(self, points: NDArray[np.float64], colour: str, width: float, *, opacity: float = 1.0) -> None:
+        """A line through each row of (s, n, 2) points."""
+        fill, pixels = _faded(colour, opacity), max(1, round(width * self._width))
+        for row in self._pixels(points).reshape(len(points), 2 * points.shape[1]).tolist():
+            self._draw.line(row, fill=fill, width=pixels)
+
+    def dots(self, points: NDArray[np.float64], colour: str, diameter: float) -> None:
         """A dot at each of (n, 2) points."""
-        radius, fill = 0.5 * diameter * self._width, _faded(colour, opacity)
-        for x, y in self._pixels(points):
-            self._draw.ellipse((x - radius, y - radius, x + radius, y + radius), fill=fill)
+        fill = _faded(colour, 1.0)
+        for square in self._squares(points, diameter):
+            self._draw.ellipse(square, fill=fill)
 
     def squares(self, points: NDArray[np.float64], colour: str, side: float) -> None:
         """A square at each of (n, 2) points."""
-        half = 0.5 * side * self._width
-        for x, y in self._pixels(points):
-            self._draw.rectangle((x - half, y - half, x + half, y + half), fill=colour)
+        fill = _faded(colour, 1.0)
+        for square in self._squares(points, side):
+            self._draw.rectangle(square, fill=fill)
 
     def crosses(self, points: NDArray[np.float64], colour: str, side: float, *, opacity: float = 1.0) -> None:
         """An x at each of (n, 2) points."""
-        half, fill, width = 0.5 * side * self._width, _faded(colour, opacity), max(1, round(0.3 * self._width))
-        for x, y in self._pixels(points):
-            self._draw.line((x - half, y - half, x + half, y + half), fill=fill, width=width)
-            self._draw.line((x - half, y + half, x + half, y - half), fill=fill, width=width)
+        fill, width = _faded(colour, opacity), max(1, round(0.3 * self._width))
+        for left, top, right, bottom in self._squares(points, side):
+            self._draw.line((left, top, right, bottom), fill=fill, width=width)
+            self._draw.line((left, bottom, right, top), fill=fill, width=width)
 
     def marker(self, point: NDArray[np.float64], shape: str, colour: str, size: float, *, edge: str) -> None:
         """One large marker, see `draw_marker`."""
-        ((x, y),) = self._pixels(point[None])
+        x, y = self._pixels(point).tolist()
         draw_marker(self._draw, x, y, shape, colour, size * self._width, edge=edge)
 
-    def _pixels(self, points: NDArray[np.float64]) -> list[tuple[float, float]]:
-        x = (points[:, 0] - self._corner[0]) * self._pixels_per_metre
-        y = (self._corner[1] - points[:, 1]) * self._pixels_per_metre
-        return list(zip(x.tolist(), y.tolist(), strict=True))
+    def _squares(self, points: NDArray[np.float64], side: float) -> list[list[float]]:
+        """Left, top, right and bottom of the square around each of (n, 2) points [pixels]."""
+        half, pixels = 0.5 * side * self._width, self._pixels(points)
+        squares: list[list[float]] = np.concatenate([pixels - half, pixels + half], axis=1).tolist()
+        return squares
+
+    def _pixels(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        x = (points[..., 0] - self._corner[0]) * self._pixels_per_metre
+        y = (self._corner[1] - points[..., 1]) * self._pixels_per_metre
+        return np.stack([x, y], axis=-1)
 
 
 def draw_marker(
@@ -262,7 +273,6 @@ def _paint_landmarks(pen: _Pen, landmarks: "Landmarks") -> None:
     crossing, end, corner = (landmarks[landmarks.kinds == kind] for kind in (2, 1, 0))
     pen.crosses(crossing.positions, KIND_COLOURS[2], 2.4, opacity=0.7)
     for chosen, colour in ((end, KIND_COLOURS[1]), (corner, KIND_COLOURS[0])):
-        for stroke in wall_strokes(chosen.positions, chosen.directions, _STROKE):
-            pen.line(stroke, colour, 1.0)
+        pen.strokes(wall_strokes(chosen.positions, chosen.directions, _STROKE), colour, 1.0)
     pen.dots(end.positions, KIND_COLOURS[1], 2.2)
     pen.squares(corner.positions, KIND_COLOURS[0], 2.2)

@@ -1,6 +1,5 @@
 """The picture of a map as one would print it: the map, and below it scale bar, title and legend."""
 
-import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from iceg.show.map_image import (
     known_box,
     map_image,
 )
+from iceg.show.png import encode_png
 
 if TYPE_CHECKING:
     from iceg.maps.feature_map import Landmarks
@@ -82,9 +82,7 @@ def save_map_png(
     sheet = Image.new("RGB", (width, image.height + below.height), "white")
     sheet.paste(image, ((width - image.width) // 2, 0))
     sheet.paste(below, (0, image.height))
-    content = io.BytesIO()
-    sheet.save(content, format="PNG", compress_level=2, dpi=(_DPI, _DPI))
-    write_atomically(path, content.getvalue())
+    write_atomically(path, encode_png(np.asarray(sheet), dots_per_inch=_DPI))
 
 
 def _legend_entries(
