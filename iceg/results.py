@@ -198,7 +198,7 @@ def _write_picture(result: "SlamResult", folder: Path) -> None:
 
 
 def _write_features(result: "SlamResult", folder: Path) -> None:
-    from iceg.maps.feature_map import write_geojson
+    from iceg.maps.geojson import write_geojson
 
     write_geojson(result.landmarks, folder / "features.geojson")
 

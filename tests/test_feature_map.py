@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,8 @@ from frontends.scan import Scan, ScanGeometry
 from iceg.ice.features import CORNER, END_OF_WALL, INTERSECTION, Features
 from iceg.maps import _landmark_kernels as kernels
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
-from iceg.maps.feature_map import FeatureMap, build_feature_map, write_geojson
+from iceg.maps.feature_map import FeatureMap, build_feature_map
+from iceg.maps.geojson import write_geojson
 
 F64 = NDArray[np.float64]
 NAN = math.nan
@@ -496,6 +498,40 @@ def test_geojson_tells_all_there_is_to_know(tmp_path: Path) -> None:
 def test_geojson_of_an_empty_map_is_valid(tmp_path: Path) -> None:
     write_geojson(FeatureMap().landmarks(), tmp_path / "features.geojson")
     assert json.loads((tmp_path / "features.geojson").read_text(encoding="utf-8"))["features"] == []
+
+
+def test_geojson_writes_what_is_unknown_as_missing_and_each_number_as_it_is(tmp_path: Path) -> None:
+    feature_map, _ = two_landmarks()
+    corner = feature_map.record()[np.array([0])]
+    odd = replace(
+        corner,
+        ids=np.array([7]),
+        kinds=np.array([2], dtype=np.int8),
+        positions=np.array([[-1234.5678901, 2e-7]]),
+        directions=np.array([[NAN, NAN]]),
+        direction_variances=np.array([[NAN, NAN]]),
+        covariances=np.array([[[1.23456789e-9, -3.0], [-3.0, 1234567.0]]]),
+        expired_at=np.array([12]),
+    )
+    write_geojson(odd, tmp_path / "odd.geojson")
+    (feature,) = json.loads((tmp_path / "odd.geojson").read_text(encoding="utf-8"))["features"]
+    assert feature["id"] == 7
+    assert feature["geometry"]["coordinates"] == [-1234.56789, 0.0]
+    properties = feature["properties"]
+    assert (properties["kind"], properties["expired_at"]) == ("intersection", 12)
+    assert (properties["directions"], properties["direction_variances"], properties["opening_angle"]) == ([], [], None)
+    assert properties["covariance"] == [[1.23457e-9, -3.0], [-3.0, 1234570.0]]
+
+
+@pytest.mark.parametrize("name", ["positions", "covariances", "direction_variances"])
+def test_geojson_holds_no_number_that_json_lacks(tmp_path: Path, name: str) -> None:
+    feature_map, _ = two_landmarks()
+    landmarks = feature_map.landmarks()
+    getattr(landmarks, name)[1].flat[-1] = math.inf
+    getattr(landmarks, name)[0].flat[0] = math.inf
+    with pytest.raises(FeatureMapError, match="landmark 0: found a number that is not finite"):
+        write_geojson(landmarks, tmp_path / "features.geojson")
+    assert not list(tmp_path.iterdir())
 
 
 @given(st.lists(st.sampled_from([-1.0, 0.0, 0.5, 2.0, math.inf, NAN]), max_size=12))

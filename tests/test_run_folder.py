@@ -10,7 +10,8 @@ import pytest
 from graph.errors import IcegError
 from iceg import results
 from iceg.ice.features import KIND_NAMES
-from iceg.maps.feature_map import Landmarks, write_geojson
+from iceg.maps.feature_map import Landmarks
+from iceg.maps.geojson import write_geojson
 from iceg.maps.grid import OccupancyGrid, write_ros_map
 from iceg.run_folder import read_run_folder
 from iceg.show.run_plots import PICTURES, plot_results

@@ -1,19 +1,15 @@
 """The feature map: landmarks anchored to key poses, fused when seen again, forgotten when no longer there."""
 
-import json
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, fields
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Scan
-from graph.atomic import write_atomically
-from graph.se2 import wrap_angle
-from iceg.ice.features import KIND_NAMES, Features
+from iceg.ice.features import Features
 from iceg.maps import _landmark_kernels as kernels
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
 
@@ -216,80 +212,6 @@ def build_feature_map(
     for key_index, (T_map_key, features, scan) in enumerate(zip(key_poses, key_features, key_scans, strict=True)):
         feature_map.observe(key_index, T_map_key, features, scan)
     return feature_map
-
-
-def write_geojson(landmarks: Landmarks, path: Path) -> None:
-    """Write landmarks as GeoJSON points, one a line, in metres of the map frame.
-
-    Args:
-        landmarks: valid ones, or a record with expired ones.
-        path: the file.
-    """
-    lines = json.dumps(_geojson_features(landmarks), allow_nan=False)[1:-1].replace('}, {"type"', '},\n{"type"')
-    head = '{"type": "FeatureCollection", "frame": "map", "units": {"length": "m", "angle": "rad"}, "features": [\n'
-    write_atomically(path, f"{head}{lines}\n]}}\n".encode())
-
-
-def _geojson_features(landmarks: Landmarks) -> list[dict[str, Any]]:
-    """One GeoJSON feature for each landmark; lengths and angles to a millionth, variances to six digits."""
-    between_walls = np.abs(wrap_angle(landmarks.directions[:, 0] - landmarks.directions[:, 1]))
-    columns = (
-        landmarks.ids,
-        np.round(landmarks.positions, 6),
-        landmarks.kinds,
-        np.round(landmarks.directions, 6),
-        _six_digits(landmarks.direction_variances),
-        np.round(between_walls, 6),
-        _six_digits(landmarks.covariances),
-        landmarks.anchors,
-        landmarks.first_seen,
-        landmarks.last_seen,
-        landmarks.seen,
-        landmarks.missed,
-        landmarks.expired_at,
-    )
-    return [
-        {
-            "type": "Feature",
-            "id": identity,
-            "geometry": {"type": "Point", "coordinates": position},
-            "properties": {
-                "kind": KIND_NAMES[kind],
-                "directions": [direction for direction in directions if math.isfinite(direction)],
-                "direction_variances": [variance for variance in variances if math.isfinite(variance)],
-                "opening_angle": opening if math.isfinite(opening) else None,
-                "covariance": covariance,
-                "anchor": anchor,
-                "first_seen": first_seen,
-                "last_seen": last_seen,
-                "seen": seen,
-                "missed": missed,
-                "expired_at": expired_at if expired_at >= 0 else None,
-            },
-        }
-        for (
-            identity,
-            position,
-            kind,
-            directions,
-            variances,
-            opening,
-            covariance,
-            anchor,
-            first_seen,
-            last_seen,
-            seen,
-            missed,
-            expired_at,
-        ) in zip(*(column.tolist() for column in columns), strict=True)
-    ]
-
-
-def _six_digits(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Numbers rounded to six significant digits."""
-    known = np.where(np.isfinite(values) & (values != 0.0), values, 1.0)
-    scale = 10.0 ** (5.0 - np.floor(np.log10(np.abs(known))))
-    return np.asarray(np.round(values * scale) / scale)
 
 
 def _frames(key_poses: NDArray[np.float64]) -> NDArray[np.float64]:
