@@ -18,8 +18,9 @@ import iceg
 from frontends.scan import Log
 from graph.se2 import compose
 from iceg import results
-from iceg.cli import main, parse
+from iceg.cli import main
 from iceg.cli.judge import Eval
+from iceg.cli.parsing import parse
 from iceg.cli.run import Run
 from iceg.cli.tools import PrintConfig
 from iceg.config import Config, format_config, parse_config
@@ -96,6 +97,27 @@ def test_flags_override_the_file_which_overrides_the_defaults(tmp_path: Path) ->
     plain = parse(["run", "a.clf", "-o", "out"])
     assert isinstance(plain, Run)
     assert plain.settings == Config()
+
+
+def test_a_run_without_flags_for_settings_is_parsed_as_one_with_them(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("seed = 5\n")
+    words = ["run", "a.clf", "-o", "out", "--config", str(file), "--closures=by-hand.csv", "--skip-bad-lines"]
+    command = parse(words)
+    assert command == parse([*words, "--seed", "5"])
+    assert isinstance(command, Run)
+    assert (command.closures, command.skip_bad_lines, command.overwrite) == (Path("by-hand.csv"), True, False)
+    assert parse([*words, "--overwrite"]) == parse(["run", "--overwrite", "--seed=5", *words[1:]])
+
+
+def test_parsing_a_run_loads_only_what_it_needs() -> None:
+    code = (
+        "import sys, iceg.cli.parsing\n"
+        "iceg.cli.parsing.parse(['run', 'a.clf', '-o', 'out'])\n"
+        "sys.exit(', '.join(m for m in ('gtsam', 'numba', 'typeguard', 'asyncio', 'unittest') if m in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr.strip() == ""
 
 
 def test_config_prints_a_file_that_reads_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

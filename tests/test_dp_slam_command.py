@@ -13,7 +13,8 @@ from frontends.dp_slam import DpSlamConfig
 from frontends.logs.carmen import write_carmen
 from frontends.simulator.output import write_truth
 from frontends.simulator.simulation import Simulation, simulate
-from iceg.cli import main, parse
+from iceg.cli import main
+from iceg.cli.parsing import parse
 from iceg.cli.run import DpSlam
 from iceg.dp_slam_results import DP_SLAM_FILES
 from iceg.evaluation.trajectory import trajectory_errors

@@ -1,7 +1,7 @@
 """Options that several commands share."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import tyro
 
@@ -12,8 +12,11 @@ class UsageError(Exception):
     """Arguments that do not belong together."""
 
 
+GivenPath = Optional[Path]  # noqa: UP045
+"""A path or nothing; tyro looks at `Path | None` with typeguard, which loads asyncio and unittest for it."""
+
 ConfigFile = Annotated[
-    Path | None, tyro.conf.arg(metavar="FILE", help="TOML file of settings; flags given here override it.")
+    GivenPath, tyro.conf.arg(metavar="FILE", help="TOML file of settings; flags given here override it.")
 ]
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import tyro
 
 from frontends.dp_slam.config import DpSlamConfig
-from iceg.cli.options import ConfigFile, Overwrite, Settings, SkipBadLines
+from iceg.cli.options import ConfigFile, GivenPath, Overwrite, Settings, SkipBadLines
 from iceg.config import Config
 
 if TYPE_CHECKING:
@@ -23,8 +23,8 @@ _MANY_CARRIED = 0.02
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
-    """Recorded log in; trajectory, graph, feature map, occupancy grid and pictures out."""
+class RunOptions:
+    """What a run is asked for besides its settings."""
 
     log: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LOG", help="The recorded log.")]
     output: Annotated[
@@ -32,7 +32,7 @@ class Run:
     ]
     config: ConfigFile = None
     closures: Annotated[
-        Path | None,
+        GivenPath,
         tyro.conf.arg(
             metavar="FILE",
             help="Loops closed by hand: a CSV scan_i,scan_j,x_m,y_m,theta_rad[,sigma_m,sigma_rad].",
@@ -40,6 +40,12 @@ class Run:
     ] = None
     overwrite: Overwrite = False
     skip_bad_lines: SkipBadLines = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run(RunOptions):
+    """Recorded log in; trajectory, graph, feature map, occupancy grid and pictures out."""
+
     settings: Settings = field(default_factory=Config)
 
     def __call__(self) -> None:
