@@ -85,7 +85,7 @@ class OdometryModel:
         from graph import _odometry_kernels as kernels
 
         pose, covariance = motion.T_key_robot.copy(), motion.covariance.copy()
-        distance, turn = kernels.carry(pose, covariance, increments.reshape(-1, 3), self._variances)
+        distance, turn = kernels.carry(pose, covariance, increments.reshape(-1, 3), self.variances)
         return OdometryMotion(
             T_key_robot=pose,
             covariance=covariance,
@@ -113,7 +113,8 @@ class OdometryModel:
         return np.diag((self.along_floor**2, self.across_floor**2, self.heading_floor**2))
 
     @cached_property
-    def _variances(self) -> NDArray[np.float64]:
+    def variances(self) -> NDArray[np.float64]:
+        """(5,) along and across per metre, position per radian, heading per metre and per radian."""
         return np.array(
             (
                 self.along_per_metre**2,

@@ -9,8 +9,9 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.scan import Scan
+from frontends.scan import Scan, ScanGeometry
 from graph.measurement import NoMatch, RelativePose
+from graph.odometry import OdometryModel
 from graph.se2 import between
 from iceg.ice.config import IceConfig
 from iceg.ice.covariance import score_covariance
@@ -19,9 +20,10 @@ from iceg.ice.fitness import Ranking, rank_by_features, rank_by_points
 from iceg.ice.hypotheses import SearchWindow, distinct, pair_hypotheses, search_window, widened
 from iceg.ice.local_map import LocalMap, View, box_around
 from iceg.ice.points import ScanPoints, extract_points
-from iceg.ice.refinement import Refined, approach, evaluate_points, polish_on_features, refine_on_points
+from iceg.ice.refinement import FACING, Refined, approach, evaluate_points, polish_on_features, refine_on_points
 from iceg.ice.search import breed_hypotheses, evolve_hypotheses, grid_hypotheses
 from iceg.ice.segments import segment_rows, smoothed_on_segments
+from iceg.ice.tracking import Followed, Limits, Polish, Standing, follow_scans
 from iceg.ice.verification import Agreement, agreement, contradictions, view
 
 _CLEARLY_MORE = 1.03
@@ -130,6 +132,36 @@ class IceMatcher:
                 return refined.T_ref_cur
         found = self._find(reference, scan, T_ref_guess, covariance_guess)
         return found if isinstance(found, NoMatch) else found.T_ref_cur
+
+    def follow(
+        self,
+        reference: LocalMap,
+        ranges: NDArray[np.float32],
+        steps: NDArray[np.float64],
+        geometry: ScanGeometry,
+        standing: Standing,
+        odometry: OdometryModel,
+        limits: Limits,
+    ) -> Followed:
+        """As `track` for scan after scan, see `iceg.ice.tracking.follow_scans`."""
+        refinement, hypotheses = self.config.refinement, self.config.hypotheses
+        polish = Polish(
+            scale=refinement.scale,
+            iterations=refinement.iterations,
+            prior_weight=_TRACKING_PRIOR,
+            facing=FACING,
+            fewest=_FEWEST_POINTS,
+            credible=refinement.credible,
+            window=hypotheses.min_window,
+            turn=hypotheses.min_turn,
+        )
+        n = len(steps) if refinement.enabled else 0
+        reach = self.config.local_map.normal_reach
+        return follow_scans(ranges[:n], steps[:n], geometry, reference, standing, odometry, reach, polish, limits)
+
+    def keep(self, scan: Scan, points: ScanPoints) -> None:
+        """Take what `follow` made of a scan, lest it be made again."""
+        _remember(self._scan_points, scan, points)
 
     def _is_near(
         self,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from frontends.scan import Scan
 from iceg.ice import _point_kernels as kernels
 
-_JUMP = 0.1
+JUMP = 0.1
 """Neighbouring points farther apart than this plus three beam spacings lie on two surfaces [m]."""
 
 
@@ -47,7 +47,7 @@ def extract_points(scan: Scan, reach: float = 0.2) -> ScanPoints:
     n = geometry.n_beams
     points, normals, beams = np.empty((n, 2)), np.empty((n, 2)), np.empty(n, np.int32)
     count = kernels.scan_points(
-        scan.ranges, geometry.directions_robot, geometry.origin_robot, reach, _JUMP, points, normals, beams
+        scan.ranges, geometry.directions_robot, geometry.origin_robot, reach, JUMP, points, normals, beams
     )
     return ScanPoints(points=points[:count], normals=normals[:count], beams=beams[:count])
 
@@ -79,7 +79,7 @@ def thinned_points(
             geometry.directions_robot,
             geometry.origin_robot,
             reach,
-            _JUMP,
+            JUMP,
             offsets[first : first + len(some)],
             every,
             some_points,

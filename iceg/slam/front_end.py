@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.matcher import Matcher, TrackingMatcher
-from frontends.scan import Scan
+from frontends.scan import Scan, ScanGeometry
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, wrap_angle
 from iceg.ice._point_kernels import count_returns
-from iceg.slam.config import FrontEndConfig
-from iceg.slam.map_matcher import MapMatcher
+from iceg.ice.tracking import Limits, Standing
+from iceg.slam.config import FrontEndConfig, KeyScanConfig
+from iceg.slam.map_matcher import FollowingMatcher, MapMatcher
 from iceg.slam.track import KeyScan
 
 _ODOMETRY_SPEAKS = 4.0
@@ -65,10 +66,12 @@ class FrontEnd:
         """Start with no scan yet; `odometry` is None for a log without."""
         self._matcher = matcher
         self._map_matcher = matcher if isinstance(matcher, MapMatcher) else None
+        self._follower = matcher if isinstance(matcher, FollowingMatcher) else None
         self._track = matcher.track if isinstance(matcher, TrackingMatcher) else _tracking_by_match(matcher)
         self._has_odometry = odometry is not None
         self._odometry = odometry or _UNKNOWN_ODOMETRY
         self._config = config
+        self._limits = _limits(config.key_scans)
         self.keys: list[KeyScan] = []
         self._reference: Any = None
         self._in_reference: list[int] = []
@@ -122,6 +125,37 @@ class FrontEnd:
         if self._is_key():
             self._add_key(index, scan)
         return self._T_track_robot
+
+    def follow(
+        self, index: int, ranges: NDArray[np.float32], steps: NDArray[np.float64], geometry: ScanGeometry
+    ) -> NDArray[np.float64]:
+        """Track scans as `add` does, up to the next key scan, and at a fraction of the cost.
+
+        Args:
+            index: which scan of the log the first one is.
+            ranges: (n, n_beams) [m] of the scans, NaN without return.
+            steps: (n, 3) odometry from the scan before to each.
+            geometry: the laser.
+
+        Returns:
+            (m, 3) the poses of those tracked; the next one, the first perhaps, gives reason for doubt and is for `add`.
+        """
+        if self._follower is None or not self.keys or not len(steps):
+            return np.empty((0, 3))
+        standing = Standing(T_ref_robot=self._T_track_robot, T_ref_key=self.keys[-1].T_track_robot, motion=self._motion)
+        found = self._follower.follow(self._reference, ranges, steps, geometry, standing, self._odometry, self._limits)
+        poses = found.T_ref_robots
+        if not len(poses):
+            return poses
+        before = poses[-2] if len(poses) > 1 else self._T_track_robot
+        self._is_blind, self._on_trial, self._motion = False, False, found.motion
+        self._T_track_robot, self._newest_step = poses[-1].copy(), (before, poses[-1].copy())
+        if found.points is not None:
+            scan = Scan(ranges=ranges[len(poses) - 1], geometry=geometry)
+            self._follower.keep(scan, found.points)
+            self._add_key(index + len(poses) - 1, scan)
+            poses[-1] = self._T_track_robot
+        return poses
 
     def _goes_on(self, scan: Scan, step: NDArray[np.float64]) -> bool:
         """Whether a scan does not say that the robot made the step odometry claims, rather than going on as before.
@@ -332,6 +366,22 @@ def _is_blind(scan: Scan) -> bool:
     """Whether nearly all beams end at once, or none returns: something covers the laser."""
     returns, close = count_returns(scan.ranges, _BLIND_RANGE)
     return bool(returns < _FEWEST_RETURNS * len(scan.ranges) or close > _BLIND_SHARE * returns)
+
+
+def _limits(key_scans: KeyScanConfig) -> Limits:
+    return Limits(
+        blind_range=_BLIND_RANGE,
+        blind_share=_BLIND_SHARE,
+        fewest_returns=_FEWEST_RETURNS,
+        moved=_JUMP_DISTANCE,
+        turned=_JUMP_TURN,
+        apart=_SAME_OPTIMUM[0],
+        twisted=_SAME_OPTIMUM[1],
+        contradicted=_CONTRADICTED,
+        variances=tuple(np.diag(_TRACKING_COVARIANCE).tolist()),
+        key_distance=key_scans.distance,
+        key_turn=key_scans.angle,
+    )
 
 
 def _apart(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> tuple[float, float]:

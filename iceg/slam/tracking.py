@@ -1,5 +1,6 @@
 """The front end over a whole log; what its odometry does wrong is learnt on the way."""
 
+from bisect import bisect_left
 from collections.abc import Callable
 
 import numpy as np
@@ -18,6 +19,8 @@ from iceg.slam.track import Track
 
 _MOVED = 0.3
 """Farther than this [m, rad] a robot that stands is not seen to be."""
+_MOST_TOGETHER = 256
+"""Scans that are followed before progress is told."""
 
 
 def track_log(
@@ -108,6 +111,8 @@ class _Journey:
         self._sudden = sudden_steps(log.odometry, log.stamps)
         self._dead = dead_stretches(log.odometry, log.ranges) if log.has_odometry else []
         self._is_known = _known_steps(self._dead, len(log))
+        is_plain = self._is_known & ~self._sudden & log.has_odometry
+        self._doubtful = np.flatnonzero(~np.append(False, is_plain)).tolist()
         self._key_of_scan: list[int] = []
         self._T_track_scan: list[NDArray[np.float64]] = []
 
@@ -117,17 +122,36 @@ class _Journey:
 
     def advance(self, end: int, odometry: NDArray[np.float64]) -> None:
         """Track all scans before `end` that were not yet, predicted by (n_scans, 3) odometry."""
-        log, front_end = self._log, self._front_end
         start = len(self._key_of_scan)
-        steps = between(odometry[max(start - 1, 0) : end - 1], odometry[max(start, 1) : end])
-        for index in range(start, end):
-            is_known = log.has_odometry and index > 0 and self._is_known[index - 1]
-            step = steps[index - max(start, 1)] if is_known else None
-            is_sudden = step is not None and bool(self._sudden[index - 1])
-            self._T_track_scan.append(front_end.add(index, log.scan(index), step, is_sudden=is_sudden))
-            self._key_of_scan.append(len(front_end.keys) - 1)
+        steps = np.zeros((end, 3))
+        steps[max(start, 1) :] = between(odometry[max(start - 1, 0) : end - 1], odometry[max(start, 1) : end])
+        while len(self._key_of_scan) < end:
+            if not self._follow(end, steps):
+                self._add(steps)
             if self._progress is not None:
-                self._progress(index + 1, front_end.failures)
+                self._progress(len(self._key_of_scan), self._front_end.failures)
+
+    def _follow(self, end: int, steps: NDArray[np.float64]) -> bool:
+        """Track the next scans before `end` together, by (end, 3) steps, as far as they are plain; whether any was."""
+        log, front_end, index = self._log, self._front_end, len(self._key_of_scan)
+        doubt = bisect_left(self._doubtful, index)
+        stop = min(end, index + _MOST_TOGETHER, *self._doubtful[doubt : doubt + 1])
+        key = len(front_end.keys) - 1
+        poses = front_end.follow(index, log.ranges[index:stop], steps[index:stop], log.geometry)
+        self._T_track_scan += list(poses)
+        self._key_of_scan += [key] * len(poses)
+        if len(poses):
+            self._key_of_scan[-1] = len(front_end.keys) - 1
+        return len(poses) > 0
+
+    def _add(self, steps: NDArray[np.float64]) -> None:
+        """Track the next scan by itself."""
+        index = len(self._key_of_scan)
+        is_known = self._log.has_odometry and index > 0 and self._is_known[index - 1]
+        is_sudden = is_known and bool(self._sudden[index - 1])
+        step = steps[index] if is_known else None
+        self._T_track_scan.append(self._front_end.add(index, self._log.scan(index), step, is_sudden=is_sudden))
+        self._key_of_scan.append(len(self._front_end.keys) - 1)
 
     def track(self) -> Track:
         """The track so far."""
@@ -153,9 +177,9 @@ def _has_moved(poses: NDArray[np.float64]) -> bool:
     return bool((np.abs(T_first_pose) > _MOVED).any())
 
 
-def _known_steps(dead: list[tuple[int, int]], n_scans: int) -> list[bool]:
+def _known_steps(dead: list[tuple[int, int]], n_scans: int) -> NDArray[np.bool_]:
     """(n_scans - 1,) which steps odometry knows: not those where it is dead, nor the one with which it wakes."""
-    is_known = [True] * (n_scans - 1)
+    is_known = np.ones(max(n_scans - 1, 0), np.bool_)
     for first, last in dead:
-        is_known[first : last + 1] = [False] * len(is_known[first : last + 1])
+        is_known[first : last + 1] = False
     return is_known

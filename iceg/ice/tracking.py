@@ -1,0 +1,107 @@
+"""Scan after scan matched against one local map, from one key scan to the next, for as long as nothing is in doubt."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import ScanGeometry
+from graph.odometry import OdometryModel, OdometryMotion
+from iceg.ice import _tracking_kernels as kernels
+from iceg.ice._tracking_kernels import Limits, Polish
+from iceg.ice.local_map import LocalMap
+from iceg.ice.points import JUMP, ScanPoints
+
+__all__ = ["Followed", "Limits", "Polish", "Standing", "follow_scans"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standing:
+    """Where a robot is, in the frame of a local map.
+
+    Attributes:
+        T_ref_robot: (3,) its pose at the last scan.
+        T_ref_key: (3,) its pose at the last key scan.
+        motion: odometry from there to here.
+    """
+
+    T_ref_robot: NDArray[np.float64]
+    T_ref_key: NDArray[np.float64]
+    motion: OdometryMotion
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Followed:
+    """What became of a robot.
+
+    Attributes:
+        T_ref_robots: (n, 3) its poses at the scans followed.
+        motion: odometry from the last key scan to the last of them.
+        points: of the last of them if it is to become a key scan.
+    """
+
+    T_ref_robots: NDArray[np.float64]
+    motion: OdometryMotion
+    points: ScanPoints | None
+
+
+def follow_scans(
+    ranges: NDArray[np.float32],
+    steps: NDArray[np.float64],
+    geometry: ScanGeometry,
+    local_map: LocalMap,
+    standing: Standing,
+    odometry: OdometryModel,
+    reach: float,
+    polish: Polish,
+    limits: Limits,
+) -> Followed:
+    """Follow scans until one is to become a key scan, or gives reason for doubt.
+
+    Args:
+        ranges: (n, n_beams) [m], NaN without return.
+        steps: (n, 3) odometry from the scan before to each.
+        geometry: the laser.
+        local_map: the reference.
+        standing: where the robot is before the first of the scans.
+        odometry: how far it is believed.
+        reach: neighbours up to this far on either side of a point define its normal [m].
+        polish: how a scan is matched.
+        limits: where it ends.
+
+    Returns:
+        The scans followed; none if the first one gives reason for doubt.
+    """
+    poses = np.empty((len(steps) + 1, 3))
+    poses[0] = standing.T_ref_robot
+    field, motion = local_map.fine, standing.motion
+    way = kernels.Way(
+        T_ref_key=standing.T_ref_key,
+        T_key_robot=motion.T_key_robot.copy(),
+        covariance=motion.covariance.copy(),
+        path=np.array((motion.distance, motion.turn)),
+    )
+    n_beams = geometry.n_beams
+    returns = kernels.Returns(np.empty((n_beams, 2)), np.empty((n_beams, 2)), np.empty(n_beams, np.int32))
+    followed, n_points = kernels.follow(
+        ranges,
+        steps,
+        odometry.variances,
+        kernels.Laser(directions=geometry.directions_robot, origin=geometry.origin_robot, reach=reach, jump=JUMP),
+        kernels.Field(surfels=local_map.surfels, nearest=field.nearest, origin=field.origin, cell=field.cell),
+        polish,
+        limits,
+        way,
+        poses,
+        returns,
+    )
+    distance, turn = way.path.tolist()
+    return Followed(
+        T_ref_robots=poses[1 : followed + 1],
+        motion=OdometryMotion(T_key_robot=way.T_key_robot, covariance=way.covariance, distance=distance, turn=turn),
+        points=_first(returns, n_points) if n_points else None,
+    )
+
+
+def _first(returns: kernels.Returns, n: int) -> ScanPoints:
+    return ScanPoints(points=returns.points[:n], normals=returns.normals[:n], beams=returns.beams[:n])
