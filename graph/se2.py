@@ -227,15 +227,16 @@ def chain_covariance(T_steps: ArrayLike, covariances: NDArray[np.float64]) -> ND
     """Covariance of the product of a whole chain of poses with independent errors, to first order.
 
     Args:
-        T_steps: (n, 3) pose of each frame in the one before it.
-        covariances: (n, 3, 3) in the tangent spaces at them.
+        T_steps: (..., n, 3) pose of each frame in the one before it.
+        covariances: (..., n, 3, 3) in the tangent spaces at them.
 
     Returns:
-        (3, 3) in the tangent space at the chain's end; zeros for an empty chain.
+        (..., 3, 3) in the tangent space at the chain's end; zeros for an empty chain.
     """
-    total = np.zeros((3, 3))
-    for T_step, covariance in zip(np.asarray(T_steps, dtype=np.float64), covariances, strict=True):
-        total = compose_covariance(total, T_step, covariance)
+    steps = np.asarray(T_steps, dtype=np.float64)
+    total = np.zeros((*steps.shape[:-2], 3, 3))
+    for k in range(steps.shape[-2]):
+        total = compose_covariance(total, steps[..., k, :], covariances[..., k, :, :])
     return total
 
 

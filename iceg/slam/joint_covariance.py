@@ -5,7 +5,7 @@ joint refinement: its normal equations, the walls eliminated, with odometry. Mat
 same points, which would count twice.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -79,15 +79,9 @@ def joint_covariances(
     starts = np.append(key_starts[anchors], key_starts[-1])
     _, information = _of_points(poses[anchors], starts, walls, precision, filled=True)
     steps = _steps(factors, k)
-    T_steps = between(poses[:-1], poses[1:])
-    for a, (first, last) in enumerate(zip(anchors[:-1].tolist(), anchors[1:].tolist(), strict=True)):
-        link = np.linalg.inv(chain_covariance(T_steps[first:last], steps[first:last]))
-        jacobian = np.hstack([-adjoint(between(poses[last], poses[first])), np.eye(3)])
-        information[3 * a : 3 * a + 6, 3 * a : 3 * a + 6] += jacobian.T @ link @ jacobian
+    _add_links(information, poses[: anchors[-1] + 1], steps[: anchors[-1]], every)
     information[:3, :3] += np.eye(3) / _HELD
-    lower = np.asarray(np.linalg.cholesky(information), dtype=np.float64)
-    root = _inverse_of_lower(lower).reshape(len(information), len(anchors), 3)
-    known: NDArray[np.float64] = np.einsum("rka,rkb->kab", root, root)
+    known = _diagonal_of_inverse(information)
     if every == 1:
         return known
     # The points of a group hold it as a whole; where each of its key poses lies in it, its own points and steps say.
@@ -98,6 +92,34 @@ def joint_covariances(
     T_anchor_key = between(poses[anchors][of], poses)
     share = np.where(of == 0, 1.0, 1.0 - 1.0 / every)[:, None, None]  # the first is held by no points
     return compose_covariance(known[of], T_anchor_key, share * placement)
+
+
+def _add_links(
+    information: NDArray[np.float64], poses: NDArray[np.float64], steps: NDArray[np.float64], every: int
+) -> None:
+    """Tie each anchor to the next by the steps between them, (n, 3, 3) covariances; the last pose is an anchor."""
+    chains = between(poses[:-1], poses[1:]).reshape(-1, every, 3)
+    links = np.linalg.inv(chain_covariance(chains, steps.reshape(-1, every, 3, 3)))
+    anchors = poses[::every]
+    back = -adjoint(between(anchors[1:], anchors[:-1]))
+    turned = np.swapaxes(back, 1, 2) @ links
+    blocks = information.reshape(len(anchors), 3, len(anchors), 3)
+    first, last = np.arange(len(anchors) - 1), np.arange(1, len(anchors))
+    blocks[first, :, first] += turned @ back
+    blocks[first, :, last] += turned
+    blocks[last, :, first] += np.swapaxes(turned, 1, 2)
+    blocks[last, :, last] += links
+
+
+def _diagonal_of_inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 3, 3) blocks on the diagonal of the inverse of a (3n, 3n) matrix."""
+    root = _inverse_of_lower(np.asarray(np.linalg.cholesky(matrix), dtype=np.float64))
+    blocks = np.empty((len(matrix) // 3, 3, 3))
+    for apart in range(3):
+        products = np.einsum("rc,rc->c", root[:, : len(root) - apart], root[:, apart:])
+        for a in range(3 - apart):
+            blocks[:, a, a + apart] = blocks[:, a + apart, a] = products[a::3]
+    return blocks
 
 
 def _inverse_of_lower(lower: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -146,12 +168,16 @@ def _of_points(
     return scale * diagonal, scale * information
 
 
-def _steps(factors: Iterable[Factor], k: int) -> NDArray[np.float64]:
+def _steps(factors: Sequence[Factor], k: int) -> NDArray[np.float64]:
     """(k - 1, 3, 3) covariances of the steps between key poses by odometry, or by matches where there is none."""
-    odometry, others = np.zeros((k - 1, 3, 3)), np.zeros((k - 1, 3, 3))
-    for factor in factors:
-        if factor.i is not None and factor.j == factor.i + 1:
-            (odometry if factor.kind == "odometry" else others)[factor.i] += np.linalg.inv(factor.covariance)
+    steps = [factor for factor in factors if factor.i is not None and factor.j == factor.i + 1]
+    at = np.array([factor.i for factor in steps], dtype=np.int64)
+    is_odometry = np.array([factor.kind == "odometry" for factor in steps], dtype=np.bool_)
+    known = np.zeros((2, k - 1, 3, 3))
+    if steps:
+        information = np.linalg.inv(np.array([factor.covariance for factor in steps]))
+        np.add.at(known, (np.where(is_odometry, 0, 1), at), information)
+    odometry, others = known
     known = np.where(odometry.any(axis=(1, 2), keepdims=True), odometry, others)
     known = np.where(known.any(axis=(1, 2), keepdims=True), known, np.linalg.inv(_UNTIED))
     return np.asarray(np.linalg.inv(known), dtype=np.float64)
