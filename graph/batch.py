@@ -181,6 +181,8 @@ def check_determined(factors: Sequence[Factor], n_poses: int) -> None:
     Raises:
         GraphError: a factor joins a pose that is not there, or a pose hangs on nothing.
     """
+    if _hang_on_earlier(*_ends(factors), n_poses):
+        return
     neighbours = _factors_at(factors, n_poses)
     open_ends = [factor.j for factor in factors if factor.i is None]
     if not open_ends:
@@ -250,6 +252,8 @@ def _with_kernel(problem: Problem, settings: BatchConfig, suspects: NDArray[np.b
 def _suspects(factors: Sequence[Factor], problem: Problem, kinds: tuple[FactorKind, ...]) -> NDArray[np.bool_]:
     """(m,) factors that may be false, but for those that alone tie a part of the graph to the rest."""
     suspects = np.array([factor.kind in kinds for factor in factors], dtype=bool)
+    if _hang_on_earlier(problem.i[~suspects], problem.j[~suspects], problem.n_poses):
+        return suspects
     first, second = np.where(problem.i < 0, problem.n_poses, problem.i), problem.j  # the map is a node of its own
     parts = _Parts(problem.n_poses + 1)
     for factor in np.flatnonzero(~suspects).tolist():
@@ -325,6 +329,22 @@ def _result(
         gate=gate,
         stages=tuple(stages),
     )
+
+
+def _ends(factors: Sequence[Factor]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(m,) poses that factors join, -1 for the map."""
+    first = np.array([-1 if factor.i is None else factor.i for factor in factors], dtype=np.int64)
+    return first, np.array([factor.j for factor in factors], dtype=np.int64)
+
+
+def _hang_on_earlier(i: NDArray[np.int64], j: NDArray[np.int64], n_poses: int) -> bool:
+    """Whether every pose is joined to one before it, or to the map (-1), as along a path: then all hang together."""
+    earlier, later = np.minimum(i, j), np.maximum(i, j)
+    if not len(later) or earlier.min() < -1 or later.max() >= n_poses:
+        return False
+    hangs = np.zeros(n_poses, dtype=np.bool_)
+    hangs[later[earlier < later]] = True
+    return bool(hangs.all())
 
 
 def _placed(factor: Factor, here: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:

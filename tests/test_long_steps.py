@@ -11,7 +11,7 @@ from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap
 from iceg.evaluation.consistency import nees, relative_pose_errors
-from iceg.slam.long_steps import LONG_STEP, long_step
+from iceg.slam.long_steps import LONG_STEP, long_steps
 from iceg.slam.track import KeyScan, Track
 
 Array = NDArray[np.float64]
@@ -62,8 +62,7 @@ def _track(seed: int, n: int = 4 * LONG_STEP) -> tuple[Track, Array]:
 
 def test_it_is_the_product_of_its_steps() -> None:
     track, _ = _track(0)
-    step = long_step(track, 2 * LONG_STEP)
-    assert step is not None
+    step = long_steps(track)[2 * LONG_STEP]
     expected = np.zeros(3)
     for key in track.keys[LONG_STEP + 1 : 2 * LONG_STEP + 1]:
         assert isinstance(key.match, RelativePose)
@@ -75,9 +74,9 @@ def test_its_covariance_is_right_and_far_below_that_of_a_chain() -> None:
     values, chained = [], []
     for seed in range(60):
         track, truth = _track(seed)
+        steps = long_steps(track)
         for key in range(2 * LONG_STEP, len(truth), LONG_STEP):
-            step = long_step(track, key)
-            assert step is not None
+            step = steps[key]
             error = relative_pose_errors(step.T_ref_cur, between(truth[key - LONG_STEP], truth[key]))
             values.append(nees(error, step.covariance))
             chained.append(step.covariance[2, 2] / (LONG_STEP * (2.0 * _OWN[2] ** 2 + _DRIFT[2] ** 2)))
@@ -87,9 +86,8 @@ def test_its_covariance_is_right_and_far_below_that_of_a_chain() -> None:
 
 def test_the_first_key_scan_has_no_error_of_its_own() -> None:
     track, _ = _track(1)
-    first, second = long_step(track, LONG_STEP), long_step(track, 2 * LONG_STEP)
-    assert first is not None
-    assert second is not None
+    steps = long_steps(track)
+    first, second = steps[LONG_STEP], steps[2 * LONG_STEP]
     assert first.covariance[2, 2] < second.covariance[2, 2]
 
 
@@ -108,6 +106,4 @@ def test_there_is_none_where_a_match_does_not_hang_together_with_the_others(spoi
     if "weak_directions" in spoilt:
         spoilt = {"match": replace(key.match, weak_directions=np.array([[1.0, 0.0, 0.0]]))}
     track.keys[LONG_STEP + 2] = replace(key, **spoilt)  # type: ignore[arg-type]
-    assert long_step(track, 2 * LONG_STEP) is None
-    assert long_step(track, 3 * LONG_STEP) is not None
-    assert long_step(track, LONG_STEP - 1) is None
+    assert sorted(long_steps(track)) == [LONG_STEP, 3 * LONG_STEP]

@@ -21,7 +21,7 @@ from iceg.slam.closure_verification import ClosureVerifier
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.finish import finish
-from iceg.slam.long_steps import LONG_STEP, long_step
+from iceg.slam.long_steps import long_steps
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.match_errors import placement_covariance
 from iceg.slam.rematch import _spaced_keys
@@ -329,13 +329,27 @@ def test_each_factor_enters_once(track: Track) -> None:
     kinds = [factor.kind for factor in back_end.graph.factors]
     assert kinds.count("prior") == 1
     assert kinds.count("odometry") == 59
-    long_steps = sum(long_step(track, key) is not None for key in range(LONG_STEP, 60, LONG_STEP))
-    assert long_steps > 3
+    stretches = sum(key < 60 for key in long_steps(track))
+    assert stretches > 3
     assert kinds.count("ice") == matched
-    assert kinds.count("stretch") == long_steps
+    assert kinds.count("stretch") == stretches
     assert len(
         set(zip(kinds, [f.i for f in back_end.graph.factors], [f.j for f in back_end.graph.factors], strict=True))
     ) == len(kinds)
+
+
+def test_a_small_correction_bends_the_path_since_the_last_search(track: Track, true_poses: NDArray[np.float64]) -> None:
+    back_end = BackEnd(track, LoopCloser(IceMatcher(), track, LoopClosureConfig()), PoseGraphConfig())
+    back_end._poses[:] = true_poses
+    back_end._searched_to = 40
+    offset = np.array([0.03, -0.02, 0.01])
+    back_end._correct(44, offset)
+    np.testing.assert_allclose(between(true_poses[44], back_end._poses[44]), offset, atol=1e-12)
+    moved = np.hypot(*(back_end._poses - true_poses)[:, :2].T)
+    np.testing.assert_allclose(moved[40:45], np.arange(5) / 4 * moved[44], atol=1e-12)
+    np.testing.assert_array_equal(
+        np.delete(back_end._poses, range(41, 45), axis=0), np.delete(true_poses, range(41, 45), axis=0)
+    )
 
 
 def test_odometry_that_jumps_is_given_little_weight(track: Track) -> None:

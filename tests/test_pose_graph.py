@@ -357,6 +357,14 @@ def test_chained_poses_follow_the_way_not_a_false_loop() -> None:
     np.testing.assert_allclose(between(poses[3], poses[4]), graph.factors[8].T_i_j, atol=1e-9)  # the match, the tighter
 
 
+def test_a_pose_may_hang_on_a_later_one() -> None:
+    prior = Factor(kind="prior", i=None, j=3, T_i_j=STEP, covariance=COVARIANCE)
+    steps = [Factor(kind="odometry", i=i, j=j, T_i_j=STEP, covariance=COVARIANCE) for i, j in ((0, 3), (3, 1), (1, 2))]
+    check_determined([prior, *steps], 4)
+    with pytest.raises(GraphError, match=r"2 of 4 poses .* the first is pose 1"):
+        check_determined([prior, *steps[::2]], 4)
+
+
 @pytest.mark.parametrize(
     ("factors", "message"),
     [

@@ -14,12 +14,12 @@ from graph.measurement import NoMatch, RelativePose
 from graph.noise import squared_norm
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.pose_graph import PoseGraph
-from graph.se2 import between, compose
+from graph.se2 import between, compose, wrap_angle
 from iceg.slam.closure_attempt import Attempt, is_near, say_the_same
 from iceg.slam.closure_candidates import Candidate
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
-from iceg.slam.long_steps import LONG_STEP, long_step
+from iceg.slam.long_steps import LONG_STEP, long_steps
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.path_break import LOST, Break, Doubt
 from iceg.slam.relocalisation import Estimate, relocalise
@@ -29,8 +29,9 @@ _UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
 """Covariance of a step between key scans that neither odometry nor a match has seen."""
 _DOUBT = 2.0
 """Factor on odometry's standard deviations where a search for loops relies on it: a chain may do worse than usual."""
-_SMALL_MOVE, _SMALL_TURN, _MOST_WAITING = 0.02, 0.005, 15
-"""Closures that move the newest pose by less [m, rad] leave the others where they are, but not so many in a row."""
+_SMALL_MOVE, _SMALL_TURN, _MOST_WAITING = 0.05, 0.015, 15
+"""Closures that move the newest pose by less [m, rad] leave all poses before the last search where they are, but not so
+many in a row."""
 _CONFIRMING_MOVE, _CONFIRMING_TURN, _KNOWN_AFTER = 0.1, 0.03, 3
 """Ground is known where so many earlier passes confirm the newest pose this closely [m, rad]."""
 KNOWN_SPACING = 3.0
@@ -86,6 +87,7 @@ class BackEnd:
         self._is_on_known_ground = False
         self._closures_waiting = 0
         self._drift = Drift(len(track.keys))
+        self._long_steps = long_steps(track)
 
     def add(self, key: int, motion: OdometryMotion | None) -> None:
         """Add one key pose with its odometry and its match, then look for loops.
@@ -107,7 +109,7 @@ class BackEnd:
         if match is not None:
             self.graph.add_match(current.anchor, key, match)
             known.append(match.covariance)
-        if key % LONG_STEP == 0 and (step_of_many := long_step(self._track, key)) is not None:
+        if (step_of_many := self._long_steps.get(key)) is not None:
             self.graph.add_stretch(key - LONG_STEP, key, step_of_many)
         if not known:
             self.graph.add_odometry(key - 1, key, step, _UNKNOWN_MOTION)
@@ -168,16 +170,16 @@ class BackEnd:
         self._is_on_known_ground = confirmed_by >= _KNOWN_AFTER
         if self._is_on_known_ground:
             self._closer.offered[self._searched_to + 1 : key + 1] = False
-        self._searched_to = key
         if closed:
             self._correct(key, np.mean(offsets, axis=0))
             self._drift.close(key)
+        self._searched_to = key
 
     def _correct(self, key: int, offset: NDArray[np.float64]) -> None:
-        """Move the newest pose by what closures say; all poses, solving the graph, where those may matter again.
+        """Bend the path since the last search by what closures say; where that is much, move all poses.
 
-        On known ground they do not: later searches look at the earlier passes. So the cost of a closure does not grow
-        with the run.
+        On known ground the others need not move: later searches look at the earlier passes. So the cost of a closure
+        does not grow with the run.
         """
         if not self._is_on_known_ground:
             self._closures_waiting += 1
@@ -185,7 +187,17 @@ class BackEnd:
                 self._poses[: key + 1] = self.graph.all_poses()
                 self._closures_waiting = 0
                 return
-        self._poses[key] = compose(self._poses[key], offset)
+        self._bend(key, offset)
+
+    def _bend(self, key: int, offset: NDArray[np.float64]) -> None:
+        """Move the newest pose, and those since the last search in proportion to the steps."""
+        first = self._searched_to
+        share = (np.arange(first + 1, key + 1) - first) / (key - first)
+        move = compose(self._poses[key], offset) - self._poses[key]
+        move[2] = offset[2]
+        bent = self._poses[first + 1 : key + 1] + share[:, None] * move
+        bent[:, 2] = wrap_angle(bent[:, 2])
+        self._poses[first + 1 : key + 1] = bent
 
     def _judge(self, attempt: Attempt, candidate: Candidate) -> Attempt:
         """Reject a closure that the path since the last one cannot explain."""

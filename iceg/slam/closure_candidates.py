@@ -70,13 +70,14 @@ class EarlierPasses:
         config = self._config
         if not (config.enabled or config.revisits):
             return []
-        drifts = drift.between(np.arange(key_new + 1), key_new, poses)
-        widest = float(self._search_deviations(drifts[0])[0])
+        widest = float(self._search_deviations(drift.between(0, key_new, poses))[0])
         is_adrift = widest > 2 * TRUSTED_DEVIATIONS[0]
         piece = 2 * config.reference_half if is_adrift else len(poses)
+        near = self._nearest(key_new, poses, config.radius + 2.0 * widest, piece)
+        drifts = drift.between(np.array([key for _, key in near], dtype=np.int64), key_new, poses)
         found = []
-        for distance, key in self._nearest(key_new, poses, config.radius + 2.0 * widest, piece):
-            deviations = self._search_deviations(drifts[key])
+        for (distance, key), drifted in zip(near, drifts, strict=True):
+            deviations = self._search_deviations(drifted)
             if distance < config.radius + 2.0 * deviations[0]:
                 found.append(Candidate.of(key, key_new, poses, deviations))
         return found[: config.max_pieces if is_adrift else config.max_passes]

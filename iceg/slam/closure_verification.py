@@ -73,7 +73,7 @@ class ClosureVerifier:
     def _looks_elsewhere(self, reference: Reference, candidate: Candidate) -> Attempt | None:
         """Where the pose is known, a scan that hardly falls on the earlier pass there need not be matched."""
         scan = self._keys[candidate.key_new].scan
-        overlap = self.judge.agreement(reference.judged, scan, candidate.T_old_new).overlap
+        overlap = self.judge.overlap(reference.judged, scan, candidate.T_old_new)
         if overlap >= _LEAST_OVERLAP * self._config.min_overlap:
             return None
         return Attempt(

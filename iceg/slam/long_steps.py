@@ -8,6 +8,7 @@ along, the graph is told now and then what the matches say of the whole stretch.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from graph.measurement import NoMatch, RelativePose
 from graph.se2 import adjoint, between, chain_covariance, compose, inverse
@@ -18,29 +19,39 @@ LONG_STEP = 6
 """Key scans from one to the next."""
 
 
-def long_step(track: Track, key: int) -> RelativePose | None:
-    """What the matches say of the way from `LONG_STEP` key scans before to `key`.
+def long_steps(track: Track) -> dict[int, RelativePose]:
+    """What the matches say of the way from one key scan to that `LONG_STEP` farther on, by the index of the latter.
 
     Args:
         track: what the front end found.
-        key: index of the key scan at its end.
 
     Returns:
-        The step, with the covariance it would have if the errors of its ends were its own and only drift were shared;
-        None where a match is missing, weak, or hangs on another than the key scan before it.
+        Each step with the covariance it would have if the errors of its ends were its own and only drift were shared;
+        none where a match is missing, weak, or hangs on another than the key scan before it.
     """
-    first = key - LONG_STEP
-    if first < 0:
-        return None
-    steps = [_step(track, k) for k in range(first + 1, key + 1)]
-    start = None if first == 0 else _step(track, first)
-    if any(step is None for step in steps) or (first > 0 and start is None):
-        return None
-    known = [step for step in steps if step is not None]
-    last = known[-1]
-    T_first_key = between(track.keys[first].T_track_robot, compose(track.keys[key - 1].T_track_robot, last.T_ref_cur))
-    covariances = np.array([step.covariance for step in known])
-    drift = chain_covariance(np.array([step.T_ref_cur for step in known]), covariances)
+    known = [_step(track, key) for key in range(len(track.keys))]
+    ends = [
+        key
+        for key in range(LONG_STEP, len(known), LONG_STEP)
+        if all(step is not None for step in known[max(1, key - LONG_STEP) : key + 1])
+    ]
+    if not ends:
+        return {}
+    chains = [[step for step in known[key - LONG_STEP + 1 : key + 1] if step is not None] for key in ends]
+    T_chains = np.array([[step.T_ref_cur for step in chain] for chain in chains])
+    drifts = chain_covariance(T_chains, np.array([[step.covariance for step in chain] for chain in chains]))
+    return {
+        key: _long_step(track, key, chain[-1], known[key - LONG_STEP], drift)
+        for key, chain, drift in zip(ends, chains, drifts, strict=True)
+    }
+
+
+def _long_step(
+    track: Track, key: int, last: RelativePose, start: RelativePose | None, drift: NDArray[np.float64]
+) -> RelativePose:
+    """The step to `key`: the errors of the matches at its ends, and the drift of all its steps."""
+    T_track_first = track.keys[key - LONG_STEP].T_track_robot
+    T_first_key = between(T_track_first, compose(track.keys[key - 1].T_track_robot, last.T_ref_cur))
     covariance = OWN * last.covariance + (1.0 - 2.0 * OWN) * drift
     if start is not None:
         carry = adjoint(inverse(T_first_key))
