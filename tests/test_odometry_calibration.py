@@ -101,6 +101,25 @@ def test_what_was_done_to_odometry_is_found(scale: float, heading_scale: float, 
     assert found.heading_shift == pytest.approx(shift, abs=0.1)
 
 
+def test_a_drifting_heading_does_not_pass_for_a_laser_that_looks_askew() -> None:
+    truth = _drive(2500)
+    found = calibrate_odometry(_track(truth, 6, noise=0.001), _spoiled(truth, 0, 0, 0.06, 0, np.zeros(3)))
+    assert found.T_odometry_laser == pytest.approx(np.zeros(3), abs=0.003)
+
+
+def test_noise_of_the_heading_does_not_pass_for_turns() -> None:
+    steps = np.tile([0.1, 0.0, 0.0], (6000, 1))
+    for corner in range(600, 6000, 600):  # a corridor with few corners
+        steps[corner : corner + 12] = [0.02, 0.0, np.pi / 24.0]
+    truth, odometry = np.zeros((6000, 3)), np.zeros((6000, 3))
+    noise = np.random.default_rng(3).normal(0.0, 0.008, 6000)
+    for i in range(1, 6000):
+        truth[i] = compose(truth[i - 1], steps[i])
+        odometry[i] = compose(odometry[i - 1], steps[i] * (1.0, 1.0, 1.05) + (0.0, 0.0, noise[i]))
+    found = calibrate_odometry(_track(truth, 4, noise=0.0005), odometry)
+    assert found.heading_scale == pytest.approx(1.0 / 1.05 - 1.0, abs=0.03)
+
+
 def test_a_shifted_laser_mount_is_found() -> None:
     truth = _drive(2500)
     mount = np.array([0.12, -0.03, 0.0])

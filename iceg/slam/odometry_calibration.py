@@ -21,6 +21,8 @@ _LARGEST_EXCESS = 4.0
 _FEWEST_KEYS = 20
 _WINDOW = 5
 """Key scans over which moves are compared: noise in the steps of odometry makes a scale fitted to them too small."""
+_TURNING = 0.3
+"""Only windows that turn by more than this [rad] tell the scale of turns."""
 _CLEAR = 4.0
 """F statistic from which on one more coefficient explains more than chance would."""
 _LAGS = 6
@@ -98,30 +100,22 @@ def calibrate_odometry(track: Track, odometry: NDArray[np.float64]) -> OdometryC
     samples = _Samples.collect(track, odometry)
     if samples is None:
         return OdometryCalibration(noise=OdometryModel())
-    error, turning, rows_x, rows_y = _equations(samples)
-    heading, _ = _robust_fit(turning, error[:, 2], _HEADING_PRIOR)
-    long_error, _, long_x, long_y = _equations(_Samples.collect(track, odometry, _WINDOW) or samples)
-    scaled, deviations = _robust_fit(
-        np.vstack([long_x, long_y]), np.concatenate([long_error[:, 0], long_error[:, 1]]), _TRANSLATION_PRIOR
-    )
-    deviations = deviations * math.sqrt(_WINDOW)  # the windows overlap
-    rows = np.vstack([rows_x, rows_y])
-    unscaled = np.concatenate([error[:, 0], error[:, 1]]) - scaled[0] * rows[:, 0]
-    others, _ = _robust_fit(rows[:, 1:], unscaled, _TRANSLATION_PRIOR[1:])
-    translation = np.append(scaled[0], others)
-    left = np.column_stack(
-        [error[:, 0] - rows_x @ translation, error[:, 1] - rows_y @ translation, error[:, 2] - turning @ heading]
-    )
+    windows = _Samples.collect(track, odometry, _WINDOW) or samples
+    turns = _fit_turns(samples, windows)
+    # A heading that drifts leads aside, too, and that must not pass for a laser that looks askew.
+    turned = turns.apply(odometry)
+    samples, windows = samples.claimed_by(turned), windows.claimed_by(turned)
+    translation, deviation = _fit_moves(samples, windows)
+    error, _, rows_x, rows_y = _equations(samples)
+    left = np.column_stack([error[:, 0] - rows_x @ translation, error[:, 1] - rows_y @ translation, error[:, 2]])
     noise = _noise(samples, left)
-    return OdometryCalibration(
+    return replace(
+        turns,
         translation_scale=float(translation[0]),
-        heading_scale=float(heading[0]),
-        heading_per_metre=float(heading[1]),
-        heading_shift=float(np.clip(heading[2], -2, 2)),
         translation_shift=float(np.clip(translation[2], -2, 2)),
         T_odometry_laser=(float(translation[3]), float(translation[4]), float(-translation[1])),
         noise=noise,
-        lasting_noise=_lasting(noise, _persistence(left, samples.variances), float(deviations[0]), _unseen(track)),
+        lasting_noise=_lasting(noise, _persistence(left, samples.variances), deviation, _unseen(track)),
     )
 
 
@@ -129,6 +123,8 @@ def calibrate_odometry(track: Track, odometry: NDArray[np.float64]) -> OdometryC
 class _Samples:
     """Per matched key scan: match, odometry, path, and change of speed from one key scan to the next."""
 
+    starts: NDArray[np.int64]
+    ends: NDArray[np.int64]
     matched: NDArray[np.float64]
     motions: NDArray[np.float64]
     variances: NDArray[np.float64]
@@ -157,6 +153,8 @@ class _Samples:
         travelled = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
         turned = np.concatenate([[0.0], np.cumsum(np.abs(steps[:, 2]))])
         return cls(
+            starts=starts,
+            ends=ends,
             matched=np.array([_step(track, previous, key.anchor, match) for previous, key, match in pairs]),
             motions=between(odometry[starts], odometry[ends]),
             variances=np.array([np.diag(match.covariance) for _, _, match in pairs]),
@@ -164,6 +162,10 @@ class _Samples:
             turn=turned[ends] - turned[starts],
             speed_change=speed[ends] - speed[starts],
         )
+
+    def claimed_by(self, odometry: NDArray[np.float64]) -> "_Samples":
+        """The same with the motions of another odometry."""
+        return replace(self, motions=between(odometry[self.starts], odometry[self.ends]))
 
 
 def _equations(
@@ -178,6 +180,46 @@ def _equations(
     rows_x = np.column_stack([o[:, 0], np.zeros(len(m)), change[:, 0], c - 1.0, -s])
     rows_y = np.column_stack([o[:, 1], o[:, 0], change[:, 1], s, c - 1.0])
     return error, turning, rows_x, rows_y
+
+
+def _fit_turns(samples: _Samples, windows: _Samples) -> OdometryCalibration:
+    """What is wrong with the heading; the scale of its turns from windows of several motions."""
+    error, rows, _, _ = _equations(samples)
+    long_error, long_rows, _, _ = _equations(windows)
+    scale = _turn_scale(long_rows, long_error[:, 2])
+    others, _ = _robust_fit(rows[:, 1:], error[:, 2] - scale * rows[:, 0], _HEADING_PRIOR[1:])
+    return OdometryCalibration(
+        heading_scale=scale,
+        heading_per_metre=float(others[0]),
+        heading_shift=float(np.clip(others[1], -2, 2)),
+        noise=OdometryModel(),
+    )
+
+
+def _turn_scale(rows: NDArray[np.float64], error: NDArray[np.float64]) -> float:
+    """Scale of turns from the rows of the heading's regression, (n, 3), and match minus odometry, (n,).
+
+    Odometry's noise passes for turns that the robot did not make: fitted to what odometry says, the scale would be too
+    small, and where there is hardly anything but noise, as in a long corridor, next to nothing. So it is fitted to what
+    the matches say (e = s′m for m = o + so, hence s = s′ / (1 − s′)), and to turns that stand out of the noise.
+    """
+    matched = rows[:, 0] + error
+    turns = np.where(np.abs(matched) > _TURNING, matched, 0.0)
+    inverse, _ = _robust_fit(np.column_stack([turns, rows[:, 1:]]), error, _HEADING_PRIOR)
+    return float(inverse[0] / (1.0 - inverse[0]))
+
+
+def _fit_moves(samples: _Samples, windows: _Samples) -> tuple[NDArray[np.float64], float]:
+    """(5,) what is wrong with the translation; its scale, from windows, with its standard deviation."""
+    long_error, _, long_x, long_y = _equations(windows)
+    scaled, deviations = _robust_fit(
+        np.vstack([long_x, long_y]), np.concatenate([long_error[:, 0], long_error[:, 1]]), _TRANSLATION_PRIOR
+    )
+    error, _, rows_x, rows_y = _equations(samples)
+    rows = np.vstack([rows_x, rows_y])
+    unscaled = np.concatenate([error[:, 0], error[:, 1]]) - scaled[0] * rows[:, 0]
+    others, _ = _robust_fit(rows[:, 1:], unscaled, _TRANSLATION_PRIOR[1:])
+    return np.append(scaled[0], others), float(deviations[0]) * math.sqrt(_WINDOW)  # the windows overlap
 
 
 def _step(track: Track, previous: KeyScan, anchor: int, match: RelativePose) -> NDArray[np.float64]:
