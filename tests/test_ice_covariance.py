@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from iceg.ice import _score_grid_kernels as grid_kernels
 from iceg.ice import _score_kernels as kernels
 from iceg.ice.config import CovarianceConfig, FeatureConfig, LocalMapConfig, RefinementConfig
 from iceg.ice.covariance import ScoreCovariance, score_covariance
@@ -78,7 +79,7 @@ def test_the_costs_against_a_slow_twin() -> None:
     )
     costs, field = np.empty((3, 3, 3)), local_map.fine
     scored = Scored.of(scan.points, scan.normals, local_map, 0.04)
-    best = kernels.score_grid(scored, 50, pose, axes, steps, costs)
+    best = grid_kernels.score_grid(scored, 50, pose, axes, steps, costs)
     picked = ((np.arange(50) + 0.5) * 4).astype(int)
     for index in np.ndindex(3, 3, 3):
         d = axes @ ((np.array(index) - 1) * steps)
@@ -98,6 +99,14 @@ def test_the_costs_against_a_slow_twin() -> None:
             cost += np.log(factor)
         assert costs[index] == pytest.approx(cost, rel=1e-9)
     assert best == costs.min()
+
+
+def test_many_points_far_off_the_reference_cost_ten_each() -> None:
+    local_map, scored_points = map_of(walls("left", "front")), np.full((500, 2), 90.0)
+    costs = np.empty((3, 1, 3))
+    scored = Scored.of(scored_points, np.zeros((500, 2)), local_map, 0.04)
+    grid_kernels.score_grid(scored, 450, np.zeros(3), np.eye(3), np.full(3, 0.1), costs)
+    np.testing.assert_allclose(costs, 450 * np.log(10.0), rtol=1e-12)
 
 
 def test_small_white_noise_gives_the_least_squares_covariance() -> None:

@@ -72,6 +72,37 @@ def test_the_polish_is_the_robust_least_squares_optimum() -> None:
     assert got.residual == pytest.approx(np.sqrt((w * r * r).sum() / w.sum()), rel=1e-2)
 
 
+@pytest.mark.parametrize("every", [1, 3])
+def test_counts_and_sums_against_a_slow_twin(every: int) -> None:
+    rng = np.random.default_rng(4)
+    local_map, pose, scale, facing = map_of(box_points()), np.array([0.1, -0.2, 0.3]), 0.04, 0.3
+    points, angles = rng.uniform(-9.0, 9.0, (400, 2)), rng.uniform(-np.pi, np.pi, 400)
+    points[:250] = seen_from(box_points(0.05), pose).points[rng.integers(0, 180, 250)]
+    normals = np.c_[np.cos(angles), np.sin(angles)] * (rng.random(400) < 0.7)[:, None]
+    field, hessian, moved = local_map.fine, np.empty((3, 3)), np.empty(3)
+    reference = (local_map.surfels, field.nearest, field.origin, field.cell)
+    got = kernels.refine(points, normals, every, pose, *reference, scale, scale, 0, 0.0, facing, moved, hessian)
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    R = np.array([[c, -s], [s, c]])
+    r, J = [], []
+    for point, normal in zip(points[::every], normals[::every], strict=True):
+        column, row = np.floor((pose[:2] + R @ point - field.origin) / field.cell).astype(int)
+        is_inside = 0 <= column < field.nearest.shape[1] and 0 <= row < field.nearest.shape[0]
+        k = field.nearest[row, column] if is_inside else -1
+        if k < 0 or (normal.any() and R @ normal @ local_map.surfels[k, 2:] < facing):
+            continue
+        mx, my = local_map.surfels[k, 2:]
+        x, y = R @ point
+        r.append(local_map.surfels[k, 2:] @ (pose[:2] + R @ point - local_map.surfels[k, :2]))
+        J.append((mx, my, my * x - mx * y))
+    residual, jacobian = np.array(r), np.array(J)
+    w = 1.0 / (1.0 + (residual / scale) ** 2)
+    assert got[:2] == (int((np.abs(residual) < 2 * scale).sum()), len(residual))
+    assert got[2:] == pytest.approx((w.sum(), np.sqrt((w * residual**2).sum() / w.sum())), rel=1e-9)
+    np.testing.assert_allclose(hessian, (jacobian * w[:, None]).T @ jacobian, rtol=1e-9)
+    np.testing.assert_array_equal(moved, pose)
+
+
 def test_the_hessian_by_finite_differences() -> None:
     local_map, pose = map_of(box_points()), np.array([0.02, -0.01, 0.01])
     scan = box_points(noise=0.005)

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Scan
-from iceg.ice import _score_kernels as kernels
+from iceg.ice import _score_grid_kernels as kernels
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.scored import Scored

@@ -1,6 +1,12 @@
-"""Compiled loops that fit the points of a scan to a local map."""
+"""Compiled loops that fit the points of a scan to a local map.
+
+Each step of the fit goes over all points several times, with little to do each time: loops this simple, over columns
+and without branches, the compiler turns into instructions that take eight points at once. Only the look-up of surfels,
+and the sums, which must be added up in one order, go from point to point.
+"""
 
 from math import cos, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,14 +102,18 @@ def refine(
         Points within 2·scale of their surfel's line, points with a partner, sum of their weights, and their weighted
         root mean square distance.
     """
+    columns, pairs = _columns(points, normals, every, facing), _room(-(-len(points) // every))
     gradient, step = np.empty(3), np.empty(3)
     pose[:] = start
     inliers, used, squares, weights = 0, 0, 0.0, 0.0
     width = max(scale, first_scale)
     for _ in range(max(1, iterations)):
-        inliers, used, squares, weights = _normal_equations(
-            points, normals, every, pose, surfels, nearest, origin, cell, width, scale, facing, hessian, gradient
-        )
+        cells_at(columns.x, columns.y, pose, nearest.shape, origin, cell, pairs.rx, pairs.ry, pairs.cells)
+        look_up(pairs.cells, nearest, surfels, pairs.px, pairs.py, pairs.nx, pairs.ny)
+        _mark_facing(columns, pose[2], pairs)
+        _measure(pose, pairs)
+        used, inliers = _weigh(pairs, 1.0 / (width * width), 4.0 * scale * scale)
+        squares, weights = _add_up(pairs, hessian, gradient)
         if used < _FEWEST or iterations == 0:
             break
         for a in range(3):
@@ -119,59 +129,158 @@ def refine(
     return inliers, used, weights, sqrt(squares / max(weights, 1e-9))
 
 
+class Columns(NamedTuple):
+    """(n,) each: points in the robot frame, their normals, and the least cosine between these and a surfel's."""
+
+    x: F64
+    y: F64
+    nx: F64
+    ny: F64
+    least: F64
+
+
+class Pairs(NamedTuple):
+    """(n,) each: points and their surfels at one pose, in the reference frame.
+
+    Attributes:
+        rx: x of each point, seen from the robot [m].
+        ry: y of it.
+        cells: which cell of the field it lies in, -1 outside.
+        px: x of its surfel [m]; then its distance from the surfel's line.
+        py: y of it; then the derivative of the distance by the heading.
+        nx: normal of the surfel, NaN without one; then 0 for points that do not count …
+        ny: … as this.
+        weights: of each point, 0 where it does not count.
+    """
+
+    rx: F64
+    ry: F64
+    cells: I32
+    px: F64
+    py: F64
+    nx: F64
+    ny: F64
+    weights: F64
+
+
 @compiled
-def _normal_equations(
-    points: F64,
-    normals: F64,
-    every: int,
-    pose: F64,
-    surfels: F64,
-    nearest: I32,
-    origin: F64,
-    cell: float,
-    width: float,
-    scale: float,
-    facing: float,
-    hessian: F64,
-    gradient: F64,
-) -> tuple[int, int, float, float]:
-    """Σ w JᵀJ and Σ w Jᵀr at a pose, Cauchy weights of this width; inliers, used, Σ w r², Σ w, see `refine`."""
-    c, s = cos(pose[2]), sin(pose[2])
+def _columns(points: F64, normals: F64, every: int, facing: float) -> Columns:
+    """Every so many points as columns; one without a normal may face either way."""
+    n = -(-len(points) // every)
+    columns = Columns(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
+    for i in range(n):
+        columns.x[i], columns.y[i] = points[i * every, 0], points[i * every, 1]
+        nx, ny = normals[i * every, 0], normals[i * every, 1]
+        columns.nx[i], columns.ny[i] = nx, ny
+        columns.least[i] = facing if nx != 0.0 or ny != 0.0 else -np.inf
+    return columns
+
+
+@compiled
+def _room(n: int) -> Pairs:
+    return Pairs(
+        np.empty(n),
+        np.empty(n),
+        np.empty(n, np.int32),
+        np.zeros(n),
+        np.zeros(n),
+        np.empty(n),
+        np.empty(n),
+        np.empty(n),
+    )
+
+
+@compiled
+def cells_at(
+    xs: F64, ys: F64, pose: F64, shape: tuple[int, int], origin: F64, cell: float, rx: F64, ry: F64, cells: I32
+) -> None:
+    """Turn points by the heading of a pose into rx, ry; and find the cells they lie in there, -1 outside."""
+    c, s, px, py = cos(pose[2]), sin(pose[2]), pose[0], pose[1]
     x0, y0, cells_per_metre = origin[0], origin[1], 1.0 / cell
-    inverse_width2 = 1.0 / (width * width)
+    height, width, row = float(shape[0]), float(shape[1]), np.int32(shape[1])
+    for i in range(len(cells)):
+        rx[i] = c * xs[i] - s * ys[i]
+        ry[i] = s * xs[i] + c * ys[i]
+        u, v = ((px + rx[i]) - x0) * cells_per_metre, ((py + ry[i]) - y0) * cells_per_metre
+        inside = (u >= 0.0) & (v >= 0.0) & (u < width) & (v < height)
+        at = np.int32(v if inside else 0.0) * row + np.int32(u if inside else 0.0)
+        cells[i] = at if inside else np.int32(-1)
+
+
+@compiled
+def look_up(cells: I32, nearest: I32, surfels: F64, px: F64, py: F64, nx: F64, ny: F64) -> None:
+    """Position and normal of the surfel nearest to each cell; NaN in place of the normal where there is none."""
+    flat = nearest.reshape(-1)
+    for i in range(len(cells)):
+        k = np.int32(-1)
+        if cells[i] >= 0:
+            k = flat[np.uint32(cells[i])]
+        if k >= 0:
+            surfel = surfels[np.uint32(k)]
+            px[i], py[i], nx[i], ny[i] = surfel[0], surfel[1], surfel[2], surfel[3]
+        else:
+            nx[i] = np.nan
+
+
+@compiled
+def _mark_facing(columns: Columns, heading: float, pairs: Pairs) -> None:
+    """Weight 1 for the points that have a surfel and face the same way, 0 for the others."""
+    c, s = cos(heading), sin(heading)
+    mx, my, least, nx, ny, weights = columns.nx, columns.ny, columns.least, pairs.nx, pairs.ny, pairs.weights
+    for i in range(len(weights)):
+        cosine = (c * mx[i] - s * my[i]) * nx[i] + (s * mx[i] + c * my[i]) * ny[i]
+        weights[i] = 1.0 if cosine >= least[i] else 0.0
+
+
+@compiled
+def _measure(pose: F64, pairs: Pairs) -> None:
+    """Distance of each point from its surfel's line, and its derivative by a rotation about the robot."""
+    x, y, rx, ry, px, py, nx, ny = pose[0], pose[1], pairs.rx, pairs.ry, pairs.px, pairs.py, pairs.nx, pairs.ny
+    for i in range(len(rx)):
+        px[i] = nx[i] * ((x + rx[i]) - px[i]) + ny[i] * ((y + ry[i]) - py[i])
+        py[i] = ny[i] * rx[i] - nx[i] * ry[i]
+
+
+@compiled
+def _weigh(pairs: Pairs, inverse_width2: float, inlier2: float) -> tuple[int, int]:
+    """Cauchy weights of the points that count, zeros for the others; how many count, and how many lie so near."""
+    distances, levers, nx, ny, weights = pairs.px, pairs.py, pairs.nx, pairs.ny, pairs.weights
+    used, inliers = 0, 0
+    for i in range(len(weights)):
+        counts = weights[i] > 0.0
+        square = distances[i] * distances[i]
+        used += 1 if counts else 0
+        inliers += 1 if counts and square < inlier2 else 0
+        weights[i] = 1.0 / (1.0 + square * inverse_width2) if counts else 0.0
+        distances[i] = distances[i] if counts else 0.0
+        levers[i] = levers[i] if counts else 0.0
+        nx[i] = nx[i] if counts else 0.0
+        ny[i] = ny[i] if counts else 0.0
+    return used, inliers
+
+
+@compiled
+def _add_up(pairs: Pairs, hessian: F64, gradient: F64) -> tuple[float, float]:
+    """Σ w JᵀJ and Σ w Jᵀr; return Σ w r² and Σ w."""
     h00, h01, h02, h11, h12, h22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     g0, g1, g2 = 0.0, 0.0, 0.0
-    inliers, used = 0, 0
     squares, weights = 0.0, 0.0
-    for i in range(0, len(points), every):
-        rx = c * points[i, 0] - s * points[i, 1]
-        ry = s * points[i, 0] + c * points[i, 1]
-        nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
-        x, y = pose[0] + rx, pose[1] + ry
-        k = partner(x, y, nx, ny, surfels, nearest, x0, y0, cells_per_metre, facing)
-        if k < 0:
-            continue
-        mx, my = surfels[k, 2], surfels[k, 3]
-        used += 1
-        r = mx * (x - surfels[k, 0]) + my * (y - surfels[k, 1])
-        w = 1.0 / (1.0 + r * r * inverse_width2)
+    for i in range(len(pairs.weights)):
+        r, lever, mx, my, w = pairs.px[i], pairs.py[i], pairs.nx[i], pairs.ny[i], pairs.weights[i]
         squares += w * r * r
         weights += w
-        if r * r < 4.0 * scale * scale:
-            inliers += 1
         # Derivative with respect to a step in the reference frame, rotation about the robot.
-        j2 = my * rx - mx * ry
         h00 += w * mx * mx
         h01 += w * mx * my
         h11 += w * my * my
-        h02 += w * mx * j2
-        h12 += w * my * j2
-        h22 += w * j2 * j2
+        h02 += w * mx * lever
+        h12 += w * my * lever
+        h22 += w * lever * lever
         g0 += w * mx * r
         g1 += w * my * r
-        g2 += w * j2 * r
+        g2 += w * lever * r
     hessian[0, 0], hessian[0, 1], hessian[0, 2] = h00, h01, h02
     hessian[1, 0], hessian[1, 1], hessian[1, 2] = h01, h11, h12
     hessian[2, 0], hessian[2, 1], hessian[2, 2] = h02, h12, h22
     gradient[0], gradient[1], gradient[2] = g0, g1, g2
-    return inliers, used, squares, weights
+    return squares, weights

@@ -1,6 +1,6 @@
 """Compiled loops that weigh the poses around an optimum: what the points of a scan say of its uncertainty."""
 
-from math import cos, exp, log, sin, sqrt
+from math import cos, exp, sin, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -8,12 +8,12 @@ from numpy.typing import NDArray
 
 from graph.compiled import compiled
 from iceg.ice._refinement_kernels import partner, refine
+from iceg.ice._score_grid_kernels import score_grid
 from iceg.ice.scored import Scored
 
 F64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
-_FAR = 10.0
 _LAGS = 12
 _TELLING = 10.0
 """So many points must hold a direction for their own residuals to count as much as those of all."""
@@ -218,67 +218,6 @@ def principal_axes(matrix: F64, values: F64, axes: F64) -> None:
             axes[k, p], axes[k, q] = c * kp - s * kq, s * kp + c * kq
     for k in range(3):
         values[k] = a[k, k]
-
-
-@compiled
-def score_grid(scored: Scored, n_picks: int, pose: F64, axes: F64, steps: F64, costs: F64) -> float:
-    """Costs on a grid of poses around `pose`.
-
-    The cost of a pose is Σ log(1 + r²/scale²) over evenly picked points, r the distance to the nearest surfel's line;
-    a point that leaves the reference costs as much as one 3·scale away.
-
-    Args:
-        scored: the points and the reference.
-        n_picks: how many of the points are used.
-        pose: (3,) centre of the grid, T_ref_robot.
-        axes: (3, 3) columns: directions of the grid in the tangent space of the robot.
-        steps: (3,) spacing along each.
-        costs: output, an odd number of poses along each of its three axes.
-
-    Returns:
-        The smallest cost.
-    """
-    half0, half1, half2 = costs.shape[0] // 2, costs.shape[1] // 2, costs.shape[2] // 2
-    c0, s0 = cos(pose[2]), sin(pose[2])
-    best = np.inf
-    for i0 in range(-half0, half0 + 1):
-        for i1 in range(-half1, half1 + 1):
-            for i2 in range(-half2, half2 + 1):
-                g0, g1, g2 = i0 * steps[0], i1 * steps[1], i2 * steps[2]
-                d0 = axes[0, 0] * g0 + axes[0, 1] * g1 + axes[0, 2] * g2
-                d1 = axes[1, 0] * g0 + axes[1, 1] * g1 + axes[1, 2] * g2
-                turn = pose[2] + axes[2, 0] * g0 + axes[2, 1] * g1 + axes[2, 2] * g2
-                x0, y0 = pose[0] + c0 * d0 - s0 * d1, pose[1] + s0 * d0 + c0 * d1
-                cost = _cost(scored, n_picks, x0, y0, turn)
-                costs[i0 + half0, i1 + half1, i2 + half2] = cost
-                best = min(best, cost)
-    return best
-
-
-@compiled
-def _cost(scored: Scored, n_picks: int, x0: float, y0: float, turn: float) -> float:
-    """The cost of one pose x0, y0, turn, see `score_grid`."""
-    points, normals, surfels, nearest = scored.points, scored.normals, scored.surfels, scored.nearest
-    x00, y00, cells_per_metre, facing = scored.origin[0], scored.origin[1], 1.0 / scored.cell, scored.facing
-    stride, inverse_scale2 = len(points) / n_picks, 1.0 / (scored.scale * scored.scale)
-    c, s = cos(turn), sin(turn)
-    # The logarithm of a product is taken now and then instead of that of every factor.
-    cost, product = 0.0, 1.0
-    for q in range(n_picks):
-        i = int((q + 0.5) * stride)
-        x = x0 + c * points[i, 0] - s * points[i, 1]
-        y = y0 + s * points[i, 0] + c * points[i, 1]
-        nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
-        k = partner(x, y, nx, ny, surfels, nearest, x00, y00, cells_per_metre, facing)
-        factor = _FAR
-        if k >= 0:
-            r = surfels[k, 2] * (x - surfels[k, 0]) + surfels[k, 3] * (y - surfels[k, 1])
-            factor = min(_FAR, 1.0 + r * r * inverse_scale2)
-        product *= factor
-        if product > 1e200:
-            cost += log(product)
-            product = 1.0
-    return cost + log(product)
 
 
 @compiled
