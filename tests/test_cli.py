@@ -1,6 +1,7 @@
 """The command line: what it takes, prints and returns."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -65,6 +66,21 @@ def test_help_names_the_commands_and_loads_nothing_heavy() -> None:
 def test_version(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0
     assert capsys.readouterr().out == f"iceg {version('iceg')}\n"
+
+
+@pytest.mark.parametrize(("given", "expected"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])
+def test_matrices_are_multiplied_by_one_thread_unless_the_user_wants_more(given: dict[str, str], expected: str) -> None:
+    code = (
+        "import os, sys\n"
+        "from iceg.cli import main\n"
+        "assert 'numpy' not in sys.modules, 'too late to tell NumPy'\n"
+        "main(['--version'])\n"
+        "sys.exit(os.environ['OPENBLAS_NUM_THREADS'])"
+    )
+    others = {name: value for name, value in os.environ.items() if not name.endswith("_NUM_THREADS")}
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=others | given)
+    assert done.stderr.strip() == expected
 
 
 @pytest.mark.parametrize("words", [["fly"], [], ["run"], ["run", "a.clf", "-o", "out", "--grid.resolutoin", "1"]])

@@ -8,6 +8,9 @@ from collections.abc import Sequence
 
 _COLLECTION = (500_000, 20, 20)
 """Thresholds of the garbage collector: hardly anything here forms cycles, and looking for them takes time."""
+_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+"""The matrices here are small: BLAS threads would wait for each other, busily, for a fifth of a run's CPU time, and the
+last digits of its results would depend on the number of cores."""
 _FAILED, _USAGE, _INTERRUPTED = 1, 2, 130
 
 
@@ -21,6 +24,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit code: 0, 1 for an error in the data, 2 in the arguments or settings, 130 when interrupted.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    for name in _ONE_THREAD:  # looked at when NumPy is loaded
+        os.environ.setdefault(name, "1")
     gc.set_threshold(*_COLLECTION)
     atexit.register(gc.freeze)  # nothing to look for at the end either
     try:
