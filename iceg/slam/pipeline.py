@@ -35,6 +35,7 @@ from iceg.slam.manual_closures import (
 from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry_standstill import describe_dead, with_odometry_between_readings
 from iceg.slam.path_break import describe_break
+from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import Progress, ProgressCallback
 from iceg.slam.repeated_scans import without_frozen_scans
 from iceg.slam.track import Track
@@ -114,18 +115,22 @@ def run(
         landmarks = _landmarks(track, solution.poses, matcher, config)
     with clock.stage("grid"):
         grid, doubt = render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)
+    key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
+    worst = least_known(key_scans, covariances)
+    doubts = [sentence for sentence in (doubt, worst.warning()) if sentence is not None]
     return SlamResult(
         log=log,
         config=config,
         trajectory=trajectory,
-        key_scans=np.array([key.index for key in track.keys], dtype=np.int64),
+        key_scans=key_scans,
         key_poses=solution.poses,
         covariances=covariances,
         graph=solution.graph,
         landmarks=landmarks,
         grid=grid,
         closures=_closures(track, solution) + manual_records(closures, track),
-        summary=_summary(log, track, solution, calibration, rounds, clock, [] if doubt is None else [doubt]),
+        summary=_summary(log, track, solution, calibration, rounds, clock, doubts)
+        | {"least_known": {"scan": worst.scan, "position_std_m": round(worst.deviation, 4)}},
     )
 
 
