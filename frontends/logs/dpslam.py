@@ -83,38 +83,8 @@ def read_dpslam(
         raise LogError(f"{path}: no laser is called '{laser}': a DP-SLAM log holds one, expected 'front'")
     records = _collect(path, skip_bad_lines=skip_bad_lines)
     odometry, kept = _poses(path, records, skip_bad_lines=skip_bad_lines)
-    readings = [records.ranges[index] for index in kept]
-    setups = [Setup(len(ranges), None) for ranges in readings]
-    usual = usual_setup(setups)
-    if usual is None:
-        raise LogError(f"{path}: {_why_no_scans(records)}")
-    ranges, bearings, beam_warnings = stack_sweeps(readings, setups, usual, {})
-    usable = usable_range(ranges, range_min=range_min, range_max=range_max, stated_max=_stated_max(ranges))
-    mask_no_returns(ranges, usable)
-    has_odometry, odometry_warnings = judge_odometry(odometry, ranges)
-    return Log(
-        ranges=ranges,
-        odometry=odometry,
-        stamps=np.arange(len(ranges), dtype=np.float64),
-        geometry=ScanGeometry(
-            bearings=bearings,
-            range_min=usable.range_min,
-            range_max=usable.range_max,
-            T_robot_laser=np.array(_MOUNT if T_robot_laser is None else T_robot_laser, dtype=np.float64),
-        ),
-        path=path,
-        has_odometry=has_odometry,
-        warnings=(
-            *records.troubles.told(),
-            *beam_warnings,
-            *warn_of_no_returns(ranges),
-            "the log has no stamps: scans are numbered 0, 1, 2 … s instead",
-            *(() if T_robot_laser is not None else (_ASSUMED_MOUNT,)),
-            *odometry_warnings,
-        ),
-        skipped_lines=records.troubles.skipped,
-        message_counts=dict(sorted(records.counts.items())),
-    )
+    records.ranges = [records.ranges[index] for index in kept]
+    return _assemble(path, records, odometry, range_min, range_max, T_robot_laser)
 
 
 def write_dpslam(path: Path | str, log: Log, *, range_decimals: int = 6) -> None:
@@ -226,6 +196,48 @@ def _end(line: Line, position: int, what: str) -> None:
         )
     if not line.terminated:
         raise MalformedLineError("no end of line", "one, without which the last number may be cut off")
+
+
+def _assemble(
+    path: Path,
+    records: _Records,
+    odometry: NDArray[np.float64],
+    range_min: float | None,
+    range_max: float | None,
+    T_robot_laser: ArrayLike | None,
+) -> Log:
+    """The log of the scans that have odometry."""
+    setups = [Setup(len(ranges), None) for ranges in records.ranges]
+    usual = usual_setup(setups)
+    if usual is None:
+        raise LogError(f"{path}: {_why_no_scans(records)}")
+    ranges, bearings, beam_warnings = stack_sweeps(records.ranges, setups, usual, {})
+    usable = usable_range(ranges, range_min=range_min, range_max=range_max, stated_max=_stated_max(ranges))
+    mask_no_returns(ranges, usable)
+    has_odometry, odometry_warnings = judge_odometry(odometry, ranges)
+    return Log(
+        ranges=ranges,
+        odometry=odometry,
+        stamps=np.arange(len(ranges), dtype=np.float64),
+        geometry=ScanGeometry(
+            bearings=bearings,
+            range_min=usable.range_min,
+            range_max=usable.range_max,
+            T_robot_laser=np.array(_MOUNT if T_robot_laser is None else T_robot_laser, dtype=np.float64),
+        ),
+        path=path,
+        has_odometry=has_odometry,
+        warnings=(
+            *records.troubles.told(),
+            *beam_warnings,
+            *warn_of_no_returns(ranges),
+            "the log has no stamps: scans are numbered 0, 1, 2 … s instead",
+            *(() if T_robot_laser is not None else (_ASSUMED_MOUNT,)),
+            *odometry_warnings,
+        ),
+        skipped_lines=records.troubles.skipped,
+        message_counts=dict(sorted(records.counts.items())),
+    )
 
 
 def _poses(path: Path, records: _Records, *, skip_bad_lines: bool) -> tuple[NDArray[np.float64], list[int]]:
