@@ -102,6 +102,12 @@ def test_the_command_line_writes_them_too_and_says_where(tmp_path: Path, capsys:
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
     (tmp_path / "file").write_text("")
     assert main(["simulate", "room", "-o", str(tmp_path / "file")]) == 1
+    before = (tmp_path / "a" / "log.clf").read_bytes()
+    assert main(["simulate", "room", "-o", str(tmp_path / "a"), "--seed", "4"]) == 1
+    assert "is not empty" in capsys.readouterr().err
+    assert (tmp_path / "a" / "log.clf").read_bytes() == before
+    assert main(["simulate", "room", "-o", str(tmp_path / "a"), "--seed", "4", "--overwrite"]) == 0
+    assert (tmp_path / "a" / "log.clf").read_bytes() != before
     assert main(["simulate", "nowhere", "-o", str(tmp_path / "c")]) == 1
     assert "no scene 'nowhere'" in capsys.readouterr().err
 

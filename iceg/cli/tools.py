@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from iceg.cli.options import ConfigFile, Settings
+from iceg.cli.options import ConfigFile, Overwrite, Settings
 from iceg.config import Config
 
 
@@ -25,13 +25,16 @@ class Simulate:
         tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for log.clf, log.usarsim and truth.csv."),
     ]
     seed: Annotated[int, tyro.conf.arg(help="Of all that is random.")] = 0
+    overwrite: Overwrite = False
 
     def __call__(self) -> None:
         """Simulate and write."""
         from frontends.simulator.output import write_simulation
         from frontends.simulator.simulation import simulate
+        from iceg.results import check_directory
         from iceg.show.progress import compile_note
 
+        check_directory(self.output, overwrite=self.overwrite)
         with compile_note():
             simulation = simulate(self.scene, self.seed)
             write_simulation(self.output, simulation)
