@@ -46,9 +46,10 @@ def write_dp_slam_results(
         write_ros_map(grid, folder)
 
     def picture(folder: Path) -> None:
+        from iceg.show.map_image import MapLayers
         from iceg.show.map_picture import save_map_png
 
-        save_map_png(folder / "map.png", grid, result.trajectory)
+        save_map_png(folder / "map.png", MapLayers(grid=grid, trajectory=result.trajectory))
 
     def settings(folder: Path) -> None:
         text = format_settings(config, heading=_HEADING)

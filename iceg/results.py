@@ -185,16 +185,18 @@ def _write_map(result: "SlamResult", folder: Path) -> None:
 
 
 def _write_picture(result: "SlamResult", folder: Path) -> None:
-    from iceg.show.run_plots import save_map_picture
+    from iceg.show.map_image import MapLayers
+    from iceg.show.map_picture import save_map_png
+    from iceg.slam.closure import joined_scans
 
-    save_map_picture(
-        folder / "map.png",
+    layers = MapLayers(
         grid=result.grid,
         trajectory=result.trajectory,
         key_poses=result.key_poses,
         landmarks=result.landmarks,
-        closures=result.closures,
+        closures=joined_scans(result.closures),
     )
+    save_map_png(folder / "map.png", layers)
 
 
 def _write_features(result: "SlamResult", folder: Path) -> None:

@@ -14,7 +14,7 @@ from graph.errors import reason
 from iceg.ice.features import KIND_NAMES
 from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
-from iceg.results import CLOSURE_COLUMNS, ResultsError, read_covariances
+from iceg.results import CLOSURE_COLUMNS, ResultsError, read_covariances, read_summary
 from iceg.slam.closure import Closure, Verdict
 from iceg.tum import Trajectory, read_tum
 
@@ -55,6 +55,8 @@ def read_run_folder(directory: Path) -> RunFolder:
     """
     if not directory.is_dir():
         raise ResultsError(f"{directory}: is no folder, expected one that a run has written")
+    if is_of_dp_slam(directory):
+        raise ResultsError(f"{directory}: holds results of DP-SLAM, which has no graph, expected those of 'iceg run'")
     key_scans, key_poses, covariances = read_covariances(directory / "covariances.csv")
     return RunFolder(
         directory=directory,
@@ -66,6 +68,15 @@ def read_run_folder(directory: Path) -> RunFolder:
         landmarks=read_geojson(directory / "features.geojson"),
         closures=read_closures(directory / "closures.csv"),
     )
+
+
+def is_of_dp_slam(directory: Path) -> bool:
+    """Whether a folder holds what DP-SLAM has written, which is less than what a run leaves.
+
+    Raises:
+        ResultsError: its summary cannot be read.
+    """
+    return (directory / "summary.json").exists() and read_summary(directory).get("method") == "dp-slam"
 
 
 def read_ros_map(path: Path) -> OccupancyGrid:

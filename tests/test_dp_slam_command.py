@@ -3,6 +3,7 @@
 import gzip
 import itertools
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,8 +19,8 @@ from iceg.cli.parsing import parse
 from iceg.cli.run import DpSlam
 from iceg.dp_slam_results import DP_SLAM_FILES
 from iceg.evaluation.trajectory import trajectory_errors
-from iceg.results import RESULT_FILES
-from iceg.run_folder import read_ros_map
+from iceg.results import RESULT_FILES, ResultsError
+from iceg.run_folder import read_ros_map, read_run_folder
 from iceg.settings_file import read_settings
 from iceg.tum import read_tum
 
@@ -73,6 +74,19 @@ def test_its_map_knows_where_the_robot_drove_and_where_the_walls_are(folder: Pat
     occupied = np.argwhere(grid.classes() == 100)[:, ::-1] * grid.resolution + grid.origin + grid.resolution / 2
     distances = np.hypot(*(scan.points[near, None] - occupied).T).min(axis=0)
     assert np.median(distances) < 0.1
+
+
+def test_its_pictures_are_drawn_again_from_what_there_is(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(folder, copy)
+    (copy / "map.png").unlink()
+    assert main(["plot", str(copy)]) == 0
+    assert capsys.readouterr().out.splitlines() == [str(copy / "map.png"), str(copy / "trajectory.png")]
+    assert all((copy / name).read_bytes().startswith(b"\x89PNG") for name in ("map.png", "trajectory.png"))
+    with pytest.raises(ResultsError, match="holds results of DP-SLAM, which has no graph"):
+        read_run_folder(copy)
 
 
 def test_the_same_settings_file_gives_the_same_bytes(folder: Path, log_file: Path, tmp_path: Path) -> None:

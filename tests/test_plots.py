@@ -4,6 +4,7 @@ import io
 import math
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from iceg.ice.features import Features
 from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
 from iceg.show import map_picture
-from iceg.show.map_image import known_box, map_image, scaled
+from iceg.show.map_image import MapLayers, known_box, map_image, scaled
 from iceg.show.map_picture import save_map_png
 from iceg.show.plots import (
     draw_alignment,
@@ -96,9 +97,15 @@ def features() -> Features:
     )
 
 
+def room(closures: NDArray[np.int64] | None = None) -> MapLayers:
+    return MapLayers(
+        grid=room_grid(), trajectory=path(), key_poses=path()[::20], landmarks=landmarks(), closures=closures
+    )
+
+
 def test_the_picture_of_a_map(tmp_path: Path) -> None:
     file = tmp_path / "map.png"
-    save_map_png(file, room_grid(), path(), path()[::20], landmarks(), np.array([[0, 150]]), title="room")
+    save_map_png(file, room(closures=np.array([[0, 150]])), title="room")
     image = imread(file)[:, :, :3]
     assert 1500 < max(image.shape) < 3000
     assert [entry.name for entry in tmp_path.iterdir()] == ["map.png"]
@@ -108,16 +115,18 @@ def test_the_picture_of_a_map(tmp_path: Path) -> None:
 
 
 def test_a_picture_of_the_grid_alone_and_one_pose(tmp_path: Path) -> None:
-    save_map_png(tmp_path / "grid.png", room_grid())
-    save_map_png(tmp_path / "pose.png", room_grid(), path()[:1], path()[:1], landmarks(0))
+    save_map_png(tmp_path / "grid.png", MapLayers(grid=room_grid()))
+    one = path()[:1]
+    layers = MapLayers(grid=room_grid(), trajectory=one, key_poses=one, landmarks=landmarks(0))
+    save_map_png(tmp_path / "pose.png", layers)
     nothing = OccupancyGrid(log_odds=np.zeros((4, 4), np.float32), origin=np.zeros(2), resolution=0.05)
-    save_map_png(tmp_path / "nothing.png", nothing)
+    save_map_png(tmp_path / "nothing.png", MapLayers(grid=nothing))
     assert all((tmp_path / name).stat().st_size > 1000 for name in ("grid.png", "pose.png", "nothing.png"))
 
 
 def test_the_same_map_gives_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a.png", "b.png"):
-        save_map_png(tmp_path / name, room_grid(), path(), path()[::20], landmarks())
+        save_map_png(tmp_path / name, room())
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
 
 
@@ -132,7 +141,7 @@ def test_the_picture_is_cropped_to_what_is_known() -> None:
 
 
 def test_walls_are_drawn_where_they_are(ax: Axes) -> None:
-    draw_map(ax, room_grid())
+    draw_map(ax, MapLayers(grid=room_grid()))
     image = painted(ax)
     height = image.shape[0]
     for x, y, grey in ((0.02, 2.5, 20), (4.0, 4.97, 20), (4.0, 2.5, 255), (-0.4, 2.5, 232)):
@@ -141,7 +150,7 @@ def test_walls_are_drawn_where_they_are(ax: Axes) -> None:
 
 
 def test_rarely_seen_landmarks_are_left_out(ax: Axes) -> None:
-    draw_map(ax, room_grid(), landmarks=landmarks(), min_seen=3)
+    draw_map(ax, MapLayers(grid=room_grid(), landmarks=landmarks()), min_seen=3)
     image = painted(ax).astype(int)
     height = image.shape[0]
     coloured = []
@@ -156,7 +165,8 @@ def test_what_lies_on_the_map_is_painted_where_it_is() -> None:
     grid, box = room_grid(), (0.0, 8.0, 0.0, 5.0)
     straight = np.stack([np.linspace(1.0, 7.0, 50), np.ones(50), np.zeros(50)], axis=1)
     ends = np.array([[1.0, 4.0, 0.0], [7.0, 2.0, 0.0]])
-    image = np.asarray(map_image(grid, straight, ends, landmarks(), None, box=box, long_side=800)).astype(int)
+    layers = MapLayers(grid=grid, trajectory=straight, key_poses=ends, landmarks=landmarks())
+    image = np.asarray(map_image(layers, box=box, long_side=800)).astype(int)
     assert image.shape == (500, 800, 3)
 
     def colour(x: float, y: float) -> list[int]:
@@ -168,7 +178,8 @@ def test_what_lies_on_the_map_is_painted_where_it_is() -> None:
     assert finish[2] > 100 > finish[0]  # … to blue
     assert max(colour(1.0, 4.0)) < 120  # a key pose
     assert colour(4.0, 3.0) == [255, 255, 255]
-    joined = map_image(grid, ends, None, None, np.array([[0, 1]]), box=box, long_side=800)
+    two = MapLayers(grid=grid, trajectory=ends, closures=np.array([[0, 1]]))
+    joined = map_image(two, box=box, long_side=800)
     assert np.asarray(joined).astype(int)[200, 400].tolist() != [255, 255, 255]
 
 
@@ -253,7 +264,7 @@ def test_a_cell_is_a_whole_number_of_pixels_or_the_reverse(cells: tuple[int, int
 
 def test_a_long_narrow_map_leaves_room_for_its_legend(tmp_path: Path) -> None:
     corridor = OccupancyGrid(log_odds=np.full((800, 40), -3.0, np.float32), origin=np.zeros(2), resolution=0.05)
-    save_map_png(tmp_path / "map.png", corridor, path(), path()[::20], landmarks())
+    save_map_png(tmp_path / "map.png", replace(room(), grid=corridor))
     height, width = imread(tmp_path / "map.png").shape[:2]
     assert width >= 1000
     assert height > width

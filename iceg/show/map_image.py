@@ -5,6 +5,7 @@ Drawn with Pillow on twice the pixels and averaged, so that lines are smooth: a 
 
 import itertools
 import math
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,25 +31,37 @@ _STROKE = 0.25
 Box = tuple[float, float, float, float]
 
 
-def map_image(
-    grid: "OccupancyGrid",
-    trajectory: NDArray[np.float64] | None = None,
-    key_poses: NDArray[np.float64] | None = None,
-    landmarks: "Landmarks | None" = None,
-    closures: NDArray[np.int64] | None = None,
-    *,
-    box: Box,
-    long_side: int = 2000,
-    line_width: float = 2.4,
-) -> Image.Image:
-    """Paint a map: white is free, black is occupied, light grey is unknown.
+@dataclass(frozen=True, kw_only=True)
+class MapLayers:
+    """What a picture of a map shows, from the ground up.
 
-    Args:
+    Attributes:
         grid: the occupancy grid.
         trajectory: (n, 3) T_map_robot, painted as a line coloured by time.
         key_poses: (k, 3) T_map_key, painted as dots.
         landmarks: painted by kind, with short strokes along their walls.
         closures: (c, 2) pairs of rows of the trajectory joined by loop closures.
+    """
+
+    grid: "OccupancyGrid"
+    trajectory: NDArray[np.float64] | None = None
+    key_poses: NDArray[np.float64] | None = None
+    landmarks: "Landmarks | None" = None
+    closures: NDArray[np.int64] | None = None
+
+    def settled(self, min_seen: int) -> "MapLayers":
+        """Without landmarks that have expired or were seen less often than `min_seen` times."""
+        if self.landmarks is None:
+            return self
+        is_settled = (self.landmarks.seen >= min_seen) & (self.landmarks.expired_at < 0)
+        return replace(self, landmarks=self.landmarks[is_settled])
+
+
+def map_image(layers: MapLayers, *, box: Box, long_side: int = 2000, line_width: float = 2.4) -> Image.Image:
+    """Paint a map: white is free, black is occupied, light grey is unknown.
+
+    Args:
+        layers: what to paint.
         box: x_min, x_max, y_min, y_max to show [m], on cell borders.
         long_side: of the image [pixels], about: a cell gets a whole number of pixels where there is room for one.
         line_width: of the trajectory [pixels]; other strokes and markers follow it.
@@ -56,18 +69,19 @@ def map_image(
     Returns:
         The image, the y axis of the map upwards.
     """
-    shades = scaled(_shades_in(grid, box), long_side)[::-1]
+    trajectory, landmarks = layers.trajectory, layers.landmarks
+    shades = scaled(_shades_in(layers.grid, box), long_side)[::-1]
     image = Image.fromarray(shades).convert("RGB")
     image = image.resize((SMOOTHING * image.width, SMOOTHING * image.height), Image.Resampling.NEAREST)
     pen = _Pen(image, box, SMOOTHING * line_width)
     if landmarks is not None:
         _paint_landmarks(pen, landmarks)
-    if closures is not None and trajectory is not None:
-        pen.strokes(trajectory[closures][:, :, :2], CLOSURE_COLOUR, 0.4, opacity=0.45)
+    if layers.closures is not None and trajectory is not None:
+        pen.strokes(trajectory[layers.closures][:, :, :2], CLOSURE_COLOUR, 0.4, opacity=0.45)
     if trajectory is not None:
         _paint_trajectory(pen, trajectory)
-    if key_poses is not None:
-        pen.dots(key_poses[:, :2], INK, 1.2)
+    if layers.key_poses is not None:
+        pen.dots(layers.key_poses[:, :2], INK, 1.2)
     if trajectory is not None and len(trajectory):
         pen.marker(trajectory[0, :2], "o", TIME_COLOURS[0], 5.0, edge="white")
         pen.marker(trajectory[-1, :2], "D", TIME_COLOURS[-1], 7.0, edge="white")

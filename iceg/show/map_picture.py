@@ -3,10 +3,8 @@
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from graph.atomic import write_atomically
@@ -17,15 +15,12 @@ from iceg.show.map_image import (
     KIND_LABELS,
     SMOOTHING,
     TIME_COLOURS,
+    MapLayers,
     draw_marker,
     known_box,
     map_image,
 )
 from iceg.show.png import encode_png
-
-if TYPE_CHECKING:
-    from iceg.maps.feature_map import Landmarks
-    from iceg.maps.grid import OccupancyGrid
 
 _DPI = 220
 _NARROWEST = 1000  # width of the sheet [pixels], as are all sizes below
@@ -47,57 +42,38 @@ class _Entry:
     size: int = 0
 
 
-def save_map_png(
-    path: Path,
-    grid: "OccupancyGrid",
-    trajectory: NDArray[np.float64] | None = None,
-    key_poses: NDArray[np.float64] | None = None,
-    landmarks: "Landmarks | None" = None,
-    closures: NDArray[np.int64] | None = None,
-    *,
-    min_seen: int = 3,
-    long_side: int = 2000,
-    title: str = "",
-) -> None:
+def save_map_png(path: Path, layers: MapLayers, *, min_seen: int = 3, long_side: int = 2000, title: str = "") -> None:
     """Save the picture of a map with its legend and scale bar.
 
     Args:
         path: the PNG file, written atomically.
-        grid: the occupancy grid.
-        trajectory: (n, 3) T_map_robot.
-        key_poses: (k, 3) T_map_key.
-        landmarks: the valid landmarks.
-        closures: (c, 2) pairs of rows of the trajectory.
-        min_seen: landmarks seen less often are left out.
+        layers: what it shows.
+        min_seen: landmarks seen less often are left out, as are those that have expired.
         long_side: of the map, in pixels, about: a cell gets a whole number of pixels where there is room for one.
         title: a line beside the scale bar.
     """
-    if landmarks is not None:
-        landmarks = landmarks[landmarks.seen >= min_seen]
-    box = known_box(grid, trajectory)
-    image = map_image(grid, trajectory, key_poses, landmarks, closures, box=box, long_side=long_side)
+    layers = layers.settled(min_seen)
+    box = known_box(layers.grid, layers.trajectory)
+    image = map_image(layers, box=box, long_side=long_side)
     width = max(image.width, _NARROWEST)
-    entries = _legend_entries(trajectory is not None, key_poses is not None, landmarks, closures)
-    below = _strip(width, image.width / (box[1] - box[0]), entries, title)
+    below = _strip(width, image.width / (box[1] - box[0]), _legend_entries(layers), title)
     sheet = Image.new("RGB", (width, image.height + below.height), "white")
     sheet.paste(image, ((width - image.width) // 2, 0))
     sheet.paste(below, (0, image.height))
     write_atomically(path, encode_png(np.asarray(sheet), dots_per_inch=_DPI))
 
 
-def _legend_entries(
-    has_trajectory: bool, has_key_poses: bool, landmarks: "Landmarks | None", closures: NDArray[np.int64] | None
-) -> list[_Entry]:
+def _legend_entries(layers: MapLayers) -> list[_Entry]:
     entries: list[_Entry] = []
-    if has_trajectory:
+    if layers.trajectory is not None:
         entries.append(_Entry("start", TIME_COLOURS[0], line=4, shape="o", size=13))
         entries.append(_Entry("end", TIME_COLOURS[-1], line=4, shape="D", size=17))
-    if has_key_poses:
+    if layers.key_poses is not None:
         entries.append(_Entry("key pose", INK, shape="o", size=6))
-    if closures is not None and len(closures):
-        entries.append(_Entry(f"loop closure ({len(closures)})", CLOSURE_COLOUR, line=2))
-    if landmarks is not None:
-        counts = np.bincount(landmarks.kinds, minlength=3)
+    if layers.closures is not None and len(layers.closures):
+        entries.append(_Entry(f"loop closure ({len(layers.closures)})", CLOSURE_COLOUR, line=2))
+    if layers.landmarks is not None:
+        counts = np.bincount(layers.landmarks.kinds, minlength=3)
         for colour, shape, label, count in zip(KIND_COLOURS, _KIND_SHAPES, KIND_LABELS, counts, strict=True):
             if count:
                 entries.append(_Entry(f"{label} ({count})", colour, shape=shape, size=11))

@@ -14,49 +14,41 @@ from numpy.typing import ArrayLike, NDArray
 
 from frontends.scan import Scan
 from graph.se2 import transform_points
-from iceg.show.map_image import INK, KIND_COLOURS, KIND_LABELS, TIME_COLOURS, Box, known_box, map_image, wall_strokes
+from iceg.show.map_image import (
+    INK,
+    KIND_COLOURS,
+    KIND_LABELS,
+    TIME_COLOURS,
+    Box,
+    MapLayers,
+    known_box,
+    map_image,
+    wall_strokes,
+)
 
 if TYPE_CHECKING:
     from iceg.ice.features import Features
-    from iceg.maps.feature_map import Landmarks
-    from iceg.maps.grid import OccupancyGrid
 
 _KIND_MARKERS = ("s", "o", "x")
 _MAP_PIXELS = 2000
 
 
 def draw_map(
-    ax: Axes,
-    grid: "OccupancyGrid",
-    trajectory: NDArray[np.float64] | None = None,
-    key_poses: NDArray[np.float64] | None = None,
-    landmarks: "Landmarks | None" = None,
-    closures: NDArray[np.int64] | None = None,
-    *,
-    min_seen: int = 3,
-    box: Box | None = None,
-    line_width: float = 0.8,
+    ax: Axes, layers: MapLayers, *, min_seen: int = 3, box: Box | None = None, line_width: float = 0.8
 ) -> None:
     """Draw a map as `map_image` paints it.
 
     Args:
         ax: axes to draw on; aspect and limits are set, ticks removed.
-        grid: the occupancy grid.
-        trajectory: (n, 3) T_map_robot.
-        key_poses: (k, 3) T_map_key.
-        landmarks: the valid landmarks.
-        closures: (c, 2) pairs of rows of the trajectory joined by loop closures.
-        min_seen: landmarks seen less often are left out.
+        layers: what to draw.
+        min_seen: landmarks seen less often are left out, as are those that have expired.
         box: x_min, x_max, y_min, y_max to show [m]; the known area when left out.
         line_width: of the trajectory, about [points]; other strokes and markers follow it.
     """
-    box = box or known_box(grid, trajectory)
-    if landmarks is not None:
-        landmarks = landmarks[landmarks.seen >= min_seen]
+    layers = layers.settled(min_seen)
+    box = box or known_box(layers.grid, layers.trajectory)
     pixels = line_width * _MAP_PIXELS / _long_side_in_points(ax, box)
-    image = map_image(
-        grid, trajectory, key_poses, landmarks, closures, box=box, long_side=_MAP_PIXELS, line_width=pixels
-    )
+    image = map_image(layers, box=box, long_side=_MAP_PIXELS, line_width=pixels)
     ax.imshow(np.asarray(image), extent=box, interpolation="antialiased")
     ax.set(xlim=box[:2], ylim=box[2:], xticks=[], yticks=[], aspect="equal")
     for spine in ax.spines.values():

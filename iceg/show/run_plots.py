@@ -2,7 +2,6 @@
 
 import io
 import math
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.atomic import write_atomically
-from iceg.maps.feature_map import Landmarks
-from iceg.maps.grid import OccupancyGrid
-from iceg.run_folder import read_run_folder
-from iceg.slam.closure import Closure
+from iceg.run_folder import is_of_dp_slam, read_ros_map, read_run_folder
+from iceg.show.map_image import MapLayers
+from iceg.slam.closure import joined_scans
+from iceg.tum import read_tum
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,7 +26,7 @@ def plot_results(directory: Path) -> tuple[Path, ...]:
     """Draw all pictures of a run from the files in its folder.
 
     Args:
-        directory: what a run has written; `map.png` in it is replaced.
+        directory: what a run has written, or DP-SLAM, which knows no uncertainty; `map.png` in it is replaced.
 
     Returns:
         The pictures drawn.
@@ -35,51 +34,26 @@ def plot_results(directory: Path) -> tuple[Path, ...]:
     Raises:
         IcegError: a file is missing or not as expected.
     """
-    run = read_run_folder(directory)
+    from iceg.show.map_picture import save_map_png
+
     map_png, trajectory_png, uncertainty_png = (directory / name for name in PICTURES)
-    save_map_picture(
-        map_png,
+    if is_of_dp_slam(directory):
+        trajectory = read_tum(directory / "trajectory.tum").poses
+        save_map_png(map_png, MapLayers(grid=read_ros_map(directory / "map.yaml"), trajectory=trajectory))
+        save_trajectory_plot(trajectory, trajectory_png)
+        return map_png, trajectory_png
+    run = read_run_folder(directory)
+    layers = MapLayers(
         grid=run.grid,
         trajectory=run.trajectory.poses,
         key_poses=run.key_poses,
         landmarks=run.landmarks,
-        closures=run.closures,
+        closures=joined_scans(run.closures),
     )
+    save_map_png(map_png, layers)
     save_trajectory_plot(run.trajectory.poses, trajectory_png)
     save_uncertainty_plot(run.key_poses, run.covariances, uncertainty_png)
     return map_png, trajectory_png, uncertainty_png
-
-
-def save_map_picture(
-    path: Path,
-    *,
-    grid: OccupancyGrid,
-    trajectory: NDArray[np.float64],
-    key_poses: NDArray[np.float64],
-    landmarks: Landmarks,
-    closures: Sequence[Closure],
-) -> None:
-    """Draw grid, trajectory, key poses, valid landmarks and accepted loop closures.
-
-    Args:
-        path: the PNG to write.
-        grid: the occupancy grid.
-        trajectory: (n, 3) T_map_robot of every scan.
-        key_poses: (k, 3) T_map_robot.
-        landmarks: all of them; expired ones are left out.
-        closures: all that were tried.
-    """
-    from iceg.show.map_picture import save_map_png
-
-    accepted = [(closure.scan_i, closure.scan_j) for closure in closures if closure.verdict == "accepted"]
-    save_map_png(
-        path,
-        grid,
-        trajectory,
-        key_poses,
-        landmarks[landmarks.expired_at < 0],
-        np.array(accepted, dtype=np.int64).reshape(-1, 2),
-    )
 
 
 def save_trajectory_plot(poses: NDArray[np.float64], path: Path) -> None:

@@ -1,5 +1,6 @@
 """The record of a loop closure that was tried, whatever became of it."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -32,3 +33,9 @@ class Closure:
     overlap: float
     verdict: Verdict
     reason: str
+
+
+def joined_scans(closures: Iterable[Closure]) -> NDArray[np.int64]:
+    """(c, 2) earlier and later scan of each closure that was accepted."""
+    accepted = [(closure.scan_i, closure.scan_j) for closure in closures if closure.verdict == "accepted"]
+    return np.array(accepted, dtype=np.int64).reshape(-1, 2)
