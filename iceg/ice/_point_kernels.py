@@ -1,6 +1,11 @@
-"""Compiled loops from ranges to end points, surface normals and the noise of a scan."""
+"""Compiled loops from ranges to end points, surface normals and the noise of a scan.
+
+Normals are made stage by stage, for all points together: in loops without branches, over columns, the compiler takes
+eight points at once.
+"""
 
 from math import hypot, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +16,7 @@ F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
+Bool = NDArray[np.bool_]
 
 # A surface ends where neighbouring points are farther apart than the jump plus this many beam spacings, at most so far.
 _SPACINGS = 3.0
@@ -40,12 +46,10 @@ def scan_points(
         The number of returns.
     """
     n = _returns(ranges, directions, origin, points, beams)
-    sums = np.empty((n + 1, 5))
-    begin, end = np.empty(n, np.int64), np.empty(n, np.int64)
-    _surfaces(points, beams, n, origin, _resolution(directions), jump, sums, begin, end)
-    for i in range(n):
-        first, last = _neighbourhood(points, begin[i], end[i], i, reach * reach)
-        normals[i, 0], normals[i, 1] = _normal(sums, first, last, points[i, 0] - origin[0], points[i, 1] - origin[1])
+    surfaces, moments = _room_for_surfaces(n), _room_for_moments(n)
+    _surfaces(points[:n], beams, origin, _resolution(directions), jump, surfaces)
+    _sum_up(points, surfaces, 0, 1, n, reach * reach, moments)
+    _normals(moments, n, points, origin, normals)
     return n
 
 
@@ -79,22 +83,57 @@ def thinned_points(
     n_beams = ranges.shape[1]
     resolution = _resolution(directions)
     returns, beams = np.empty((n_beams, 2)), np.empty(n_beams, np.int32)
-    sums = np.empty((n_beams + 1, 5))
-    begin, end = np.empty(n_beams, np.int64), np.empty(n_beams, np.int64)
+    surfaces, moments = _room_for_surfaces(n_beams), _room_for_moments(n_beams)
     count = 0
     starts[0] = 0
     for scan in range(len(ranges)):
         n = _returns(ranges[scan], directions, origin, returns, beams)
-        _surfaces(returns, beams, n, origin, resolution, jump, sums, begin, end)
-        for i in range(n):
-            if i % every != offsets[scan]:
-                continue
-            first, last = _neighbourhood(returns, begin[i], end[i], i, reach * reach)
-            nx, ny = _normal(sums, first, last, returns[i, 0] - origin[0], returns[i, 1] - origin[1])
-            points[count, 0], points[count, 1] = returns[i, 0], returns[i, 1]
-            normals[count, 0], normals[count, 1] = nx, ny
-            count += 1
+        _surfaces(returns[:n], beams, origin, resolution, jump, surfaces)
+        kept = max(0, -((offsets[scan] - n) // every))
+        for k in range(kept):
+            points[count + k] = returns[offsets[scan] + k * every]
+        _sum_up(returns, surfaces, offsets[scan], every, kept, reach * reach, moments)
+        _normals(moments, kept, points[count:], origin, normals[count:])
+        count += kept
         starts[scan + 1] = count
+
+
+class Surfaces(NamedTuple):
+    """Runs of points without a jump.
+
+    Attributes:
+        begin: (n,) first point of the surface that each point lies on.
+        end: (n,) last one.
+        ends: (n,) whether a surface ends before each point.
+        sums: (n + 1, 5) of x, y, xx, xy, yy relative to the laser, up to each point: the moments of any stretch are two
+            look-ups.
+    """
+
+    begin: I32
+    end: I32
+    ends: Bool
+    sums: F64
+
+
+class Moments(NamedTuple):
+    """(n,) each: number of points around each point, and their sums of x, y, xx, xy, yy; worked on in place."""
+
+    n: F64
+    x: F64
+    y: F64
+    xx: F64
+    xy: F64
+    yy: F64
+
+
+@compiled
+def _room_for_surfaces(n: int) -> Surfaces:
+    return Surfaces(np.empty(n, np.int32), np.empty(n, np.int32), np.zeros(n, np.bool_), np.empty((n + 1, 5)))
+
+
+@compiled
+def _room_for_moments(n: int) -> Moments:
+    return Moments(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
 
 
 @compiled
@@ -120,30 +159,40 @@ def _returns(ranges: F32, directions: F64, origin: F64, points: F64, beams: I32)
 
 
 @compiled
-def _surfaces(
-    points: F64, beams: I32, n: int, origin: F64, resolution: float, jump: float, sums: F64, begin: I64, end: I64
-) -> None:
-    """First and last point of the surface (run of points without a jump) that each point lies on.
-
-    Also sums up x, y, xx, xy, yy relative to the laser: running sums make the moments of any stretch two look-ups.
-    """
-    sums[0] = 0.0
+def _surfaces(points: F64, beams: I32, origin: F64, resolution: float, jump: float, surfaces: Surfaces) -> None:
+    """Find where surfaces end, and sum up their points."""
+    x0, y0, ends = origin[0], origin[1], surfaces.ends
+    for i in range(1, len(points)):
+        x, y = points[i, 0] - x0, points[i, 1] - y0
+        gap = min(_WIDEST_GAP, jump + _SPACINGS * resolution * sqrt(x * x + y * y)) * (beams[i] - beams[i - 1])
+        dx, dy = points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1]
+        ends[i] = dx * dx + dy * dy > gap * gap
+    surfaces.sums[0] = 0.0
+    sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0
     start = 0
-    for i in range(n):
-        x, y = points[i, 0] - origin[0], points[i, 1] - origin[1]
-        sums[i + 1, 0] = sums[i, 0] + x
-        sums[i + 1, 1] = sums[i, 1] + y
-        sums[i + 1, 2] = sums[i, 2] + x * x
-        sums[i + 1, 3] = sums[i, 3] + x * y
-        sums[i + 1, 4] = sums[i, 4] + y * y
-        if i > 0:
-            gap = min(_WIDEST_GAP, jump + _SPACINGS * resolution * sqrt(x * x + y * y)) * (beams[i] - beams[i - 1])
-            dx, dy = points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1]
-            if dx * dx + dy * dy > gap * gap:
-                end[start:i] = i - 1
-                start = i
-        begin[i] = start
-    end[start:n] = n - 1
+    for i in range(len(points)):
+        x, y = points[i, 0] - x0, points[i, 1] - y0
+        sx, sy, sxx, sxy, syy = sx + x, sy + y, sxx + x * x, sxy + x * y, syy + y * y
+        row = surfaces.sums[i + 1]
+        row[0], row[1], row[2], row[3], row[4] = sx, sy, sxx, sxy, syy
+        if i > 0 and ends[i]:
+            surfaces.end[start:i] = i - 1
+            start = i
+        surfaces.begin[i] = start
+    surfaces.end[start : len(points)] = len(points) - 1
+
+
+@compiled
+def _sum_up(points: F64, surfaces: Surfaces, first: int, every: int, n: int, reach2: float, moments: Moments) -> None:
+    """Moments of the neighbourhoods of n points: the first, and one in so many after it."""
+    sums = surfaces.sums
+    for k in range(n):
+        i = first + k * every
+        a, b = _neighbourhood(points, surfaces.begin[i], surfaces.end[i], i, reach2)
+        before, upto = sums[a], sums[b + 1]
+        moments.n[k] = b + 1 - a
+        moments.x[k], moments.y[k] = upto[0] - before[0], upto[1] - before[1]
+        moments.xx[k], moments.xy[k], moments.yy[k] = upto[2] - before[2], upto[3] - before[3], upto[4] - before[4]
 
 
 @compiled
@@ -167,32 +216,57 @@ def _neighbourhood(points: F64, begin: int, end: int, i: int, reach2: float) -> 
 
 
 @compiled
-def _normal(sums: F64, first: int, last: int, rx: float, ry: float) -> tuple[float, float]:
-    """Normal of the line through points first..last, against the ray (rx, ry); 0, 0 where they are no line."""
-    m = last - first + 1
-    if m < 3:
-        return 0.0, 0.0
-    mx = (sums[last + 1, 0] - sums[first, 0]) / m
-    my = (sums[last + 1, 1] - sums[first, 1]) / m
-    cxx = (sums[last + 1, 2] - sums[first, 2]) / m - mx * mx
-    cxy = (sums[last + 1, 3] - sums[first, 3]) / m - mx * my
-    cyy = (sums[last + 1, 4] - sums[first, 4]) / m - my * my
-    half = 0.5 * (cxx + cyy)
-    root = sqrt(0.25 * (cxx - cyy) ** 2 + cxy * cxy)
-    small, large = half - root, half + root
-    if large <= 0.0 or small > _THICKEST * large:
-        return 0.0, 0.0
-    # Eigenvector of the smaller eigenvalue, from the better conditioned row.
-    ax, ay = cxy, small - cxx
-    bx, by = small - cyy, cxy
-    if ax * ax + ay * ay < bx * bx + by * by:
-        ax, ay = bx, by
-    norm = sqrt(ax * ax + ay * ay)
-    if norm < 1e-12:
-        ax, ay, norm = (1.0, 0.0, 1.0) if cxx < cyy else (0.0, 1.0, 1.0)
-    if ax * rx + ay * ry > 0.0:
-        norm = -norm
-    return ax / norm, ay / norm
+def _normals(moments: Moments, n: int, points: F64, origin: F64, normals: F64) -> None:
+    """Normals of the lines through n neighbourhoods, against the ray to each point; 0, 0 where they are no line."""
+    count, xx, xy, yy = moments.n[:n], moments.xx[:n], moments.xy[:n], moments.yy[:n]
+    _centre(count, moments.x, moments.y, xx, xy, yy)
+    _least_spread(count, xx, xy, yy)
+    _turn_to_laser(xx, xy, count, points, origin[0], origin[1], normals)
+
+
+@compiled
+def _centre(n: F64, x: F64, y: F64, xx: F64, xy: F64, yy: F64) -> None:
+    """Sums of xx, xy, yy become variances."""
+    for i in range(len(n)):
+        mx, my = x[i] / n[i], y[i] / n[i]
+        xx[i] = xx[i] / n[i] - mx * mx
+        xy[i] = xy[i] / n[i] - mx * my
+        yy[i] = yy[i] / n[i] - my * my
+
+
+@compiled
+def _least_spread(n: F64, xx: F64, xy: F64, yy: F64) -> None:
+    """Along which direction points spread least: its x, y in the place of xx, xy, and in that of n its length.
+
+    The length is 0 where the points are too few, or no line.
+    """
+    for i in range(len(n)):
+        cxx, cxy, cyy = xx[i], xy[i], yy[i]
+        half, difference = 0.5 * (cxx + cyy), cxx - cyy
+        root = sqrt(0.25 * (difference * difference) + cxy * cxy)
+        small, large = half - root, half + root
+        is_line = (n[i] >= 3.0) & (large > 0.0) & (small <= _THICKEST * large)
+        # Eigenvector of the smaller eigenvalue, from the better conditioned row.
+        ax, ay, bx, by = cxy, small - cxx, small - cyy, cxy
+        is_worse = ax * ax + ay * ay < bx * bx + by * by
+        ax, ay = bx if is_worse else ax, by if is_worse else ay
+        length = sqrt(ax * ax + ay * ay)
+        across = 1.0 if cxx < cyy else 0.0
+        is_zero = length < 1e-12
+        xx[i] = across if is_zero else ax
+        xy[i] = 1.0 - across if is_zero else ay
+        length = 1.0 if is_zero else length
+        n[i] = length if is_line else 0.0
+
+
+@compiled
+def _turn_to_laser(x: F64, y: F64, lengths: F64, points: F64, x0: float, y0: float, normals: F64) -> None:
+    """Unit vectors against the rays to points; 0, 0 for those of length 0."""
+    for i in range(len(lengths)):
+        away = x[i] * (points[i, 0] - x0) + y[i] * (points[i, 1] - y0)
+        length = -lengths[i] if away > 0.0 else lengths[i]
+        normals[i, 0] = x[i] / length if length != 0.0 else 0.0
+        normals[i, 1] = y[i] / length if length != 0.0 else 0.0
 
 
 @compiled
