@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from frontends.matcher import Matcher
 from frontends.simulator.simulation import Simulation, simulate
-from graph.batch import optimize
+from graph.batch import marginal_covariances, optimize
 from graph.config import PoseGraphConfig
 from graph.factors import Factor
 from graph.odometry import OdometryModel
@@ -17,10 +17,12 @@ from graph.se2 import between, compose, expmap, transform_points
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.ice.matcher import IceMatcher
 from iceg.slam import _joint_kernels as kernels
+from iceg.slam._joint_system_kernels import JointSystem, PointsOnLines, fill, normal_equations, product
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.config import FinishConfig, FrontEndConfig, JointRefinementConfig, LoopClosureConfig, SlamConfigError
 from iceg.slam.finish import Finished, finish
 from iceg.slam.joint_refinement import Clouds, key_clouds, refine_jointly
+from iceg.slam.pipeline import run
 from iceg.slam.track import Track
 from iceg.slam.tracking import track_log
 
@@ -170,27 +172,14 @@ def system_of(clouds: Clouds, poses: Array) -> tuple[Array, Array, NDArray[np.in
     n, m, k = len(placed), int(piece_of.max()) + 1, len(poses)
     lines, residuals, weights = np.empty((m, 4)), np.empty(n), np.empty(n)
     kernels.fit_lines(placed, turned, piece_of, 0.04, 3, lines, residuals, weights)
-    diagonal, gradient = np.zeros((k, 3, 3)), np.zeros((k, 3))
-    pose_of, line_of, blocks = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((n, 3, 2))
-    count = kernels.normal_equations(
-        poses,
-        clouds.key_starts,
-        placed,
-        piece_of,
-        lines,
-        residuals,
-        weights,
-        diagonal,
-        gradient,
-        pose_of,
-        line_of,
-        blocks,
-    )
-    columns = [
-        kernels.product(diagonal, pose_of[:count], line_of[:count], blocks[:count], m, e.reshape(k, 3)).ravel()
-        for e in np.eye(3 * k)
-    ]
-    return np.column_stack(columns), gradient.ravel(), piece_of, lines, residuals, weights
+    system = normal_equations(poses, PointsOnLines(clouds.key_starts, placed, piece_of, lines, residuals, weights))
+    columns = [product(system, m, e.reshape(k, 3)).ravel() for e in np.eye(3 * k)]
+    filled = np.zeros((3 * k, 3 * k))
+    order = np.argsort(system.line_of, kind="stable")
+    blocks = (system.pose_of[order], system.line_of[order], system.blocks[order])
+    fill(JointSystem(system.diagonal, system.gradient, *blocks), filled)
+    np.testing.assert_allclose(filled, np.column_stack(columns), atol=1e-9 * np.abs(filled).max())
+    return np.column_stack(columns), system.gradient.ravel(), piece_of, lines, residuals, weights
 
 
 def test_normal_equations_are_those_of_poses_and_lines_without_the_lines() -> None:
@@ -363,6 +352,24 @@ def test_the_finish_of_an_office(solution: Solution, track: Track, office: Simul
     again = optimize(finished.factors, finished.poses)
     np.testing.assert_allclose(again.poses, finished.poses, atol=2e-3)
     assert again.error_after == pytest.approx(without.rounds[-1].error, rel=0.01)
+
+
+def test_a_run_says_where_its_covariances_come_from(office: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = replace(office.log, ranges=office.log.ranges[:300], odometry=office.log.odometry[:300])
+    log = replace(log, stamps=office.log.stamps[:300])
+    usual = run(log)
+    assert usual.summary["finish"][-1]["covariances_from"] == "walls"
+    assert not any("covariances" in warning for warning in usual.summary["warnings"])
+
+    def singular(*_: object) -> Array:
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr("iceg.slam.joint_refinement.joint_covariances", singular)
+    without = run(log)
+    assert without.summary["finish"][-1]["covariances_from"] == "graph"
+    assert any("covariances of the key poses are those of the graph" in w for w in without.summary["warnings"])
+    np.testing.assert_array_equal(without.key_poses, usual.key_poses)
+    np.testing.assert_array_equal(without.covariances, marginal_covariances(without.graph.factors, without.key_poses))
 
 
 def test_settings_out_of_range() -> None:

@@ -53,20 +53,13 @@ def compare(
         Points with a surfel, those that agree with it, surfels seen, surfels looked through.
     """
     known, inliers, seen, contradicted = 0, 0, 0, 0
-    x0, y0, cells_per_metre = origin[0], origin[1], 1.0 / cell
     for scan in range(len(starts) - 1):
-        pose = sweeps.T_ref_robots[scan]
-        c, s = cos(pose[2]), sin(pose[2])
-        for i in range(starts[scan], starts[scan + 1]):
-            x = pose[0] + (c * points[i, 0] - s * points[i, 1])
-            y = pose[1] + (s * points[i, 0] + c * points[i, 1])
-            nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
-            k = partner(x, y, nx, ny, surfels, nearest, x0, y0, cells_per_metre, facing)
-            if k < 0:
-                continue
-            r = surfels[k, 2] * (x - surfels[k, 0]) + surfels[k, 3] * (y - surfels[k, 1])
-            known += 1
-            inliers += r * r < limit * limit
+        pose, first, last = sweeps.T_ref_robots[scan], starts[scan], starts[scan + 1]
+        some_known, some_inliers = _points_on_reference(
+            points[first:last], normals[first:last], pose, surfels, nearest, origin, cell, facing, limit
+        )
+        known += some_known
+        inliers += some_inliers
         some_seen, some_contradicted = visible_agreement(
             surfels,
             pose,
@@ -80,6 +73,34 @@ def compare(
         seen += some_seen
         contradicted += some_contradicted
     return known, inliers, seen, contradicted
+
+
+@compiled
+def _points_on_reference(
+    points: F64,
+    normals: F64,
+    pose: F64,
+    surfels: F64,
+    nearest: I32,
+    origin: F64,
+    cell: float,
+    facing: float,
+    limit: float,
+) -> tuple[int, int]:
+    """How many points of a scan at a pose have a surfel, and how many of these agree with it, see `compare`."""
+    known, inliers = 0, 0
+    x0, y0, cells_per_metre = origin[0], origin[1], 1.0 / cell
+    c, s = cos(pose[2]), sin(pose[2])
+    for i in range(len(points)):
+        x = pose[0] + (c * points[i, 0] - s * points[i, 1])
+        y = pose[1] + (s * points[i, 0] + c * points[i, 1])
+        nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
+        k = partner(x, y, nx, ny, surfels, nearest, x0, y0, cells_per_metre, facing)
+        if k >= 0:
+            r = surfels[k, 2] * (x - surfels[k, 0]) + surfels[k, 3] * (y - surfels[k, 1])
+            known += 1
+            inliers += r * r < limit * limit
+    return known, inliers
 
 
 @compiled

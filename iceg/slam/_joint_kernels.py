@@ -1,7 +1,6 @@
-"""Compiled loops of the joint refinement: pieces of wall that scans share, their lines, and the normal equations.
+"""Compiled loops of the joint refinement: pieces of wall that scans share, and their lines.
 
-A *piece* of wall is a group of points of any scans that lie near one line and face the same way. Its line (offset and
-direction) is an unknown beside the poses; it is eliminated, so that the system that remains is one of poses alone.
+A *piece* of wall is a group of points of any scans that lie near one line and face the same way.
 """
 
 from math import atan2, cos, floor, hypot, sin, sqrt
@@ -23,9 +22,6 @@ _ELONGATED = 16.0
 """A piece has a direction of its own when its extent is this many times its thickness, squared …"""
 _BESIDE = 0.9
 """… and that lies near its points' normals (cosine); else they give it."""
-_LOOSE = 1e-3
-"""Weight of a prior on a line, in points: few points alone would leave it undetermined."""
-_PRIOR_LENGTH = 0.05
 
 
 @compiled
@@ -260,141 +256,3 @@ def _line(m: F64, anchor: F64, line: F64) -> None:
     if long < _ELONGATED * short or nx * mx + ny * my < _BESIDE * norm:
         nx, ny = mx / max(norm, 1e-12), my / max(norm, 1e-12)
     line[0], line[1], line[2], line[3] = anchor[0] + x, anchor[1] + y, nx, ny
-
-
-@compiled
-def normal_equations(
-    poses: F64,
-    starts: I64,
-    placed: F64,
-    piece_of: I64,
-    lines: F64,
-    residuals: F64,
-    weights: F64,
-    diagonal: F64,
-    gradient: F64,
-    pose_of: I64,
-    line_of: I64,
-    blocks: F64,
-) -> int:
-    """½ Σ w r² linearised in the poses, the lines eliminated: H = diagonal − B Bᵀ, and its gradient.
-
-    Args:
-        poses: (k, 3) T_map_robot.
-        starts: (k + 1,) first point of each pose.
-        placed: (n, 2) points in the map [m].
-        piece_of: (n,) piece of each point, -1 for none.
-        lines: (m, 4) of the pieces.
-        residuals: (n,) [m].
-        weights: (n,).
-        diagonal: (k, 3, 3) zeros; output, tangent space at each pose.
-        gradient: (k, 3) zeros; output.
-        pose_of: (n,) output: pose of each block of B, increasing …
-        line_of: (n,) output: … and its line.
-        blocks: (n, 3, 2) output: the blocks.
-
-    Returns:
-        The number of blocks.
-    """
-    m = len(lines)
-    hll, gl = np.zeros((m, 3)), np.zeros((m, 2))
-    last = np.full(m, -1)
-    count = 0
-    for k in range(len(poses)):
-        first = count
-        c, s = cos(poses[k, 2]), sin(poses[k, 2])
-        for i in range(starts[k], starts[k + 1]):
-            g = piece_of[i]
-            if g < 0:
-                continue
-            q = last[g]
-            if q < first:
-                q = count
-                last[g] = q
-                pose_of[q], line_of[q] = k, g
-                blocks[q] = 0.0
-                count += 1
-            w, r = weights[i], residuals[i]
-            # Derivatives with respect to a step of the robot in its own frame, and of the line: offset and turn.
-            jx, jy = c * lines[g, 2] + s * lines[g, 3], c * lines[g, 3] - s * lines[g, 2]
-            jt = lines[g, 3] * (placed[i, 0] - poses[k, 0]) - lines[g, 2] * (placed[i, 1] - poses[k, 1])
-            t = lines[g, 2] * (placed[i, 1] - lines[g, 1]) - lines[g, 3] * (placed[i, 0] - lines[g, 0])
-            diagonal[k, 0, 0] += w * jx * jx
-            diagonal[k, 0, 1] += w * jx * jy
-            diagonal[k, 0, 2] += w * jx * jt
-            diagonal[k, 1, 1] += w * jy * jy
-            diagonal[k, 1, 2] += w * jy * jt
-            diagonal[k, 2, 2] += w * jt * jt
-            gradient[k, 0] += w * r * jx
-            gradient[k, 1] += w * r * jy
-            gradient[k, 2] += w * r * jt
-            blocks[q, 0, 0] -= w * jx
-            blocks[q, 1, 0] -= w * jy
-            blocks[q, 2, 0] -= w * jt
-            blocks[q, 0, 1] -= w * jx * t
-            blocks[q, 1, 1] -= w * jy * t
-            blocks[q, 2, 1] -= w * jt * t
-            hll[g, 0] += w
-            hll[g, 1] += w * t
-            hll[g, 2] += w * t * t
-            gl[g, 0] -= w * r
-            gl[g, 1] -= w * r * t
-    for k in range(len(poses)):
-        diagonal[k, 1, 0], diagonal[k, 2, 0] = diagonal[k, 0, 1], diagonal[k, 0, 2]
-        diagonal[k, 2, 1] = diagonal[k, 1, 2]
-    # With L Lᵀ the Hessian of a line, B = blocks · L⁻ᵀ.
-    for g in range(m):
-        l00 = sqrt(hll[g, 0] + _LOOSE)
-        l10 = hll[g, 1] / l00
-        l11 = sqrt(hll[g, 2] + _LOOSE * _PRIOR_LENGTH**2 - l10 * l10)
-        hll[g, 0], hll[g, 1], hll[g, 2] = l00, l10, l11
-        gl[g, 0] /= l00
-        gl[g, 1] = (gl[g, 1] - l10 * gl[g, 0]) / l11
-    for q in range(count):
-        k, g = pose_of[q], line_of[q]
-        for a in range(3):
-            blocks[q, a, 0] /= hll[g, 0]
-            blocks[q, a, 1] = (blocks[q, a, 1] - hll[g, 1] * blocks[q, a, 0]) / hll[g, 2]
-            gradient[k, a] -= blocks[q, a, 0] * gl[g, 0] + blocks[q, a, 1] * gl[g, 1]
-    return count
-
-
-@compiled
-def product(diagonal: F64, pose_of: I64, line_of: I64, blocks: F64, n_lines: int, x: F64) -> F64:
-    """(k, 3) H x of the system that `normal_equations` leaves."""
-    y = np.empty_like(x)
-    for k in range(len(x)):
-        for a in range(3):
-            y[k, a] = diagonal[k, a, 0] * x[k, 0] + diagonal[k, a, 1] * x[k, 1] + diagonal[k, a, 2] * x[k, 2]
-    pulled = np.zeros((n_lines, 2))
-    for q in range(len(pose_of)):
-        k, b, p = pose_of[q], blocks[q], pulled[line_of[q]]
-        p[0] += b[0, 0] * x[k, 0] + b[1, 0] * x[k, 1] + b[2, 0] * x[k, 2]
-        p[1] += b[0, 1] * x[k, 0] + b[1, 1] * x[k, 1] + b[2, 1] * x[k, 2]
-    for q in range(len(pose_of)):
-        k, b, p = pose_of[q], blocks[q], pulled[line_of[q]]
-        for a in range(3):
-            y[k, a] -= b[a, 0] * p[0] + b[a, 1] * p[1]
-    return y
-
-
-@compiled
-def fill(diagonal: F64, pose_of: I64, line_of: I64, blocks: F64, matrix: F64) -> None:
-    """The same system as a (3k, 3k) matrix, zeros before; its blocks sorted by line."""
-    for k in range(len(diagonal)):
-        for a in range(3):
-            for b in range(3):
-                matrix[3 * k + a, 3 * k + b] += diagonal[k, a, b]
-    first = 0
-    for q in range(len(pose_of)):
-        if line_of[q] != line_of[first]:
-            first = q
-        i = 3 * pose_of[q]
-        for p in range(first, q + 1):
-            j = 3 * pose_of[p]
-            for a in range(3):
-                for b in range(3):
-                    shared = blocks[q, a, 0] * blocks[p, b, 0] + blocks[q, a, 1] * blocks[p, b, 1]
-                    matrix[i + a, j + b] -= shared
-                    if p != q:
-                        matrix[j + b, i + a] -= shared

@@ -49,6 +49,9 @@ def count_pairs(kinds: I8, rows: F64, hits: F64, reach: float, cell: float, sect
         histogram: (bins,) changed in place.
     """
     n_cells, bins, base = int(reach / cell) + 2, len(histogram), _KINDS * sectors
+    directions = np.empty(len(kinds))
+    for i in range(len(kinds)):
+        directions[i] = _direction(rows[i])
     for i in range(len(kinds)):
         for j in range(i + 1, len(kinds)):
             dx, dy = rows[j, 0] - rows[i, 0], rows[j, 1] - rows[i, 1]
@@ -56,8 +59,8 @@ def count_pairs(kinds: I8, rows: F64, hits: F64, reach: float, cell: float, sect
             if distance < _CLOSEST or distance >= reach:
                 continue
             bearing = atan2(dy, dx)
-            one = kinds[i] * sectors + _sector(_direction(rows[i]) - bearing, sectors)
-            other = kinds[j] * sectors + _sector(_direction(rows[j]) - bearing - pi, sectors)
+            one = kinds[i] * sectors + _sector(directions[i] - bearing, sectors)
+            other = kinds[j] * sectors + _sector(directions[j] - bearing - pi, sectors)
             weight = sqrt(min(hits[i], _MOST_HITS) * min(hits[j], _MOST_HITS))
             word = (min(one, other) * base + max(one, other)) * n_cells
             lower = floor(distance / cell)

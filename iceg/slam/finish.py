@@ -41,6 +41,8 @@ class Round:
         mean_move: of the key poses [m].
         residual_before: root mean square distance of the points from the walls before a joint refinement [m] …
         residual: … and after it.
+        covariances_from: whence the key poses' covariances are after a joint refinement: "walls" that scans share, or
+            the "graph" alone, where the points on walls do not determine every pose.
         seconds: spent.
     """
 
@@ -53,6 +55,7 @@ class Round:
     mean_move: float
     residual_before: float | None = None
     residual: float | None = None
+    covariances_from: Literal["walls", "graph"] | None = None
     seconds: float
 
 
@@ -247,6 +250,7 @@ def _joint(
             mean_move=mean,
             residual_before=refined.residual_before,
             residual=refined.residual,
+            covariances_from="graph" if refined.covariances is None else "walls",
             seconds=clock.lap(),
         ),
     )

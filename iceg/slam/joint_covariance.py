@@ -6,14 +6,14 @@ same points, which would count twice.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graph.factors import Factor
 from graph.se2 import adjoint, between, chain_covariance, compose_covariance
-from iceg.slam import _joint_kernels as kernels
+from iceg.slam._joint_system_kernels import JointSystem, PointsOnLines, fill, normal_equations
 
 _MOST_ANCHORS = 500
 _SMALL = 96
@@ -47,6 +47,11 @@ class Walls:
     weights: NDArray[np.float64]
     on_walls: float
     residual: float
+
+    def normal_equations(self, poses: NDArray[np.float64], starts: NDArray[np.int64]) -> JointSystem:
+        """Of the poses (k, 3) that the points hang on, pose k with those from starts[k] to starts[k + 1]."""
+        seen = PointsOnLines(starts, self.placed, self.piece_of, self.lines, self.residuals, self.weights)
+        return normal_equations(poses, seen)
 
 
 def joint_covariances(
@@ -143,29 +148,17 @@ def _of_points(
     Returns:
         (k, 3, 3) of each pose with the walls known, and, if filled, (3k, 3k) of all with the walls eliminated.
     """
-    k, n = len(poses), len(walls.placed)
-    diagonal, gradient = np.zeros((k, 3, 3)), np.zeros((k, 3))
-    pose_of, line_of, blocks = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((n, 3, 2))
-    count = kernels.normal_equations(
-        poses,
-        starts,
-        walls.placed,
-        walls.piece_of,
-        walls.lines,
-        walls.residuals,
-        _SHARP * walls.weights,
-        diagonal,
-        gradient,
-        pose_of,
-        line_of,
-        blocks,
-    )
-    information = np.zeros((3 * k, 3 * k) if filled else (0, 0))
-    order = np.argsort(line_of[:count], kind="stable")
+    system = replace(walls, weights=_SHARP * walls.weights).normal_equations(poses, starts)
+    k = len(poses) if filled else 0
+    information = np.zeros((3 * k, 3 * k))
     if filled:
-        kernels.fill(diagonal, pose_of[order], line_of[order], blocks[order], information)
+        order = np.argsort(system.line_of, kind="stable")
+        by_line = JointSystem(
+            system.diagonal, system.gradient, system.pose_of[order], system.line_of[order], system.blocks[order]
+        )
+        fill(by_line, information)
     scale = precision / _SHARP
-    return scale * diagonal, scale * information
+    return scale * system.diagonal, scale * information
 
 
 def _steps(factors: Sequence[Factor], k: int) -> NDArray[np.float64]:

@@ -18,6 +18,7 @@ from graph.problem import Linearization, Problem
 from graph.se2 import compose, expmap, inverse
 from iceg.ice.points import thinned_points
 from iceg.slam import _joint_kernels as kernels
+from iceg.slam._joint_system_kernels import product
 from iceg.slam.config import JointRefinementConfig
 from iceg.slam.joint_covariance import Walls, joint_covariances
 from iceg.slam.track import Track
@@ -28,7 +29,9 @@ _LINE_ROUNDS = 3
 _APART = 1e5
 _THINNEST = 4
 """Rather than keep less than one in so many beams, fewer scans take part."""
-_TOLERANCE, _MOST_PRODUCTS = 0.02, 60
+_TOLERANCE, _MOST_PRODUCTS = 0.1, 60
+"""Conjugate gradients stop at this share of the first residual: a step brings no more than half of what is left anyway,
+because points change their walls; at most so many products are taken."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +48,7 @@ class JointRefinement:
         residual: … and in the end [m].
         on_walls_before: share of the points on their piece of wall (mean Cauchy weight) at the start …
         on_walls: … and in the end.
-        covariances: (k, 3, 3) marginal covariances of the poses in the end, None if there are no points to tell.
+        covariances: (k, 3, 3) marginal covariances of the poses in the end, None if the points do not determine them.
     """
 
     poses: NDArray[np.float64]
@@ -270,31 +273,13 @@ def _step(
     config: JointRefinementConfig,
 ) -> NDArray[np.float64]:
     """(k, 3) Gauss-Newton step of points and factors together, in the tangent space at each pose."""
-    k, n = len(poses), len(clouds.points)
-    diagonal, gradient = np.zeros((k, 3, 3)), np.zeros((k, 3))
-    pose_of, line_of, blocks = np.empty(n, np.int64), np.empty(n, np.int64), np.empty((n, 3, 2))
-    count = kernels.normal_equations(
-        poses,
-        clouds.key_starts,
-        walls.placed,
-        walls.piece_of,
-        walls.lines,
-        walls.residuals,
-        walls.weights,
-        diagonal,
-        gradient,
-        pose_of,
-        line_of,
-        blocks,
-    )
-    pose_of, line_of, blocks = pose_of[:count], line_of[:count], blocks[:count]
+    system = walls.normal_equations(poses, clouds.key_starts)
     precision = _precision(walls, config)
 
     def times(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        of_points = kernels.product(diagonal, pose_of, line_of, blocks, len(walls.lines), x)
-        return np.asarray(precision * of_points + graph.times(x))
+        return np.asarray(precision * product(system, len(walls.lines), x) + graph.times(x))
 
-    return _conjugate_gradients(times, graph, -(precision * gradient + graph.gradient))
+    return _conjugate_gradients(times, graph, -(precision * system.gradient + graph.gradient))
 
 
 def _conjugate_gradients(

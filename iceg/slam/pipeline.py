@@ -234,6 +234,8 @@ def _summary(
     factors = solution.graph.factors
     matches = [key.match for key in track.keys if isinstance(key.match, RelativePose)]
     doubts = [*doubts, *(describe_dead(*stretch) for stretch in track.dead)]
+    if rounds and rounds[-1].covariances_from == "graph":
+        doubts.append("covariances of the key poses are those of the graph: the walls do not determine every pose")
     kinds = ("prior", "odometry", "ice", "stretch", "closure")
     return {
         "log": log.path.name,
