@@ -262,3 +262,14 @@ def test_a_robot_that_neither_odometry_nor_laser_follows_is_adrift() -> None:
     for i in range(60):
         front_end.add(i, _scan(i + 1), None if i >= 14 else np.array([0.1, 0.0, 0.0]))
     assert front_end.adrift == [48]
+
+
+def test_a_robot_that_looks_once_in_two_metres_is_not_lost() -> None:
+    simulation = simulate("corridor", seed=3)
+    near = replace(simulation.log, ranges=np.where(simulation.log.ranges < 8.0, simulation.log.ranges, np.nan))
+    path = np.cumsum(np.hypot(*np.diff(simulation.truth[:280, :2], axis=0).T))
+    seldom = np.searchsorted(path, np.arange(0.0, path[-1], 2.0))
+    log = replace(near, ranges=near.ranges[seldom], odometry=near.odometry[seldom], stamps=near.stamps[seldom])
+    track = track_log(log, IceMatcher(), OdometryModel(), FrontEndConfig())
+    assert len(log) > 12
+    assert track.failures == 0

@@ -57,6 +57,31 @@ def test_surfels_are_means_of_a_cell_and_a_facing() -> None:
     np.testing.assert_allclose(got[np.lexsort(got.T)], expected[np.lexsort(expected.T)], atol=1e-9)
 
 
+def test_a_map_that_made_room_is_one_that_had_it() -> None:
+    scans, poses = (cloud(200, 0), cloud(200, 1)), np.array([[0.0, 0.0, 0.0], [6.3, -5.2, 0.7]])
+    had = LocalMap(LOWER - 8.0, UPPER + 8.0, LocalMapConfig(), FeatureConfig())
+    made = LocalMap(LOWER, UPPER, LocalMapConfig(), FeatureConfig())
+    for scan_points, pose in zip(scans, poses, strict=True):
+        made.make_room(scan_points, pose, 2.0)
+        for local_map in (had, made):
+            local_map.add(scan_points, NO_FEATURES, pose)
+    np.testing.assert_array_equal(made.surfels, had.surfels)
+    for ours, theirs in ((made.fine, had.fine), (made.coarse, had.coarse)):
+        left, below = np.round((ours.origin - theirs.origin) / ours.cell).astype(int)
+        rows, columns = ours.nearest.shape
+        inside = np.s_[below : below + rows, left : left + columns]
+        np.testing.assert_array_equal(ours.nearest, theirs.nearest[inside])
+        np.testing.assert_array_equal(ours.distance2, theirs.distance2[inside])
+
+
+def test_a_map_with_room_enough_stays_as_it_is() -> None:
+    local_map = local_map_of(cloud(200, 0))
+    before = local_map.fine
+    far = ScanPoints(points=np.array([[0.5, 0.2]]), normals=np.array([[1.0, 0.0]]), beams=np.zeros(1, np.int32))
+    local_map.make_room(far, np.array([1.0, 1.0, 0.0]), 2.0)
+    assert local_map.fine is before
+
+
 def test_the_fields_hold_the_nearest_surfel() -> None:
     local_map = local_map_of(cloud(150, 2))
     field, surfels = local_map.fine, local_map.surfels

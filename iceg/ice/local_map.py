@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,6 +91,24 @@ class LocalMap:
         self._new_features += zip(features, T_ref_scans, strict=True)
         surfel_kernels.mean_surfels(self._sums, self._surfel_count, self._surfels)
         self._stamp(self.fine, start, is_thin=False)
+
+    def make_room(self, scan_points: ScanPoints, T_ref_scan: NDArray[np.float64], margin: float) -> None:
+        """Let the box hold what a scan taken at `T_ref_scan` sees within reach.
+
+        Args:
+            scan_points: its points.
+            T_ref_scan: (3,) its pose.
+            margin: where the box must grow at all, it grows by so much more [m].
+        """
+        lower, upper = box_around([scan_points.points], T_ref_scan[None], self._config.reach, 0.0)
+        shape = self.fine.nearest.shape
+        end = self.fine.origin + self.fine.cell * np.array([shape[1], shape[0]])
+        if (lower >= self.fine.origin).all() and (upper <= end).all():
+            return
+        before = np.where(lower < self.fine.origin, self.fine.origin - lower + margin, 0.0)
+        after = np.where(upper > end, upper - end + margin, 0.0)
+        self._table = _padded(self._table, before, after, self.fine.cell, -1)
+        self.fine, self._coarse = _grown(self.fine, before, after), _grown(self._coarse, before, after)
 
     def _stamp(self, field: NearestField, start: int, *, is_thin: bool) -> None:
         """Note the surfels from `start` on in a field."""
@@ -196,6 +215,28 @@ def box_around(
     surfel_kernels.widen_box(joined(points), starts_of(points), T_ref_scans, lower, upper)
     # On whole metres, so that the cells of every reference lie alike.
     return np.floor(np.maximum(lower, center - reach) - margin), np.ceil(np.minimum(upper, center + reach) + margin)
+
+
+def _grown(field: NearestField, before: NDArray[np.float64], after: NDArray[np.float64]) -> NearestField:
+    """The same field with room on each side, (2,) [m], in whole cells."""
+    return NearestField(
+        origin=field.origin - field.cell * np.ceil(before / field.cell),
+        cell=field.cell,
+        radius=field.radius,
+        nearest=_padded(field.nearest, before, after, field.cell, -1),
+        distance2=_padded(field.distance2, before, after, field.cell, field.radius**2),
+    )
+
+
+def _padded(
+    cells: NDArray[Any], before: NDArray[np.float64], after: NDArray[np.float64], cell: float, empty: float
+) -> NDArray[Any]:
+    """(ny, nx, ...) cells with empty ones around them, as far as `before` and `after`, (2,) x and y [m]."""
+    (left, below), (right, above) = (np.ceil(side / cell).astype(int) for side in (before, after))
+    ny, nx = cells.shape[:2]
+    padded = np.full((ny + below + above, nx + left + right, *cells.shape[2:]), empty, cells.dtype)
+    padded[below : below + ny, left : left + nx] = cells
+    return padded
 
 
 def _empty_field(origin: NDArray[np.float64], size: NDArray[np.float64], cell: float, radius: float) -> NearestField:

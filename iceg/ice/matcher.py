@@ -33,7 +33,7 @@ _FEWEST_POINTS = 15
 _NEW_GROUND, _OLD_GROUND = 0.3, 0.8
 """A scan that sees much new needs this share of its beams on the map, which must agree to this share both ways."""
 _ROOM_TO_GROW = 4.0
-"""A local map can be extended by scans that reach this far beyond its first points [m]."""
+"""A local map is made so much wider than its points reach, lest every scan that extends it widens it anew [m]."""
 _HYPOTHESIS_PRIOR = 1.0
 """Pull of the features that made a hypothesis, in points: along a corridor nothing else holds it."""
 _SEPARATION_M, _SEPARATION_RAD = 0.15, 0.06
@@ -109,6 +109,7 @@ class IceMatcher:
     def extend(self, reference: LocalMap, scan: Scan, T_ref_scan: NDArray[np.float64]) -> None:
         """Add one more scan to a local map."""
         observation = self.observe(scan)
+        reference.make_room(observation.points, T_ref_scan, _ROOM_TO_GROW)
         reference.add(observation.reference_points, observation.features, T_ref_scan)
         reference.views.append(View(scan=scan, T_ref_robot=T_ref_scan))
 
