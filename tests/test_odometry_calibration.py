@@ -180,17 +180,6 @@ def test_a_single_scan_stays_where_it_is() -> None:
     np.testing.assert_array_equal(OdometryCalibration(noise=OdometryModel()).apply(one), one)
 
 
-@pytest.mark.parametrize("seed", range(8))
-def test_the_variance_fit_is_non_negative_least_squares(seed: int) -> None:
-    from scipy.optimize import nnls
-
-    from iceg.slam.odometry_calibration import _non_negative_fit
-
-    rng = np.random.default_rng(seed)
-    rows, values = rng.uniform(0.0, 1.0, (40, 3)), rng.normal(size=40)
-    np.testing.assert_allclose(_non_negative_fit(rows, values), nnls(rows, values)[0], atol=1e-12)
-
-
 def _with_heading_noise(truth: NDArray[np.float64], persists: int) -> NDArray[np.float64]:
     """Odometry whose error of heading stays the same for so many steps."""
     rng = np.random.default_rng(5)
@@ -204,7 +193,7 @@ def _with_heading_noise(truth: NDArray[np.float64], persists: int) -> NDArray[np
 
 def test_errors_that_persist_weigh_less_in_a_graph() -> None:
     # Key scans lie 6 steps apart: errors that last for 18 steps make three motions err alike, ρ = 2/3 and 1/3 one and
-    # two motions on, and 1 + 2 (6/7 · 2/3 + 5/7 · 1/3) is 2.6 times the variance.
+    # two motions on, and 1 + 2 (16/17 · 2/3 + 15/17 · 1/3) is 2.8 times the variance.
     truth = _drive(6000)
     fresh = calibrate_odometry(_track(truth, 6, noise=0.0005), _with_heading_noise(truth, 6))
     lasting = calibrate_odometry(_track(truth, 6, noise=0.0005), _with_heading_noise(truth, 18))
@@ -214,7 +203,7 @@ def test_errors_that_persist_weigh_less_in_a_graph() -> None:
         return float(found.lasting_noise.covariance(path)[2, 2] / found.noise.covariance(path)[2, 2])
 
     assert widened(fresh) < 1.2
-    assert 1.8 < widened(lasting) < 3.0
+    assert 2.2 < widened(lasting) < 3.4
 
 
 def test_a_scale_that_nothing_measures_counts_where_odometry_is_alone() -> None:

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass, field, replace
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse, wrap_angle
+from iceg.slam.odometry_noise import Differences, lasting_noise, odometry_noise, robust_deviation
 from iceg.slam.odometry_steps import sudden_steps
 from iceg.slam.track import KeyScan, Track
 
@@ -17,18 +17,11 @@ from iceg.slam.track import KeyScan, Track
 _HEADING_PRIOR = np.array([0.05, 0.05, 0.7])
 _TRANSLATION_PRIOR = np.array([0.05, 0.03, 0.7, 0.2, 0.1])
 _ROBUST_ROUNDS = 15
-_LARGEST_EXCESS = 4.0
 _FEWEST_KEYS = 20
 _WINDOW = 5
 """Key scans over which moves are compared: noise in the steps of odometry makes a scale fitted to them too small."""
 _TURNING = 0.3
 """Only windows that turn by more than this [rad] tell the scale of turns."""
-_CLEAR = 4.0
-"""F statistic from which on one more coefficient explains more than chance would."""
-_LAGS = 6
-"""Key scans over which errors of odometry may persist …"""
-_MOST_PERSISTENT = 4.0
-"""… and by how much their variance is widened for it at most."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,14 +101,14 @@ def calibrate_odometry(track: Track, odometry: NDArray[np.float64]) -> OdometryC
     translation, deviation = _fit_moves(samples, windows)
     error, _, rows_x, rows_y = _equations(samples)
     left = np.column_stack([error[:, 0] - rows_x @ translation, error[:, 1] - rows_y @ translation, error[:, 2]])
-    noise = _noise(samples, left)
+    noise, persistence = odometry_noise(samples.differences(left), turned)
     return replace(
         turns,
         translation_scale=float(translation[0]),
         translation_shift=float(np.clip(translation[2], -2, 2)),
         T_odometry_laser=(float(translation[3]), float(translation[4]), float(-translation[1])),
         noise=noise,
-        lasting_noise=_lasting(noise, _persistence(left, samples.variances), deviation, _unseen(track)),
+        lasting_noise=lasting_noise(noise, persistence, deviation, _unseen(track)),
     )
 
 
@@ -161,6 +154,17 @@ class _Samples:
             distance=travelled[ends] - travelled[starts],
             turn=turned[ends] - turned[starts],
             speed_change=speed[ends] - speed[starts],
+        )
+
+    def differences(self, left: NDArray[np.float64]) -> Differences:
+        """What is left of the matches minus odometry, (n, 3), seen from the end of each motion."""
+        c, s = np.cos(self.matched[:, 2]), np.sin(self.matched[:, 2])
+        return Differences(
+            errors=np.column_stack([c * left[:, 0] + s * left[:, 1], c * left[:, 1] - s * left[:, 0], left[:, 2]]),
+            claimed=self.variances,
+            turns=self.matched[:, 2],
+            starts=self.starts,
+            ends=self.ends,
         )
 
     def claimed_by(self, odometry: NDArray[np.float64]) -> "_Samples":
@@ -239,47 +243,11 @@ def _robust_fit(
     scale, information = 1.0, np.diag(prior**-2.0)
     for _ in range(_ROBUST_ROUNDS):
         residual = values - rows @ x
-        scale = _robust_deviation(residual)
+        scale = robust_deviation(residual)
         weights = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2)
         information = (rows * weights[:, None]).T @ rows + np.diag((scale / prior) ** 2)
         x = np.asarray(np.linalg.solve(information, (rows * weights[:, None]).T @ values), dtype=np.float64)
     return x, scale * np.sqrt(np.diag(np.linalg.inv(information)))
-
-
-def _robust_deviation(residual: NDArray[np.float64]) -> float:
-    return 1.4826 * float(np.median(np.abs(residual))) + 1e-6
-
-
-def _noise(samples: _Samples, left: NDArray[np.float64]) -> OdometryModel:
-    """Non-negative least squares of the squared residuals, (n, 3), on path and turn."""
-    rows = np.column_stack([np.ones(len(left)), samples.distance, samples.turn])
-    ahead, side, heading = (_variance_fit(left[:, k], samples.variances[:, k], rows) for k in range(3))
-    return OdometryModel(
-        along_per_metre=max(0.01, float(ahead[1]) ** 0.5),
-        across_per_metre=max(0.002, float(side[1]) ** 0.5),
-        position_per_radian=max(0.002, float(0.5 * (ahead[2] + side[2])) ** 0.5),
-        heading_per_metre=max(0.003, float(heading[1]) ** 0.5),
-        heading_per_radian=max(0.005, float(heading[2]) ** 0.5),
-        along_floor=max(0.002, float(ahead[0]) ** 0.5),
-        across_floor=max(0.001, float(side[0]) ** 0.5),
-        heading_floor=max(0.001, float(heading[0]) ** 0.5),
-    )
-
-
-def _persistence(left: NDArray[np.float64], variances: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(3,) by how much the variance of a chain of motions exceeds the sum of theirs, because errors persist.
-
-    The sum of the autocovariances under Bartlett's window (Newey and West 1987) over the variance of odometry's own
-    error; what the matches add to both, differences of successive errors, cancels in the sum.
-    """
-    limits = np.array([_LARGEST_EXCESS * _robust_deviation(column) for column in left.T])
-    e = np.clip(left, -limits, limits)
-    total = own = np.mean(e**2, axis=0)
-    for lag in range(1, _LAGS + 1):
-        total = total + 2.0 * (1.0 - lag / (_LAGS + 1.0)) * np.sum(e[lag:] * e[:-lag], axis=0) / len(e)
-    own = np.maximum(own - np.median(variances, axis=0), 0.5 * own)
-    chance = 2.0 * math.sqrt(4.0 * _LAGS / (3.0 * len(e)))  # two relative standard deviations of the sum
-    return np.asarray(np.clip(total / own * (1.0 - chance), 1.0, _MOST_PERSISTENT), dtype=np.float64)
 
 
 def _unseen(track: Track) -> float:
@@ -289,53 +257,6 @@ def _unseen(track: Track) -> float:
         stretch = 0.0 if _is_seen(key) else stretch + key.motion.distance
         longest = max(longest, stretch)
     return longest
-
-
-def _lasting(noise: OdometryModel, persistence: NDArray[np.float64], scale: float, unseen: float) -> OdometryModel:
-    """Noise for a graph: each axis widened by its persistence; a scale error s over L metres, (sL)², as s²L a metre."""
-    along, across, heading = np.sqrt(persistence).tolist()
-    return replace(
-        noise,
-        along_per_metre=math.hypot(along * noise.along_per_metre, scale * math.sqrt(unseen)),
-        across_per_metre=across * noise.across_per_metre,
-        position_per_radian=max(along, across) * noise.position_per_radian,
-        heading_per_metre=heading * noise.heading_per_metre,
-        heading_per_radian=heading * noise.heading_per_radian,
-        along_floor=along * noise.along_floor,
-        across_floor=across * noise.across_floor,
-        heading_floor=heading * noise.heading_floor,
-    )
-
-
-def _variance_fit(
-    residual: NDArray[np.float64], variance: NDArray[np.float64], rows: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Coefficients ≥ 0 of the residual's variance beyond the match's own; outliers are clipped.
-
-    The first, what a motion is off by however short it is, is 0 unless it clearly explains more: key scans lie about as
-    far apart as each other, and what grows with the path would look like it.
-    """
-    limit = (_LARGEST_EXCESS * _robust_deviation(residual)) ** 2
-    excess = np.minimum(residual**2, limit) - np.minimum(variance, 0.5 * np.median(residual**2))
-    weights = 1.0 / np.maximum(rows[:, 1] + rows[:, 2], 0.05)
-    rows, excess = rows * weights[:, None], excess * weights
-    whole, growing = _non_negative_fit(rows, excess), np.append(0.0, _non_negative_fit(rows[:, 1:], excess))
-    left, left_by_growing = (float(np.sum((rows @ fit - excess) ** 2)) for fit in (whole, growing))
-    return whole if (left_by_growing - left) * len(rows) > _CLEAR * left else growing
-
-
-def _non_negative_fit(rows: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Least squares with coefficients ≥ 0: the best of the fits on some of the columns; for a few of these."""
-    n = rows.shape[1]
-    best, least = np.zeros(n), float(values @ values)
-    for size in range(1, n + 1):
-        for columns in map(list, combinations(range(n), size)):
-            fit = np.linalg.lstsq(rows[:, columns], values)[0]
-            error = float(np.sum((rows[:, columns] @ fit - values) ** 2))
-            if error < least and (fit >= 0.0).all():
-                best, least = np.zeros(n), error
-                best[columns] = fit
-    return best
 
 
 def _shifted(values: NDArray[np.float64], shift: float, fixed: NDArray[np.bool_]) -> NDArray[np.float64]:

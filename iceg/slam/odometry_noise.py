@@ -1,0 +1,289 @@
+"""How much odometry errs from one key scan to the next, as the matches of the log tell it.
+
+What a match and odometry differ by is of three kinds, told apart by how it goes on. The match's own error ends with its
+key scan: the next difference has it with the other sign. The error of odometry adds up. And the error of its heading
+carries the robot aside: the model makes that of it by itself, so that only what the heading does not explain is noise
+of the position. A few differences far beyond all others are slips, which are dealt with where a match contradicts
+odometry, and not by a variance that holds for all.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.odometry import OdometryModel
+from graph.se2 import between
+from iceg.slam.match_errors import OWN
+
+_OUTLIER = 3.0
+"""Standard deviations beyond which a difference counts as being so far and no farther."""
+_FIT_ROUNDS = 10
+_MOST_CLAIMED = 2.0
+"""What cancels from step to step is the match's up to so many times the variance it claims; the rest is clocks."""
+_CLEAR = 10.0
+"""F statistic from which on more coefficients explain more than chance would."""
+_LAGS = 16
+"""Key scans over which errors of odometry may persist …"""
+_MOST_PERSISTENT = 4.0
+"""… and by how much their variance is widened for it at most."""
+_LEAST = OdometryModel(
+    along_floor=0.0002,
+    across_floor=0.0002,
+    heading_floor=0.0005,
+    along_per_metre=0.01,
+    across_per_metre=0.0005,
+    position_per_radian=0.0005,
+    heading_per_metre=0.003,
+    heading_per_radian=0.005,
+)
+"""No robot's odometry is believed to be better than this …"""
+_LEAST_FLOOR = 0.05
+"""… nor to be off by less, without any motion, than this share of its usual standard deviation."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Differences:
+    """Matches minus calibrated odometry, from one key scan to the next.
+
+    Attributes:
+        errors: (n, 3) in the tangent space at the end of each motion.
+        claimed: (n, 3) variances the matches claim.
+        turns: (n,) change of heading [rad].
+        starts: (n,) scan at which each motion starts …
+        ends: … and at which it ends.
+    """
+
+    errors: NDArray[np.float64]
+    claimed: NDArray[np.float64]
+    turns: NDArray[np.float64]
+    starts: NDArray[np.int64]
+    ends: NDArray[np.int64]
+
+
+def odometry_noise(
+    differences: Differences, odometry: NDArray[np.float64]
+) -> tuple[OdometryModel, NDArray[np.float64]]:
+    """Fit the noise of odometry.
+
+    Args:
+        differences: between matches and odometry.
+        odometry: (n_scans, 3).
+
+    Returns:
+        The noise of single motions, and (3,) by how much the variance of a chain of them exceeds the sum of theirs, in
+        x, y and heading, because errors persist.
+    """
+    paths = _Paths.of(differences, odometry)
+    errors, claimed = differences.errors, differences.claimed
+    persistence = np.empty(3)
+    by_match, persistence[2] = _shares(errors[:, 2], errors[1:, 2], claimed[:, 2])
+    heading = _variance_fit([errors[:, 2]], [by_match], [paths.rows_heading], n_floors=1)
+    lever, left = paths.carried_by(heading)
+    own = errors[:, :2] - lever * errors[:, 2:]
+    known, following = np.empty_like(own), _turned(own[1:], differences.turns[1:])
+    for k in range(2):
+        by_match, persistence[k] = _shares(own[:, k], following[:, k], claimed[:, k])
+        known[:, k] = by_match + left[:, k]
+    position = _variance_fit(list(own.T), list(known.T), [paths.rows_x, paths.rows_y], n_floors=2)
+    fits = ((paths.rows_x, position), (paths.rows_y, position), (paths.rows_heading, heading))
+    floors = [_LEAST_FLOOR**2 * float(np.median(rows @ fit)) for rows, fit in fits]
+    variances = {
+        "along_floor": max(position[0], floors[0]),
+        "across_floor": max(position[1], floors[1]),
+        "along_per_metre": position[2],
+        "across_per_metre": position[3],
+        "position_per_radian": position[4],
+        "heading_floor": max(heading[0], floors[2]),
+        "heading_per_metre": heading[1],
+        "heading_per_radian": heading[2],
+    }
+    noise = {name: max(getattr(_LEAST, name), math.sqrt(variance)) for name, variance in variances.items()}
+    return OdometryModel(**noise), persistence
+
+
+def lasting_noise(noise: OdometryModel, persistence: NDArray[np.float64], scale: float, unseen: float) -> OdometryModel:
+    """Noise for a graph: each axis widened by its persistence; a scale error s over L metres, (sL)², as s²L a metre."""
+    along, across, heading = np.sqrt(persistence).tolist()
+    return replace(
+        noise,
+        along_per_metre=math.hypot(along * noise.along_per_metre, scale * math.sqrt(unseen)),
+        across_per_metre=across * noise.across_per_metre,
+        position_per_radian=max(along, across) * noise.position_per_radian,
+        heading_per_metre=heading * noise.heading_per_metre,
+        heading_per_radian=heading * noise.heading_per_radian,
+        along_floor=along * noise.along_floor,
+        across_floor=across * noise.across_floor,
+        heading_floor=heading * noise.heading_floor,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Paths:
+    """What the variances of motions are made of.
+
+    Attributes:
+        rows_x: (n, 5) what the coefficients of the position's noise are multiplied by in the variance of x at the end
+            of each motion: floors ahead and aside, along and across per metre, position per radian.
+        rows_y: (n, 5) the same of y.
+        rows_heading: (n, 3) the same of the heading: floor, per metre, per radian.
+        motion_of: (m,) motion of each step between scans.
+        distance: (m,) length of the steps [m].
+        turn: (m,) |change of heading| [rad].
+        levers: (m, 2) what an error of the heading after the step moves the end of the motion by [m/rad].
+        whole: (n, 2) what one before the first does.
+    """
+
+    rows_x: NDArray[np.float64]
+    rows_y: NDArray[np.float64]
+    rows_heading: NDArray[np.float64]
+    motion_of: NDArray[np.int64]
+    distance: NDArray[np.float64]
+    turn: NDArray[np.float64]
+    levers: NDArray[np.float64]
+    whole: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, differences: Differences, odometry: NDArray[np.float64]) -> "_Paths":
+        starts, ends = differences.starts, differences.ends
+        n, lengths = len(starts), ends - starts
+        motion_of = np.repeat(np.arange(n), lengths)
+        scan = np.arange(len(motion_of)) + np.repeat(ends - np.cumsum(lengths), lengths)
+        T_end_scan = between(odometry[ends[motion_of]], odometry[scan + 1])
+        T_end_start = between(odometry[ends], odometry[starts])
+        step = between(odometry[scan], odometry[scan + 1])
+        distance, turn = np.hypot(step[:, 0], step[:, 1]), np.abs(step[:, 2])
+        direction = np.arctan2(step[:, 1], step[:, 0]) + T_end_scan[:, 2] - step[:, 2]
+        in_line = np.bincount(motion_of, distance * np.cos(direction) ** 2, n)
+        aside = np.bincount(motion_of, distance * np.sin(direction) ** 2, n)
+        turned = np.bincount(motion_of, turn, n)
+        straight = np.cos(T_end_start[:, 2]) ** 2
+        return cls(
+            rows_x=np.column_stack([straight, 1.0 - straight, in_line, aside, turned]),
+            rows_y=np.column_stack([1.0 - straight, straight, aside, in_line, turned]),
+            rows_heading=np.column_stack([np.ones(n), in_line + aside, turned]),
+            motion_of=motion_of,
+            distance=distance,
+            turn=turn,
+            levers=_lever(T_end_scan),
+            whole=_lever(T_end_start),
+        )
+
+    def carried_by(self, heading: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """What noise of the heading, its (3,) coefficients, does to the position at the end of each motion.
+
+        Returns:
+            (n, 2) most probable error in x and y per error of the heading; (n, 2) variance that is left beside it.
+        """
+        noise = heading[1] * self.distance + heading[2] * self.turn
+        total = self.rows_heading @ heading + 1e-12
+        mean, left = np.empty_like(self.whole), np.empty_like(self.whole)
+        for k in range(2):
+            of_steps = np.bincount(self.motion_of, noise * self.levers[:, k], len(total))
+            of_steps2 = np.bincount(self.motion_of, noise * self.levers[:, k] ** 2, len(total))
+            mean[:, k] = (heading[0] * self.whole[:, k] + of_steps) / total
+            left[:, k] = heading[0] * self.whole[:, k] ** 2 + of_steps2 - total * mean[:, k] ** 2
+        return mean, np.maximum(left, 0.0)
+
+
+def _lever(T_end_pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n, 2) what turning at a pose moves the end by, seen from the end [m/rad]."""
+    return np.column_stack([T_end_pose[:, 1], -T_end_pose[:, 0]])
+
+
+def _turned(vectors: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
+    c, s = np.cos(angles), np.sin(angles)
+    return np.column_stack([c * vectors[:, 0] - s * vectors[:, 1], s * vectors[:, 0] + c * vectors[:, 1]])
+
+
+def _shares(
+    errors: NDArray[np.float64], following: NDArray[np.float64], claimed: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], float]:
+    """What of differences is the matches', and how much that of odometry persists.
+
+    Neighbours share the error of the match between them, with opposite signs. By how much a chain exceeds the sum of
+    its motions is the sum of the autocovariances under Bartlett's window (Newey and West 1987), in which the error of
+    matches cancels; it counts where it is beyond chance.
+
+    Args:
+        errors: (n,) differences.
+        following: (n - 1,) the next one in the axes of each.
+        claimed: (n,) variances of the matches.
+
+    Returns:
+        (n,) variances that are the matches', and the factor on the variance of odometry's own.
+    """
+    usual = robust_deviation(errors) ** 2
+    certain = usual / (usual + claimed)  # how much of a difference is not the doubt of its match
+    limit = _OUTLIER * robust_deviation(errors * certain)
+    e, after = np.clip(errors * certain, -limit, limit), np.clip(following * certain[1:], -limit, limit)
+    lags = [float(e[lag:] @ e[: len(e) - lag]) / len(e) for lag in range(_LAGS + 1)]
+    cancelling = max(0.5 * (lags[2] + lags[3]), 0.0) - float(e[:-1] @ after) / len(e)
+    claim = max(float(np.mean(certain**2 * claimed)), 1e-12)
+    share = min(max(cancelling / (OWN * claim), 0.0), _MOST_CLAIMED)
+    chain = lags[0] + 2.0 * sum((1.0 - lag / (_LAGS + 1.0)) * lags[lag] for lag in range(1, _LAGS + 1))
+    persistence = chain / max(lags[0] - share * claim, 0.5 * lags[0])
+    chance = 2.0 * math.sqrt(4.0 * _LAGS / (3.0 * len(e)))  # two relative standard deviations of the sum
+    is_clear = persistence * (1.0 - chance) > 1.0
+    return share * claimed, min(persistence, _MOST_PERSISTENT) if is_clear else 1.0
+
+
+def robust_deviation(residual: NDArray[np.float64]) -> float:
+    """Standard deviation of most of (n,) residuals: that of a normal distribution with the same median deviation."""
+    return 1.4826 * float(np.median(np.abs(residual))) + 1e-6
+
+
+def _variance_fit(
+    errors: Sequence[NDArray[np.float64]],
+    known: Sequence[NDArray[np.float64]],
+    rows: Sequence[NDArray[np.float64]],
+    *,
+    n_floors: int,
+) -> NDArray[np.float64]:
+    """Coefficients ≥ 0 of what squared errors exceed a known variance by; several axes together.
+
+    The first columns are floors: what a motion is off by however short it is. They are 0 unless they clearly explain
+    more: key scans lie about as far apart as each other, and what grows with the path would look like it.
+    """
+    usual = np.concatenate([np.full(len(error), robust_deviation(error) ** 2) for error in errors])
+    squared, sure, columns = np.concatenate(errors) ** 2, np.concatenate(known), np.concatenate(rows)
+    growing = np.append(np.zeros(n_floors), _reweighted(squared, sure, columns[:, n_floors:], usual))
+    whole = _reweighted(squared, sure, columns, usual)
+    expected = _expected(columns @ whole, sure)
+    excess = np.minimum(squared, _OUTLIER**2 * expected) - sure
+    left, left_by_growing = (float(np.sum(((excess - columns @ fit) / expected) ** 2)) for fit in (whole, growing))
+    return whole if (left_by_growing - left) * len(squared) > n_floors * _CLEAR * left else growing
+
+
+def _reweighted(
+    squared: NDArray[np.float64], known: NDArray[np.float64], rows: NDArray[np.float64], usual: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Iteratively reweighted least squares: the larger a square is expected to be, the more it scatters."""
+    expected, fit = usual + known, np.zeros(rows.shape[1])
+    for _ in range(_FIT_ROUNDS):
+        excess = np.minimum(squared, _OUTLIER**2 * expected) - known
+        fit = _non_negative_fit(rows / expected[:, None], excess / expected)
+        expected = _expected(rows @ fit, known)
+    return fit
+
+
+def _expected(fitted: NDArray[np.float64], known: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.maximum(fitted, 1e-10) + known, dtype=np.float64)
+
+
+def _non_negative_fit(rows: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Least squares with coefficients ≥ 0: the best of the fits on some of the columns; for a few of these."""
+    n = rows.shape[1]
+    square, right = rows.T @ rows, rows.T @ values
+    best, least = np.zeros(n), 0.0
+    for size in range(1, n + 1):
+        for columns in map(list, combinations(range(n), size)):
+            fit = np.linalg.lstsq(square[np.ix_(columns, columns)], right[columns])[0]
+            gain = -float(fit @ right[columns])  # of the sum of squares, against no fit at all
+            if gain < least and (fit >= 0.0).all():
+                best, least = np.zeros(n), gain
+                best[columns] = fit
+    return best
