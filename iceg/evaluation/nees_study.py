@@ -8,6 +8,9 @@ values keeps with 95 % probability, the χ² quantiles of 3 N degrees of freedom
 too: a figure outside says that covariances are wrong. Figures inside can still be told from 3 where the runs agree with
 each other; their standard error, from the spread of the runs, says how well. The table gives both.
 
+Factors are judged as they were measured. The joint refinement of poses and map, which knows more than matches do,
+carries the factors of the finished graph along, so that their errors are its own and smaller than what they claim.
+
 Closures that their robust kernel has taken out of force pull at nothing, and are counted instead of judged. Beside the
 truth stands what can be had without one: each factor predicted by all the others (`cross_validation`).
 """
@@ -120,7 +123,7 @@ def judge_run(recording: Recording, config: Config = _COARSE) -> JudgedRun:
     for kind in KINDS:
         chosen = np.array([factor.kind == kind for factor in factors]) & ~faded
         if chosen.any():
-            values[kind] = factor_nees([factors[k] for k in np.flatnonzero(chosen)], truth)
+            values[kind] = factor_nees([result.measured[k] for k in np.flatnonzero(chosen)], truth)
             without_truth[kind] = left_out.chi_square[chosen & ~np.isnan(left_out.chi_square)]
     if len(truth) > 1:
         values[POSES] = pose_nees(result.key_poses, truth, result.covariances)

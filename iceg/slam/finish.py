@@ -65,7 +65,8 @@ class Finished:
 
     Attributes:
         poses: (k, 3) T_map_robot of the key poses.
-        factors: those in force at the end.
+        factors: those in force at the end, carried along by the joint refinement …
+        measured: … and as they were measured, in the same order.
         attempts: the record of all closures tried.
         rounds: one entry for each.
         covariances: (k, 3, 3) marginal covariances of the poses, None where only the graph knows them.
@@ -73,6 +74,7 @@ class Finished:
 
     poses: NDArray[np.float64]
     factors: list[Factor]
+    measured: list[Factor]
     attempts: list[Attempt]
     rounds: list[Round]
     covariances: NDArray[np.float64] | None = None
@@ -120,12 +122,15 @@ def finish(
         if largest < config.tolerance:
             break
     attempts, loops = without_contradicted(graph.attempts, graph.loops, graph.poses)
-    factors, poses, covariances = [*graph.chain, *loops], graph.poses, None
+    measured, poses, covariances = [*graph.chain, *loops], graph.poses, None
+    factors = measured
     if config.joint.enabled:
-        factors, refined, done = _joint(factors, poses, track, config, scan_of, parts, clock)
+        factors, refined, done = _joint(measured, poses, track, config, scan_of, parts, clock)
         poses, covariances = refined.poses, refined.covariances
         rounds.append(replace(done, closures=len(loops)))
-    return Finished(poses=poses, factors=factors, attempts=attempts, rounds=rounds, covariances=covariances)
+    return Finished(
+        poses=poses, factors=factors, measured=measured, attempts=attempts, rounds=rounds, covariances=covariances
+    )
 
 
 _BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)

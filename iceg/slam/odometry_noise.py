@@ -106,11 +106,21 @@ def odometry_noise(
 
 
 def lasting_noise(noise: OdometryModel, persistence: NDArray[np.float64], scale: float, unseen: float) -> OdometryModel:
-    """Noise for a graph: each axis widened by its persistence; a scale error s over L metres, (sL)², as s²L a metre."""
+    """Noise for a graph, which takes the errors of successive motions for independent.
+
+    Each axis is widened by its persistence. A scale error s is off by (sl)² after l metres; independent errors of ⅔ s²L a
+    metre are off by as much in the mean over a stretch of L metres.
+
+    Args:
+        noise: of single motions.
+        persistence: (3,) factors on the variances in x, y and heading.
+        scale: standard deviation of what is left of the scale of the translation.
+        unseen: longest stretch over which nothing measures it [m].
+    """
     along, across, heading = np.sqrt(persistence).tolist()
     return replace(
         noise,
-        along_per_metre=math.hypot(along * noise.along_per_metre, scale * math.sqrt(unseen)),
+        along_per_metre=math.hypot(along * noise.along_per_metre, scale * math.sqrt(unseen / 1.5)),
         across_per_metre=across * noise.across_per_metre,
         position_per_radian=max(along, across) * noise.position_per_radian,
         heading_per_metre=heading * noise.heading_per_metre,

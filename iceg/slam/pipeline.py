@@ -54,6 +54,7 @@ class SlamResult:
         key_poses: (k, 3) their T_map_robot.
         covariances: (k, 3, 3) their marginal covariances, tangent space at each.
         graph: the factor graph.
+        measured: its factors before the joint refinement of poses and map carried them along, in the same order.
         landmarks: the feature map, expired landmarks included.
         grid: the occupancy grid.
         closures: every loop closure tried.
@@ -67,6 +68,7 @@ class SlamResult:
     key_poses: NDArray[np.float64]
     covariances: NDArray[np.float64]
     graph: PoseGraph
+    measured: list[Factor]
     landmarks: Landmarks
     grid: OccupancyGrid
     closures: list[Closure]
@@ -107,7 +109,7 @@ def run(
         solution = add_by_hand(solution, by_hand, config.graph)
         track = _retied(track, solution, log, matcher)
     with clock.stage("finish"):
-        solution, rounds, known = _finish(solution, track, log, matcher, config, by_hand)
+        solution, measured, rounds, known = _finish(solution, track, log, matcher, config, by_hand)
     with clock.stage("covariances"):
         covariances = marginal_covariances(solution.graph.factors, solution.poses) if known is None else known
     trajectory = track.trajectory(solution.poses)
@@ -126,6 +128,7 @@ def run(
         key_poses=solution.poses,
         covariances=covariances,
         graph=solution.graph,
+        measured=measured,
         landmarks=landmarks,
         grid=grid,
         closures=_closures(track, solution) + manual_records(closures, track),
@@ -181,17 +184,18 @@ def _retied(track: Track, solution: Solution, log: Log, matcher: Matcher) -> Tra
 
 def _finish(
     solution: Solution, track: Track, log: Log, matcher: Matcher, config: Config, by_hand: list[Factor]
-) -> tuple[Solution, list[Round], NDArray[np.float64] | None]:
-    """The offline finish, and the covariances it knows of; its closures join the record.
+) -> tuple[Solution, list[Factor], list[Round], NDArray[np.float64] | None]:
+    """The offline finish, its factors as they were measured, and the covariances it knows of.
 
-    Those it dropped stay in it with the reason.
+    Its closures join the record; those it dropped stay in it with the reason.
     """
     if not config.finish.enabled or len(track.keys) < 2:
-        return solution, [], None
+        return solution, list(solution.graph.factors), [], None
     finished = finish(solution, track, matcher, config.loops, config.finish, kept=by_hand, scan_of=log.scan)
     graph = PoseGraph.from_factors(finished.factors, finished.poses, config.graph)
     return (
         replace(solution, graph=graph, poses=finished.poses, attempts=finished.attempts),
+        finished.measured,
         finished.rounds,
         finished.covariances,
     )
