@@ -108,8 +108,8 @@ def odometry_noise(
 def lasting_noise(noise: OdometryModel, persistence: NDArray[np.float64], scale: float, unseen: float) -> OdometryModel:
     """Noise for a graph, which takes the errors of successive motions for independent.
 
-    Each axis is widened by its persistence. A scale error s is off by (sl)² after l metres; independent errors of ⅔ s²L a
-    metre are off by as much in the mean over a stretch of L metres.
+    Each axis is widened by its persistence. A scale error s is off by (sl)² after l metres: in the mean over all ways
+    within a stretch of L metres as much as independent errors of ½ s²L a metre.
 
     Args:
         noise: of single motions.
@@ -120,7 +120,7 @@ def lasting_noise(noise: OdometryModel, persistence: NDArray[np.float64], scale:
     along, across, heading = np.sqrt(persistence).tolist()
     return replace(
         noise,
-        along_per_metre=math.hypot(along * noise.along_per_metre, scale * math.sqrt(unseen / 1.5)),
+        along_per_metre=math.hypot(along * noise.along_per_metre, scale * math.sqrt(0.5 * unseen)),
         across_per_metre=across * noise.across_per_metre,
         position_per_radian=max(along, across) * noise.position_per_radian,
         heading_per_metre=heading * noise.heading_per_metre,
