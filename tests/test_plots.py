@@ -20,6 +20,7 @@ from iceg.ice.features import Features
 from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
 from iceg.show import map_picture
+from iceg.show.canvas import Canvas
 from iceg.show.map_image import MapLayers, known_box, map_image, scaled
 from iceg.show.map_picture import save_map_png
 from iceg.show.plots import (
@@ -166,7 +167,7 @@ def test_what_lies_on_the_map_is_painted_where_it_is() -> None:
     straight = np.stack([np.linspace(1.0, 7.0, 50), np.ones(50), np.zeros(50)], axis=1)
     ends = np.array([[1.0, 4.0, 0.0], [7.0, 2.0, 0.0]])
     layers = MapLayers(grid=grid, trajectory=straight, key_poses=ends, landmarks=landmarks())
-    image = np.asarray(map_image(layers, box=box, long_side=800)).astype(int)
+    image = map_image(layers, box=box, long_side=800).astype(int)
     assert image.shape == (500, 800, 3)
 
     def colour(x: float, y: float) -> list[int]:
@@ -180,7 +181,23 @@ def test_what_lies_on_the_map_is_painted_where_it_is() -> None:
     assert colour(4.0, 3.0) == [255, 255, 255]
     two = MapLayers(grid=grid, trajectory=ends, closures=np.array([[0, 1]]))
     joined = map_image(two, box=box, long_side=800)
-    assert np.asarray(joined).astype(int)[200, 400].tolist() != [255, 255, 255]
+    assert joined[200, 400].tolist() != [255, 255, 255]
+
+
+def test_what_covers_part_of_a_pixel_is_mixed_with_its_grey() -> None:
+    canvas = Canvas((10, 20), (0.0, 20.0, 0.0, 10.0), 1.0)
+    canvas.squares(np.array([[5.0, 5.0]]), "#ff0000", 4.0)
+    canvas.strokes(np.array([[[12.0, 0.0], [12.0, 10.0]]]), "#000000", 4.0, opacity=0.25)
+    shades = np.full((10, 20), 200, dtype=np.uint8)
+    shades[:, 12] = 100
+    picture = canvas.over(shades)
+    assert picture[5, 5].tolist() == [255, 0, 0]
+    assert picture[5, 12].tolist() == [75, 75, 75]
+    assert picture[0, 0].tolist() == [200, 200, 200]
+    edge = picture[5, 7].tolist()  # the square ends inside this pixel, or at its border
+    assert edge[1] == edge[2]
+    assert edge[0] == pytest.approx(255 - 55 * edge[1] / 200, abs=1)
+    assert 0 < edge[1] < 200
 
 
 def test_a_scan_with_its_features(ax: Axes) -> None:

@@ -1,7 +1,4 @@
-"""A map as an image: the grid, and on it the trajectory, key poses, landmarks and loop closures.
-
-Drawn with Pillow on twice the pixels and averaged, so that lines are smooth: a run pays for no plotting library.
-"""
+"""A map as an image: the grid, and on it the trajectory, key poses, landmarks and loop closures."""
 
 import itertools
 import math
@@ -10,7 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageDraw
+from PIL import ImageColor
+
+from iceg.show.canvas import Box, Canvas
 
 if TYPE_CHECKING:
     from iceg.maps.feature_map import Landmarks
@@ -21,14 +20,10 @@ KIND_LABELS = ("corner", "end of wall", "intersection")
 TIME_COLOURS = ("#f4a259", "#d1495b", "#8e3b8a", "#3b3b98")  # start to end, all readable on white
 CLOSURE_COLOUR = "#2a9d8f"
 INK = "#222222"
-SMOOTHING = 2
-"""Pixels drawn for one pixel of the image, along each axis."""
 
 _UNKNOWN, _FREE, _OCCUPIED = 232.0, 255.0, 20.0  # greys
 _PIECES = 128
 _STROKE = 0.25
-
-Box = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +52,7 @@ class MapLayers:
         return replace(self, landmarks=self.landmarks[is_settled])
 
 
-def map_image(layers: MapLayers, *, box: Box, long_side: int = 2000, line_width: float = 2.4) -> Image.Image:
+def map_image(layers: MapLayers, *, box: Box, long_side: int = 2000, line_width: float = 2.4) -> NDArray[np.uint8]:
     """Paint a map: white is free, black is occupied, light grey is unknown.
 
     Args:
@@ -67,109 +62,23 @@ def map_image(layers: MapLayers, *, box: Box, long_side: int = 2000, line_width:
         line_width: of the trajectory [pixels]; other strokes and markers follow it.
 
     Returns:
-        The image, the y axis of the map upwards.
+        (height, width, 3) red, green and blue, the y axis of the map upwards.
     """
     trajectory, landmarks = layers.trajectory, layers.landmarks
     shades = scaled(_shades_in(layers.grid, box), long_side)[::-1]
-    image = Image.fromarray(shades).convert("RGB")
-    image = image.resize((SMOOTHING * image.width, SMOOTHING * image.height), Image.Resampling.NEAREST)
-    pen = _Pen(image, box, SMOOTHING * line_width)
+    canvas = Canvas((shades.shape[0], shades.shape[1]), box, line_width)
     if landmarks is not None:
-        _paint_landmarks(pen, landmarks)
+        _paint_landmarks(canvas, landmarks)
     if layers.closures is not None and trajectory is not None:
-        pen.strokes(trajectory[layers.closures][:, :, :2], CLOSURE_COLOUR, 0.4, opacity=0.45)
+        canvas.strokes(trajectory[layers.closures][:, :, :2], CLOSURE_COLOUR, 0.4, opacity=0.45)
     if trajectory is not None:
-        _paint_trajectory(pen, trajectory)
+        _paint_trajectory(canvas, trajectory)
     if layers.key_poses is not None:
-        pen.dots(layers.key_poses[:, :2], INK, 1.2)
+        canvas.dots(layers.key_poses[:, :2], INK, 1.2)
     if trajectory is not None and len(trajectory):
-        pen.marker(trajectory[0, :2], "o", TIME_COLOURS[0], 5.0, edge="white")
-        pen.marker(trajectory[-1, :2], "D", TIME_COLOURS[-1], 7.0, edge="white")
-    return image.reduce(SMOOTHING)
-
-
-class _Pen:
-    """Paints in map coordinates; sizes are in widths of the trajectory's line."""
-
-    def __init__(self, image: Image.Image, box: Box, width: float) -> None:
-        self._draw = ImageDraw.Draw(image, "RGBA")
-        self._pixels_per_metre = image.width / (box[1] - box[0])
-        self._corner = (box[0], box[3])
-        self._width = width
-
-    def line(self, points: NDArray[np.float64], colour: str, width: float) -> None:
-        """A line through (n, 2) points."""
-        self.strokes(points[None], colour, width)
-
-    def strokes(self, points: NDArray[np.float64], colour: str, width: float, *, opacity: float = 1.0) -> None:
-        """A line through each row of (s, n, 2) points."""
-        fill, pixels = _faded(colour, opacity), max(1, round(width * self._width))
-        for row in self._pixels(points).reshape(len(points), 2 * points.shape[1]).tolist():
-            self._draw.line(row, fill=fill, width=pixels)
-
-    def dots(self, points: NDArray[np.float64], colour: str, diameter: float) -> None:
-        """A dot at each of (n, 2) points."""
-        fill = _faded(colour, 1.0)
-        for square in self._squares(points, diameter):
-            self._draw.ellipse(square, fill=fill)
-
-    def squares(self, points: NDArray[np.float64], colour: str, side: float) -> None:
-        """A square at each of (n, 2) points."""
-        fill = _faded(colour, 1.0)
-        for square in self._squares(points, side):
-            self._draw.rectangle(square, fill=fill)
-
-    def crosses(self, points: NDArray[np.float64], colour: str, side: float, *, opacity: float = 1.0) -> None:
-        """An x at each of (n, 2) points."""
-        fill, width = _faded(colour, opacity), max(1, round(0.3 * self._width))
-        for left, top, right, bottom in self._squares(points, side):
-            self._draw.line((left, top, right, bottom), fill=fill, width=width)
-            self._draw.line((left, bottom, right, top), fill=fill, width=width)
-
-    def marker(self, point: NDArray[np.float64], shape: str, colour: str, size: float, *, edge: str) -> None:
-        """One large marker, see `draw_marker`."""
-        x, y = self._pixels(point).tolist()
-        draw_marker(self._draw, x, y, shape, colour, size * self._width, edge=edge)
-
-    def _squares(self, points: NDArray[np.float64], side: float) -> list[list[float]]:
-        """Left, top, right and bottom of the square around each of (n, 2) points [pixels]."""
-        half, pixels = 0.5 * side * self._width, self._pixels(points)
-        squares: list[list[float]] = np.concatenate([pixels - half, pixels + half], axis=1).tolist()
-        return squares
-
-    def _pixels(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        x = (points[..., 0] - self._corner[0]) * self._pixels_per_metre
-        y = (self._corner[1] - points[..., 1]) * self._pixels_per_metre
-        return np.stack([x, y], axis=-1)
-
-
-def draw_marker(
-    draw: ImageDraw.ImageDraw, x: float, y: float, shape: str, colour: str, size: float, *, edge: str | None = None
-) -> None:
-    """Paint one marker.
-
-    Args:
-        draw: what to paint with.
-        x: of its centre [pixels].
-        y: of its centre [pixels].
-        shape: "o" round, "D" diamond, "s" square, "x" cross.
-        colour: of the marker.
-        size: its width [pixels].
-        edge: colour of a thin rim; none when left out.
-    """
-    half, rim = 0.5 * size, max(1, round(0.1 * size))
-    around = (x - half, y - half, x + half, y + half)
-    if shape == "o":
-        draw.ellipse(around, fill=colour, outline=edge, width=rim if edge else 0)
-    elif shape == "D":
-        corners = [(x, y - half), (x + half, y), (x, y + half), (x - half, y)]
-        draw.polygon(corners, fill=colour, outline=edge, width=rim if edge else 0)
-    elif shape == "s":
-        draw.rectangle(around, fill=colour, outline=edge, width=rim if edge else 0)
-    else:
-        width = max(1, round(0.25 * size))
-        draw.line((x - half, y - half, x + half, y + half), fill=colour, width=width)
-        draw.line((x - half, y + half, x + half, y - half), fill=colour, width=width)
+        canvas.marker(trajectory[0, :2], "o", TIME_COLOURS[0], 5.0, edge="white")
+        canvas.marker(trajectory[-1, :2], "D", TIME_COLOURS[-1], 7.0, edge="white")
+    return canvas.over(shades)
 
 
 def known_box(grid: "OccupancyGrid", trajectory: NDArray[np.float64] | None = None, margin: float = 0.75) -> Box:
@@ -239,11 +148,6 @@ def scaled(image: NDArray[np.uint8], long_side: int) -> NDArray[np.uint8]:
     return image.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
-def _faded(colour: str, opacity: float) -> tuple[int, int, int, int]:
-    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
-    return red, green, blue, round(255 * opacity)
-
-
 def _shades(occupancy: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Greys of probabilities: unknown in between, fully white and black well before certainty."""
     certainty = np.clip((occupancy - 0.5) / 0.35, -1.0, 1.0)
@@ -265,28 +169,28 @@ def _shades_in(grid: "OccupancyGrid", box: Box) -> NDArray[np.uint8]:
     return shades
 
 
-def _paint_trajectory(pen: _Pen, trajectory: NDArray[np.float64]) -> None:
+def _paint_trajectory(canvas: Canvas, trajectory: NDArray[np.float64]) -> None:
     """A line coloured by time: few pieces of one colour each, which join at their ends."""
     borders = np.unique(np.linspace(0, len(trajectory) - 1, _PIECES + 1).astype(int))
     shares = np.linspace(0.0, 1.0, max(len(borders) - 1, 1))
     for (first, last), share in zip(itertools.pairwise(borders), shares, strict=False):
-        pen.line(trajectory[first : last + 1, :2], _time_colour(share), 1.0)
+        canvas.line(trajectory[first : last + 1, :2], _time_colour(share), 1.0)
 
 
 def _time_colour(share: float) -> str:
     """Colour of a moment, the start being 0 and the end 1."""
-    stops = np.array([_faded(colour, 1.0)[:3] for colour in TIME_COLOURS], dtype=np.float64)
+    stops = np.array([ImageColor.getrgb(colour) for colour in TIME_COLOURS], dtype=np.float64)
     place = share * (len(stops) - 1)
     index = min(int(place), len(stops) - 2)
     mixed = stops[index] + (place - index) * (stops[index + 1] - stops[index])
     return "#" + "".join(f"{round(value):02x}" for value in mixed)
 
 
-def _paint_landmarks(pen: _Pen, landmarks: "Landmarks") -> None:
+def _paint_landmarks(canvas: Canvas, landmarks: "Landmarks") -> None:
     """Intersections below, ends of walls, corners on top."""
     crossing, end, corner = (landmarks[landmarks.kinds == kind] for kind in (2, 1, 0))
-    pen.crosses(crossing.positions, KIND_COLOURS[2], 2.4, opacity=0.7)
+    canvas.crosses(crossing.positions, KIND_COLOURS[2], 2.4, opacity=0.7)
     for chosen, colour in ((end, KIND_COLOURS[1]), (corner, KIND_COLOURS[0])):
-        pen.strokes(wall_strokes(chosen.positions, chosen.directions, _STROKE), colour, 1.0)
-    pen.dots(end.positions, KIND_COLOURS[1], 2.2)
-    pen.squares(corner.positions, KIND_COLOURS[0], 2.2)
+        canvas.strokes(wall_strokes(chosen.positions, chosen.directions, _STROKE), colour, 1.0)
+    canvas.dots(end.positions, KIND_COLOURS[1], 2.2)
+    canvas.squares(corner.positions, KIND_COLOURS[0], 2.2)

@@ -8,15 +8,14 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from graph.atomic import write_atomically
+from iceg.show.canvas import SMOOTHING, draw_marker
 from iceg.show.map_image import (
     CLOSURE_COLOUR,
     INK,
     KIND_COLOURS,
     KIND_LABELS,
-    SMOOTHING,
     TIME_COLOURS,
     MapLayers,
-    draw_marker,
     known_box,
     map_image,
 )
@@ -55,12 +54,14 @@ def save_map_png(path: Path, layers: MapLayers, *, min_seen: int = 3, long_side:
     layers = layers.settled(min_seen)
     box = known_box(layers.grid, layers.trajectory)
     image = map_image(layers, box=box, long_side=long_side)
-    width = max(image.width, _NARROWEST)
-    below = _strip(width, image.width / (box[1] - box[0]), _legend_entries(layers), title)
-    sheet = Image.new("RGB", (width, image.height + below.height), "white")
-    sheet.paste(image, ((width - image.width) // 2, 0))
-    sheet.paste(below, (0, image.height))
-    write_atomically(path, encode_png(np.asarray(sheet), dots_per_inch=_DPI))
+    height, map_width, _ = image.shape
+    width = max(map_width, _NARROWEST)
+    below = np.asarray(_strip(width, map_width / (box[1] - box[0]), _legend_entries(layers), title))
+    left = (width - map_width) // 2
+    sheet = np.full((height + len(below), width, 3), 255, dtype=np.uint8)
+    sheet[:height, left : left + map_width] = image
+    sheet[height:] = below
+    write_atomically(path, encode_png(sheet, dots_per_inch=_DPI))
 
 
 def _legend_entries(layers: MapLayers) -> list[_Entry]:

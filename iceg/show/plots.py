@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from frontends.scan import Scan
 from graph.se2 import transform_points
+from iceg.show.canvas import Box
 from iceg.show.map_image import (
     INK,
     KIND_COLOURS,
     KIND_LABELS,
     TIME_COLOURS,
-    Box,
     MapLayers,
     known_box,
     map_image,
@@ -49,7 +49,7 @@ def draw_map(
     box = box or known_box(layers.grid, layers.trajectory)
     pixels = line_width * _MAP_PIXELS / _long_side_in_points(ax, box)
     image = map_image(layers, box=box, long_side=_MAP_PIXELS, line_width=pixels)
-    ax.imshow(np.asarray(image), extent=box, interpolation="antialiased")
+    ax.imshow(image, extent=box, interpolation="antialiased")
     ax.set(xlim=box[:2], ylim=box[2:], xticks=[], yticks=[], aspect="equal")
     for spine in ax.spines.values():
         spine.set_visible(False)
