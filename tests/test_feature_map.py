@@ -1,9 +1,6 @@
 """The feature map: association, fusion, promotion, anchoring, and forgetting what is no longer there."""
 
-import json
 import math
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +14,6 @@ from iceg.ice.features import CORNER, END_OF_WALL, INTERSECTION, Features
 from iceg.maps import _landmark_kernels as kernels
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
 from iceg.maps.feature_map import FeatureMap, build_feature_map
-from iceg.maps.geojson import write_geojson
 
 F64 = NDArray[np.float64]
 NAN = math.nan
@@ -464,74 +460,6 @@ def test_angles_are_wrapped(angle: float) -> None:
     assert abs(math.remainder(kernels.wrap(angle) - angle, 2 * math.pi)) < 1e-9
     assert abs(kernels.wrap_line(angle)) <= math.pi / 2
     assert abs(math.remainder(kernels.wrap_line(angle) - angle, math.pi)) < 1e-9
-
-
-# GeoJSON
-
-
-def test_geojson_tells_all_there_is_to_know(tmp_path: Path) -> None:
-    feature_map, _ = two_landmarks()
-    write_geojson(feature_map.landmarks(), tmp_path / "features.geojson")
-    content = json.loads((tmp_path / "features.geojson").read_text(encoding="utf-8"))
-    assert content["type"] == "FeatureCollection"
-    corner, end = content["features"]
-    assert corner["geometry"] == {"type": "Point", "coordinates": [2.0, 1.0]}
-    assert corner["properties"] == {
-        "kind": "corner",
-        "directions": [0.5, 2.0],
-        "direction_variances": [0.0004, 0.0004],
-        "opening_angle": 1.5,
-        "covariance": [[0.0004, 0.0], [0.0, 0.0004]],
-        "anchor": 0,
-        "first_seen": 0,
-        "last_seen": 0,
-        "seen": 1,
-        "missed": 0,
-        "expired_at": None,
-    }
-    assert end["properties"]["kind"] == "end_of_wall"
-    assert end["properties"]["directions"] == [1.3]
-    assert end["properties"]["opening_angle"] is None
-    assert [path.name for path in tmp_path.iterdir()] == ["features.geojson"]
-
-
-def test_geojson_of_an_empty_map_is_valid(tmp_path: Path) -> None:
-    write_geojson(FeatureMap().landmarks(), tmp_path / "features.geojson")
-    assert json.loads((tmp_path / "features.geojson").read_text(encoding="utf-8"))["features"] == []
-
-
-def test_geojson_writes_what_is_unknown_as_missing_and_each_number_as_it_is(tmp_path: Path) -> None:
-    feature_map, _ = two_landmarks()
-    corner = feature_map.record()[np.array([0])]
-    odd = replace(
-        corner,
-        ids=np.array([7]),
-        kinds=np.array([2], dtype=np.int8),
-        positions=np.array([[-1234.5678901, 2e-7]]),
-        directions=np.array([[NAN, NAN]]),
-        direction_variances=np.array([[NAN, NAN]]),
-        covariances=np.array([[[1.23456789e-9, -3.0], [-3.0, 1234567.0]]]),
-        expired_at=np.array([12]),
-    )
-    write_geojson(odd, tmp_path / "odd.geojson")
-    (feature,) = json.loads((tmp_path / "odd.geojson").read_text(encoding="utf-8"))["features"]
-    assert feature["id"] == 7
-    assert feature["geometry"]["coordinates"] == [-1234.56789, 0.0]
-    properties = feature["properties"]
-    assert (properties["kind"], properties["expired_at"]) == ("intersection", 12)
-    assert (properties["directions"], properties["direction_variances"], properties["opening_angle"]) == ([], [], None)
-    assert properties["covariance"] == [[1.23457e-9, -3.0], [-3.0, 1234570.0]]
-
-
-@pytest.mark.parametrize("name", ["positions", "covariances", "direction_variances"])
-def test_geojson_holds_no_number_that_json_lacks(tmp_path: Path, name: str) -> None:
-    feature_map, _ = two_landmarks()
-    landmarks = feature_map.landmarks()
-    getattr(landmarks, name)[1].flat[-1] = math.inf
-    getattr(landmarks, name)[0].flat[0] = math.inf
-    with pytest.raises(FeatureMapError, match="landmark 0: found a number that is not finite"):
-        write_geojson(landmarks, tmp_path / "features.geojson")
-    assert not list(tmp_path.iterdir())
 
 
 @given(st.lists(st.sampled_from([-1.0, 0.0, 0.5, 2.0, math.inf, NAN]), max_size=12))

@@ -5,6 +5,8 @@ The free area of a scan is a star-shaped polygon around the laser. It is filled 
 rows are contiguous in memory. Surfaces are cast cell by cell.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,15 +19,60 @@ I64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 
+class Cone(NamedTuple):
+    """What a beam covers.
+
+    Attributes:
+        touching: whether the borders of neighbouring beams coincide or overlap, so that chords mean something.
+        max_range: beams are cut here [m].
+        no_return_range: how far a beam without return is taken as free [m].
+        cot_min_incidence: cotangent of the flattest angle at which a surface is still believed to be one.
+        free_margin: how far before the surface a beam stops claiming free space [m].
+    """
+
+    touching: bool
+    max_range: float
+    no_return_range: float
+    cot_min_incidence: float
+    free_margin: float
+
+
+class Evidence(NamedTuple):
+    """What a beam says [log-odds].
+
+    Attributes:
+        hit: evidence of a return, shared by the cells of its footprint, > 0.
+        miss: evidence of a free cell, < 0.
+        limit: the log-odds stay in [-limit, limit].
+    """
+
+    hit: float
+    miss: float
+    limit: float
+
+
+class Footprints(NamedTuple):
+    """Where the n beams of one scan meet the surface.
+
+    Attributes:
+        surface: (n, 3) range at the right border, the axis and the left border of each beam [m].
+        hits: (n,) whether the beam returned within the maximum range.
+        xs: (n, 3) column coordinates of the same points [cells]; of beams that returned.
+        ys: (n, 3) row coordinates.
+    """
+
+    surface: F64
+    hits: Bool
+    xs: F64
+    ys: F64
+
+
 @compiled
 def beam_outline(
     ranges: F32,
     bearings: F64,
     chords: F64,
-    touching: bool,
-    max_range: float,
-    no_return_range: float,
-    cot_min_incidence: float,
+    cone: Cone,
     surface: F64,
     hits: Bool,
 ) -> None:
@@ -38,10 +85,7 @@ def beam_outline(
         ranges: (n,) [m], NaN without return.
         bearings: (n,) [rad], increasing.
         chords: (n - 1, 5) of `chord_tables`.
-        touching: whether the borders of neighbouring beams coincide or overlap, so that chords mean something.
-        max_range: beams are cut here [m].
-        no_return_range: how far a beam without return is taken as free [m].
-        cot_min_incidence: cotangent of the flattest angle at which a surface is still believed to be one.
+        cone: what a beam covers.
         surface: (n, 3) output, range at the right border, the axis and the left border [m].
         hits: (n,) output, whether the beam returned within max_range.
     """
@@ -50,14 +94,14 @@ def beam_outline(
         r = ranges[i]
         if np.isnan(r):
             hits[i] = False
-            cut = no_return_range
+            cut = cone.no_return_range
         else:
-            hits[i] = r <= max_range
-            cut = min(float(r), max_range)
+            hits[i] = r <= cone.max_range
+            cut = min(float(r), cone.max_range)
         surface[i, 0] = cut
         surface[i, 1] = cut
         surface[i, 2] = cut
-    if not touching:
+    if not cone.touching:
         return
     for i in range(n - 1):
         j = i + 1
@@ -65,7 +109,7 @@ def beam_outline(
             continue
         r_i, r_j = surface[i, 1], surface[j, 1]
         step = bearings[j] - bearings[i]
-        if abs(r_i - r_j) > min(r_i, r_j) * step * cot_min_incidence:
+        if abs(r_i - r_j) > min(r_i, r_j) * step * cone.cot_min_incidence:
             continue
         product = r_i * r_j * chords[i, 0]
         surface[i, 2] = product / (chords[i, 1] * r_j + chords[i, 2] * r_i)
@@ -272,22 +316,6 @@ def border_directions(bearings: F64, half_widths: F64) -> tuple[F64, F64]:
 
 
 @compiled
-def grown_cells(cells: I64, count: int, capacity: int) -> I64:
-    """A longer copy of the first `count` cells."""
-    longer = np.empty(capacity, np.int64)
-    longer[:count] = cells[:count]
-    return longer
-
-
-@compiled
-def grown_shares(shares: F32, count: int, capacity: int) -> F32:
-    """A longer copy of the first `count` shares."""
-    longer = np.empty(capacity, np.float32)
-    longer[:count] = shares[:count]
-    return longer
-
-
-@compiled
 def render(
     log_odds: F32,
     origin_x: float,
@@ -297,14 +325,8 @@ def render(
     ranges: F32,
     bearings: F64,
     half_widths: F64,
-    touching: bool,
-    max_range: float,
-    no_return_range: float,
-    cot_min_incidence: float,
-    free_margin: float,
-    hit: float,
-    miss: float,
-    limit: float,
+    cone: Cone,
+    evidence: Evidence,
 ) -> None:
     """Enter all scans into the grid, oldest first.
 
@@ -317,76 +339,95 @@ def render(
         ranges: (n_scans, n_beams) [m], NaN without return.
         bearings: (n_beams,) [rad], increasing.
         half_widths: (n_beams, 2) angle from each beam's axis to its right and its left border [rad].
-        touching: see `beam_outline`, as the next three.
-        max_range: …
-        no_return_range: …
-        cot_min_incidence: …
-        free_margin: how far before the surface a beam stops claiming free space [m].
-        hit: evidence of a return, shared by the cells of its footprint [log-odds, > 0].
-        miss: evidence of a free cell [log-odds, < 0].
-        limit: the log-odds stay in [-limit, limit].
+        cone: what a beam covers.
+        evidence: what a beam says.
     """
-    n_cols = log_odds.shape[1]
-    n_beams = len(bearings)
-    flat = log_odds.reshape(-1)
-    surface = np.empty((n_beams, 3))
-    hits = np.empty(n_beams, np.bool_)
+    n = len(bearings)
     cos, sin = border_directions(bearings, half_widths)
     chords = chord_tables(bearings, half_widths)
-    xs, ys = np.empty(4 * n_beams + 1), np.empty(4 * n_beams + 1)
-    farthest = max_range / resolution + 2.0
+    prints = Footprints(np.empty((n, 3)), np.empty(n, np.bool_), np.empty((n, 3)), np.empty((n, 3)))
+    xs, ys = np.empty(4 * n + 1), np.empty(4 * n + 1)
+    farthest = cone.max_range / resolution + 2.0
     crossings = np.empty((int(2.0 * farthest) + 2, len(xs)), np.int32)
     counts = np.zeros(len(crossings), np.int32)
-    cells = np.empty(4 * n_beams + 64, np.int64)
-    shares = np.empty(len(cells), np.float32)
-    before = np.empty(len(cells), np.float32)
-    rows, cols = np.empty(64, np.int64), np.empty(64, np.int64)
-    hit_xs, hit_ys = np.empty(3), np.empty(3)
-    low, high = np.float32(-limit), np.float32(limit)
-    miss32 = np.float32(miss)
+    cells, shares, before = np.empty(0, np.int64), np.empty(0, np.float32), np.empty(0, np.float32)
+    low, high = np.float32(-evidence.limit), np.float32(evidence.limit)
     for k in range(len(T_map_laser)):
-        heading = T_map_laser[k, 2]
-        x = (T_map_laser[k, 0] - origin_x) / resolution
-        y = (T_map_laser[k, 1] - origin_y) / resolution
-        c, s = np.cos(heading) / resolution, np.sin(heading) / resolution
-        beam_outline(
-            ranges[k], bearings, chords, touching, max_range, no_return_range, cot_min_incidence, surface, hits
-        )
-        n_hits = 0
-        n_vertices = 0
-        for i in range(n_beams):
-            if surface[i, 1] <= 0.0:
-                if n_vertices == 0 or xs[n_vertices - 1] != x or ys[n_vertices - 1] != y:
-                    xs[n_vertices], ys[n_vertices] = x, y
-                    n_vertices += 1
-                continue
-            if not touching or n_vertices == 0:
-                xs[n_vertices], ys[n_vertices] = x, y
-                n_vertices += 1
-            for e in range(3):
-                dx, dy = c * cos[i, e] - s * sin[i, e], s * cos[i, e] + c * sin[i, e]
-                hit_xs[e], hit_ys[e] = x + surface[i, e] * dx, y + surface[i, e] * dy
-                reach = max(surface[i, e] - free_margin, 0.0) if hits[i] else surface[i, e]
-                xs[n_vertices], ys[n_vertices] = x + reach * dx, y + reach * dy
-                n_vertices += 1
-            if hits[i]:
-                needed = footprint_cells(hit_xs, hit_ys)
-                if needed > len(rows):
-                    rows, cols = np.empty(2 * needed, np.int64), np.empty(2 * needed, np.int64)
-                if n_hits + needed > len(cells):
-                    cells = grown_cells(cells, n_hits, 2 * (n_hits + needed))
-                    shares = grown_shares(shares, n_hits, len(cells))
-                    before = np.empty(len(cells), np.float32)
-                n_hits = collect_hits(hit_xs, hit_ys, hit, n_cols, rows, cols, cells, shares, n_hits)
-        xs[n_vertices], ys[n_vertices] = x, y
-        n_vertices += 1
+        x, y = (T_map_laser[k, 0] - origin_x) / resolution, (T_map_laser[k, 1] - origin_y) / resolution
+        c, s = np.cos(T_map_laser[k, 2]) / resolution, np.sin(T_map_laser[k, 2]) / resolution
+        beam_outline(ranges[k], bearings, chords, cone, prints.surface, prints.hits)
+        n_vertices, room = outline(x, y, c, s, cos, sin, cone, prints, xs, ys)
+        if room > len(cells):
+            cells, shares = np.empty(2 * room, np.int64), np.empty(2 * room, np.float32)
+            before = np.empty(2 * room, np.float32)
+        n_hits = hit_cells(prints, evidence.hit, log_odds.shape[1], cells, shares)
         # Misses first, then the hit cells restart from what they were: a cell hit in a scan is not missed by it too,
         # and of several hits in one scan the strongest counts.
+        flat = log_odds.reshape(-1)
         for h in range(n_hits):
             before[h] = flat[cells[h]]
         base = int(np.floor(y - farthest))
-        fill_polygon(log_odds, xs, ys, n_vertices, miss32, low, base, crossings, counts)
+        fill_polygon(log_odds, xs, ys, n_vertices, np.float32(evidence.miss), low, base, crossings, counts)
         for h in range(n_hits):
             flat[cells[h]] = before[h]
         for h in range(n_hits):
             flat[cells[h]] = max(flat[cells[h]], min(before[h] + shares[h], high))
+
+
+@compiled
+def outline(
+    x: float, y: float, c: float, s: float, cos: F64, sin: F64, cone: Cone, prints: Footprints, xs: F64, ys: F64
+) -> tuple[int, int]:
+    """The free area of a scan as a polygon, and where its beams meet the surface.
+
+    Args:
+        x: column coordinate of the laser [cells].
+        y: row coordinate of it.
+        c: cosine of its heading, in cells per metre.
+        s: sine of it.
+        cos: (n, 3) of `border_directions`.
+        sin: (n, 3).
+        cone: what a beam covers.
+        prints: of `beam_outline`; `xs` and `ys` are filled in.
+        xs: (≥ 4 n + 1,) output, column coordinates of the vertices.
+        ys: (≥ 4 n + 1,) output, row coordinates.
+
+    Returns:
+        The number of vertices, and of hit cells at most.
+    """
+    n, room = 0, 0
+    for i in range(len(prints.surface)):
+        if prints.surface[i, 1] <= 0.0:
+            if n == 0 or xs[n - 1] != x or ys[n - 1] != y:
+                xs[n], ys[n] = x, y
+                n += 1
+            continue
+        if not cone.touching or n == 0:
+            xs[n], ys[n] = x, y
+            n += 1
+        for e in range(3):
+            dx, dy = c * cos[i, e] - s * sin[i, e], s * cos[i, e] + c * sin[i, e]
+            surface = prints.surface[i, e]
+            prints.xs[i, e], prints.ys[i, e] = x + surface * dx, y + surface * dy
+            reach = max(surface - cone.free_margin, 0.0) if prints.hits[i] else surface
+            xs[n], ys[n] = x + reach * dx, y + reach * dy
+            n += 1
+        if prints.hits[i]:
+            room += footprint_cells(prints.xs[i], prints.ys[i])
+    xs[n], ys[n] = x, y
+    return n + 1, room
+
+
+@compiled
+def hit_cells(prints: Footprints, evidence: float, n_cols: int, cells: I64, shares: F32) -> int:
+    """The cells below the footprints of the beams that returned, see `collect_hits`; how many there are."""
+    n_hits = 0
+    rows, cols = np.empty(64, np.int64), np.empty(64, np.int64)
+    for i in range(len(prints.hits)):
+        if not prints.hits[i] or prints.surface[i, 1] <= 0.0:
+            continue
+        needed = footprint_cells(prints.xs[i], prints.ys[i])
+        if needed > len(rows):
+            rows, cols = np.empty(2 * needed, np.int64), np.empty(2 * needed, np.int64)
+        n_hits = collect_hits(prints.xs[i], prints.ys[i], evidence, n_cols, rows, cols, cells, shares, n_hits)
+    return n_hits

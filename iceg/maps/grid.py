@@ -108,7 +108,13 @@ def render_grid(
     box = kernels.extent(T_map_laser, ranges, bearings, half_widths, config.max_range, config.no_return_range)
     origin, shape = _frame(box, config)
     log_odds = np.zeros(shape, dtype=np.float32)
-    hit, miss, limit = _evidence(config)
+    cone = kernels.Cone(
+        touching=touching,
+        max_range=config.max_range,
+        no_return_range=config.no_return_range,
+        cot_min_incidence=1.0 / math.tan(config.min_incidence),
+        free_margin=config.resolution,
+    )
     kernels.render(
         log_odds,
         float(origin[0]),
@@ -118,14 +124,8 @@ def render_grid(
         ranges,
         bearings,
         half_widths,
-        touching,
-        config.max_range,
-        config.no_return_range,
-        1.0 / math.tan(config.min_incidence),
-        config.resolution,
-        hit,
-        miss,
-        limit,
+        cone,
+        _evidence(config),
     )
     return OccupancyGrid(
         log_odds=log_odds,
@@ -204,13 +204,12 @@ def _log_odds(probability: float) -> float:
     return math.log(probability / (1.0 - probability))
 
 
-def _evidence(config: GridConfig) -> tuple[float, float, float]:
-    """Evidence of a hit and of a miss and the clamp, as log-odds."""
+def _evidence(config: GridConfig) -> kernels.Evidence:
     limit = _log_odds(config.clamp_probability)
     if config.mode == "binary":
         # Any single observation reaches the clamp, however many cells share a hit.
-        return 1e6 * limit, -2.0 * limit, limit
-    return _log_odds(config.hit_probability), _log_odds(config.miss_probability), limit
+        return kernels.Evidence(hit=1e6 * limit, miss=-2.0 * limit, limit=limit)
+    return kernels.Evidence(hit=_log_odds(config.hit_probability), miss=_log_odds(config.miss_probability), limit=limit)
 
 
 def _checked(
