@@ -102,7 +102,7 @@ class ClosureVerifier:
         placement = placement_covariance(self._track, candidate.key_old)
         return replace(
             attempt,
-            match=replace(found, covariance=closure_covariance(found, placement)),
+            match=replace(found, covariance=closure_covariance(found, placement, self._track.match_doubt)),
             accepted=self._is_supported(support),
             reason=_describe(support),
             overlap=support.overlap,

@@ -42,6 +42,12 @@ class FrontEndConfig:
     """… and this much turning [rad] …"""
     calibration_scans: int = 2500
     """… or after this many scans."""
+    split_scans: int = 40
+    """Scans whose halves are matched alone, to see whether matches are as sure as they say; 0 believes them."""
+
+    def __post_init__(self) -> None:
+        if self.split_scans < 0:
+            raise SlamConfigError(f"front_end.split_scans must not be negative, found {self.split_scans}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,6 +14,7 @@ from graph.batch import BatchConfig, optimize
 from graph.factors import Factor, RobustKernel
 from graph.problem import Problem
 from graph.se2 import between, compose, inverse
+from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import Solution
 from iceg.slam.closure_attempt import Attempt, closure_factor
 from iceg.slam.closure_record import with_earlier, without_contradicted
@@ -125,6 +126,8 @@ def finish(
     measured, poses, covariances = [*graph.chain, *loops], graph.poses, None
     factors = measured
     if config.joint.enabled:
+        if isinstance(matcher, IceMatcher):  # what halves of scans say of ICE they say of the points
+            config = _doubting(config, track.match_doubt)
         factors, refined, done = _joint(measured, poses, track, config, scan_of, parts, clock)
         poses, covariances = refined.poses, refined.covariances
         rounds.append(replace(done, closures=len(loops)))
@@ -228,6 +231,11 @@ def _moves(before: NDArray[np.float64], after: NDArray[np.float64]) -> tuple[flo
     """Largest and mean distance [m] between two estimates of the key poses."""
     distances = np.hypot(*(after - before)[:, :2].T)
     return float(distances.max()), float(distances.mean())
+
+
+def _doubting(config: FinishConfig, doubt: float) -> FinishConfig:
+    """The same, the variances of points in the joint refinement larger by a factor."""
+    return replace(config, joint=replace(config.joint, independence=config.joint.independence / doubt))
 
 
 def _joint(

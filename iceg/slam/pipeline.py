@@ -38,6 +38,7 @@ from iceg.slam.path_break import describe_break
 from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import Progress, ProgressCallback
 from iceg.slam.repeated_scans import without_frozen_scans
+from iceg.slam.split_half import with_measured_doubt
 from iceg.slam.track import Track
 from iceg.slam.tracking import track_calibrating
 
@@ -103,6 +104,7 @@ def run(
         log = with_odometry_between_readings(without_frozen_scans(log))
         track, first = _track(log, matcher, config, progress)
     with clock.stage("graph"):
+        track = with_measured_doubt(track, matcher, config.front_end.split_scans)
         calibration = _recalibrate(track, log, first, config)
         by_hand = manual_factors(closures, track)
         solution = _solve(track, log, matcher, calibration, config)
@@ -255,6 +257,7 @@ def _summary(
         ],
         "odometry_jumps": solution.odometry_jumps,
         "odometry_breaks_at_scans": track.breaks,
+        "match_doubt": round(track.match_doubt, 3),
         "weak_matches": sum(not match.is_fully_observed for match in matches),
         "factors": {kind: sum(1 for factor in factors if factor.kind == kind) for kind in kinds},
         "closures": {

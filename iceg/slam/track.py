@@ -45,6 +45,7 @@ class Track:
         breaks: scans before which the odometry jumped, and the robot did not.
         adrift: key scans that neither odometry nor a match ties to what was before.
         dead: first and last scans of the stretches over which the odometry stood still, and the robot did not.
+        match_doubt: factor of the matcher's variances that this log asks for; the matches of `keys` have it already.
     """
 
     keys: list[KeyScan]
@@ -55,6 +56,7 @@ class Track:
     breaks: list[int] = field(default_factory=list)
     adrift: list[int] = field(default_factory=list)
     dead: list[tuple[int, int]] = field(default_factory=list)
+    match_doubt: float = 1.0
 
     def trajectory(self, key_poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n_scans, 3) pose of every scan, given the (k, 3) poses of the key scans."""

@@ -1,0 +1,119 @@
+"""Whether matches are as sure as they say, asked of the log itself: two halves of one scan must agree.
+
+The covariance of a match is calibrated on simulated scans, whose errors are those of a good laser. Recorded ones err
+in ways that no residual tells, for the match moves with them: ranges that come in steps, so that neighbouring beams of
+one wall are off alike; walls that are no lines; a matcher whose weights do not suit the noise. But they differ from one
+half of the view to the other. So some scans are matched twice more, the beams to the right and those to the left each
+alone, to the same local map: how far the two poses lie apart, against what their covariances allow (split-half
+reliability, as psychologists call it), needs no truth and misses little.
+"""
+
+from dataclasses import replace
+from typing import TypeGuard
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.matcher import Matcher
+from frontends.scan import Scan
+from graph.measurement import NoMatch, RelativePose
+from graph.se2 import between, logmap
+from iceg.slam.track import KeyScan, Track
+
+_BEHIND = 12
+"""Key scans in the local map of a test."""
+_USUAL = 1.2
+"""Geometric mean of the squared distances in simulated scenes. The halves of a scan lie nearer together than the 2.1 of
+three degrees of freedom: the covariance of a match is that of a step between two key scans, on a map that errs too."""
+_LEAST = 0.05
+"""Squared distances are not taken to be smaller: halves that agree by chance prove nothing."""
+_GUESS = np.diag((0.05, 0.05, 0.02)) ** 2
+"""Covariance of the pose that the whole scan found, as the guess of its halves [m², rad²]."""
+
+
+def with_measured_doubt(track: Track, matcher: Matcher, tests: int) -> Track:
+    """The same track, the variances of its matches as much larger as the log's own scans ask for.
+
+    Args:
+        track: what the front end found.
+        matcher: that matched it.
+        tests: how many scans are split at most, evenly spread; 0 leaves the track as it is.
+
+    Returns:
+        The track with its `match_doubt`.
+    """
+    doubt = match_doubt(split_half_distances(track, matcher, tests))
+    if doubt == 1.0:
+        return track
+    keys = [_doubted(key, doubt) for key in track.keys]
+    return replace(track, keys=keys, match_doubt=doubt * track.match_doubt)
+
+
+def _doubted(key: KeyScan, doubt: float) -> KeyScan:
+    if isinstance(key.match, NoMatch):
+        return key
+    return replace(key, match=replace(key.match, covariance=doubt * key.match.covariance))
+
+
+def match_doubt(distances2: NDArray[np.float64]) -> float:
+    """By how much the variances of matches are too small.
+
+    Args:
+        distances2: (n,) squared Mahalanobis distances between halves.
+
+    Returns:
+        The ratio of their geometric mean to what is usual, as far as it is certain by a standard error; at least 1.
+    """
+    if len(distances2) < 2:
+        return 1.0
+    logs = np.log(np.maximum(distances2, _LEAST) / _USUAL)
+    return float(np.exp(max(0.0, logs.mean() - logs.std(ddof=1) / np.sqrt(len(logs)))))
+
+
+def split_half_distances(track: Track, matcher: Matcher, tests: int) -> NDArray[np.float64]:
+    """Squared Mahalanobis distances between the poses of the two halves of some key scans.
+
+    Args:
+        track: with the key scans.
+        matcher: finds the halves.
+        tests: how many key scans are tried at most, evenly spread.
+
+    Returns:
+        (n,) of those both of whose halves know every direction.
+    """
+    able = [key for key in range(_BEHIND, len(track.keys)) if _is_telling(track.keys[key].match)]
+    chosen = np.unique(np.linspace(0, len(able) - 1, min(tests, len(able))).round().astype(int)).tolist()
+    found = (_distance2(track, matcher, able[k]) for k in chosen)
+    return np.array([distance2 for distance2 in found if distance2 is not None])
+
+
+def halves(scan: Scan) -> tuple[Scan, Scan]:
+    """The same scan without the later half of its returns, and without the earlier."""
+    returns = np.flatnonzero(np.isfinite(scan.ranges))
+    middle = returns[len(returns) // 2] if len(returns) else 0
+    first, last = scan.ranges.copy(), scan.ranges.copy()
+    first[middle:] = np.nan
+    last[:middle] = np.nan
+    return replace(scan, ranges=first), replace(scan, ranges=last)
+
+
+def _distance2(track: Track, matcher: Matcher, key: int) -> float | None:
+    """How far the halves of one key scan lie apart, matched to the key scans before it."""
+    before = track.keys[key - _BEHIND : key]
+    T_track_before = np.array([one.T_track_robot for one in before])
+    T_ref_before = between(T_track_before[-1], T_track_before)
+    guess = between(T_track_before[-1], track.keys[key].T_track_robot)
+    reference = matcher.prepare([one.scan for one in before], T_ref_before)
+    one_half, other_half = halves(track.keys[key].scan)
+    first = matcher.match(reference, one_half, guess, _GUESS)
+    if not _is_telling(first):
+        return None
+    last = matcher.match(reference, other_half, guess, _GUESS)
+    if not _is_telling(last):
+        return None
+    apart = logmap(between(first.T_ref_cur, last.T_ref_cur))
+    return float(apart @ np.linalg.solve(first.covariance + last.covariance, apart))
+
+
+def _is_telling(match: RelativePose | NoMatch) -> TypeGuard[RelativePose]:
+    return isinstance(match, RelativePose) and match.is_fully_observed
