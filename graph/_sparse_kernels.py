@@ -8,6 +8,7 @@ Sparse Linear Systems (2006).
 import numpy as np
 from numpy.typing import NDArray
 
+from graph._assign_kernels import assign
 from graph.compiled import compiled
 
 Floats = NDArray[np.float64]
@@ -145,7 +146,7 @@ def factorize(
             for a in range(3):
                 for b in range(3):
                     x[i, a, b] = upper[p, b, a]
-        pivot[:] = diagonal_in[k]
+        assign(pivot, diagonal_in[k])
         for p in range(row_starts[k], row_starts[k + 1]):
             i = columns_of_l[p]
             m00, m01, m02, m10, m11, m12, m20, m21, m22 = _divided(x[i], diagonal[i])

@@ -5,7 +5,8 @@ from math import atan2, cos, hypot, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph._assign_kernels import assign
+from graph.compiled import ZERO, compiled
 
 F64 = NDArray[np.float64]
 I8 = NDArray[np.int8]
@@ -143,7 +144,7 @@ def extract_segments(
     n, capacity = len(points), len(segments)
     stack, pieces = np.empty((n + 2, 2), np.int64), np.empty((n + 2, 2), np.int64)
     line = np.empty(SEGMENT_COLUMNS)
-    count, start = 0, 0
+    count, start = 0, ZERO
     for i in range(n):
         if i < n - 1 and not _cluster_ends(points, beams, i, origin, resolution, gap):
             continue
@@ -161,7 +162,7 @@ def extract_segments(
                 continue
             _fit_line(points, a, b, sigma, line)
             if line[LAST] - line[FIRST] >= min_length:
-                segments[count] = line
+                assign(segments[count], line)
                 count += 1
     return count
 

@@ -5,6 +5,7 @@ from math import atan, cos, exp, floor, hypot, pi, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from graph._assign_kernels import assign
 from graph.compiled import compiled
 
 F32 = NDArray[np.float32]
@@ -88,7 +89,7 @@ def merge_features(
                 hits[found] += 1.0
             elif m < len(map_kinds):
                 map_kinds[m] = kinds[i]
-                map_rows[m] = row
+                assign(map_rows[m], row)
                 map_rows[m, 0], map_rows[m, 1] = x, y
                 map_rows[m, 2], map_rows[m, 3] = row[2] + heading, row[3] + heading
                 map_rows[m, 4], map_rows[m, 5], map_rows[m, 6] = _turned_covariance(row, c, s)
@@ -387,7 +388,7 @@ def polish_on_features(
     Returns:
         The number of coincidences.
     """
-    pose[:] = start
+    assign(pose, start)
     h, g = np.empty((3, 3)), np.empty(3)
     hit = 0
     for _ in range(iterations):

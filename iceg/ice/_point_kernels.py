@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph._assign_kernels import assign
+from graph.compiled import ONE, ZERO, compiled
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -48,7 +49,7 @@ def scan_points(
     n = _returns(ranges, directions, origin, points, beams)
     surfaces, moments = _room_for_surfaces(n), _room_for_moments(n)
     _surfaces(points[:n], beams, origin, _resolution(directions), jump, surfaces)
-    _sum_up(points, surfaces, 0, 1, n, reach * reach, moments)
+    _sum_up(points, surfaces, ZERO, ONE, n, reach * reach, moments)
     _normals(moments, n, points, origin, normals)
     return n
 
@@ -91,7 +92,7 @@ def thinned_points(
         _surfaces(returns[:n], beams, origin, resolution, jump, surfaces)
         kept = max(0, -((offsets[scan] - n) // every))
         for k in range(kept):
-            points[count + k] = returns[offsets[scan] + k * every]
+            assign(points[count + k], returns[offsets[scan] + k * every])
         _sum_up(returns, surfaces, offsets[scan], every, kept, reach * reach, moments)
         _normals(moments, kept, points[count:], origin, normals[count:])
         count += kept

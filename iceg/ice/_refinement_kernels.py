@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graph._assign_kernels import assign
 from graph.compiled import compiled
 
 F64 = NDArray[np.float64]
@@ -104,7 +105,7 @@ def refine(
     """
     columns, pairs = _columns(points, normals, every, facing), _room(-(-len(points) // every))
     gradient, step = np.empty(3), np.empty(3)
-    pose[:] = start
+    assign(pose, start)
     inliers, used, squares, weights = 0, 0, 0.0, 0.0
     width = max(scale, first_scale)
     for _ in range(max(1, iterations)):

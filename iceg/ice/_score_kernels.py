@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import ONE, ZERO, compiled
 from iceg.ice._refinement_kernels import partner, refine
 from iceg.ice._score_grid_kernels import score_grid
 from iceg.ice.scored import Scored
@@ -297,11 +297,11 @@ def score_covariance(scored: Scored, pose: F64, reading: Reading, out: Weighed) 
 @compiled
 def _hessian(scored: Scored, pose: F64) -> F64:
     """(3, 3) Σ w JᵀJ of the points at a pose, in the reference frame, rotation about the robot."""
-    hessian, same_pose, only_judge = np.empty((3, 3)), np.empty(3), 0
+    hessian, same_pose, only_judge = np.empty((3, 3)), np.empty(3), ZERO
     refine(
         scored.points,
         scored.normals,
-        1,
+        ONE,
         pose,
         scored.surfels,
         scored.nearest,

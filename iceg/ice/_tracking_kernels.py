@@ -6,8 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graph._assign_kernels import assign
 from graph._odometry_kernels import carry
-from graph.compiled import compiled
+from graph.compiled import ONE, compiled
 from iceg.ice._point_kernels import count_returns, scan_points
 from iceg.ice._refinement_kernels import refine
 
@@ -145,8 +146,8 @@ def follow(
     ahead, grown = np.empty(3), np.empty((3, 3))
     guess, expected = np.empty(3), np.empty(3)
     for k in range(len(steps)):
-        ahead[:] = way.T_key_robot
-        grown[:] = way.covariance
+        assign(ahead, way.T_key_robot)
+        assign(grown, way.covariance)
         distance, turn = carry(ahead, grown, steps[k : k + 1], variances)
         _compose(poses[k], steps[k], guess)
         n = _match(ranges[k], guess, laser, field, polish, limits, poses[k + 1], returns)
@@ -155,8 +156,8 @@ def follow(
         _compose(way.T_ref_key, ahead, expected)
         if _contradicts(poses[k + 1], expected, grown, limits):
             return k, 0
-        way.T_key_robot[:] = ahead
-        way.covariance[:] = grown
+        assign(way.T_key_robot, ahead)
+        assign(way.covariance, grown)
         way.path[0] += distance
         way.path[1] += turn
         distance, turn = _apart(way.T_ref_key, poses[k + 1])
@@ -179,7 +180,7 @@ def _match(
     inliers, _, _, _ = refine(
         points[:n],
         normals[:n],
-        1,
+        ONE,
         guess,
         field.surfels,
         field.nearest,

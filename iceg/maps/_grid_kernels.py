@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import ZERO, compiled
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -261,7 +261,7 @@ def collect_hits(
     Returns:
         The new number of hit cells.
     """
-    n = cast_cells(xs[0], ys[0], xs[1], ys[1], rows, cols, 0)
+    n = cast_cells(xs[0], ys[0], xs[1], ys[1], rows, cols, ZERO)
     n = cast_cells(xs[1], ys[1], xs[2], ys[2], rows, cols, n - 1)
     share = np.float32(evidence / n)
     for k in range(n):
@@ -421,7 +421,7 @@ def outline(
 @compiled
 def hit_cells(prints: Footprints, evidence: float, n_cols: int, cells: I64, shares: F32) -> int:
     """The cells below the footprints of the beams that returned, see `collect_hits`; how many there are."""
-    n_hits = 0
+    n_hits = ZERO
     rows, cols = np.empty(64, np.int64), np.empty(64, np.int64)
     for i in range(len(prints.hits)):
         if not prints.hits[i] or prints.surface[i, 1] <= 0.0:

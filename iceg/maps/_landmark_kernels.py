@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graph._assign_kernels import assign
 from graph.compiled import compiled
 
 F32 = NDArray[np.float32]
@@ -171,7 +172,7 @@ def associate(
 @compiled
 def close_pairs(observed: Observed, near_p: F64, max_distance: float) -> tuple[I64, I64]:
     """All pairs of a feature and a near landmark within max_distance [m]."""
-    order = ascending(observed.positions[:, 0])
+    order = ascending(observed.positions[:, 0].copy())
     xs = np.empty(len(order))
     for rank in range(len(order)):
         xs[rank] = observed.positions[order[rank], 0]
@@ -214,7 +215,7 @@ def ascending(values: F64) -> I64:
 def twice_as_long(numbers: I64) -> I64:
     """A copy with room for as many more."""
     longer = np.empty(2 * len(numbers), np.int64)
-    longer[: len(numbers)] = numbers
+    assign(longer[: len(numbers)], numbers)
     return longer
 
 
@@ -389,9 +390,9 @@ def add(key: int, observed: Observed, store: Store, count: int, landmark_of: I64
             continue
         store.anchors[count] = key
         store.kinds[count] = observed.kinds[f]
-        store.positions[count] = observed.positions[f]
-        store.directions[count] = observed.directions[f]
-        store.covariances[count] = covariance
+        assign(store.positions[count], observed.positions[f])
+        assign(store.directions[count], observed.directions[f])
+        assign(store.covariances[count], covariance)
         for wall in range(2):
             known = not np.isnan(observed.directions[f, wall])
             store.direction_variances[count, wall] = observed.direction_variances[f] if known else np.nan

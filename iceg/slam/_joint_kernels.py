@@ -8,6 +8,7 @@ from math import atan2, cos, floor, hypot, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from graph._assign_kernels import assign
 from graph.compiled import compiled
 
 F64 = NDArray[np.float64]
@@ -203,7 +204,7 @@ def fit_lines(
             continue
         weights[i] = 1.0
         if moments[g, 0] == 0.0:
-            anchors[g] = placed[i]
+            assign(anchors[g], placed[i])
         _add_moments(moments[g], 1.0, placed[i], turned[i], anchors[g])
     total, squares = 0.0, 0.0
     inverse2 = 1.0 / (scale * scale)

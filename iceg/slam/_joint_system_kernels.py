@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import ZERO, compiled
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -66,7 +66,7 @@ def normal_equations(poses: F64, seen: PointsOnLines) -> JointSystem:
         np.zeros((k, 3, 3)), np.zeros((k, 3)), np.empty(n, np.int64), np.empty(n, np.int64), np.empty((n, 3, 2))
     )
     hll, gl, last = np.zeros((m, 3)), np.zeros((m, 2)), np.full(m, -1)
-    count = 0
+    count = ZERO
     for key in range(k):
         count = _add_pose(key, poses[key], seen, room, count, last, hll, gl)
     _factorize_lines(hll, gl)
