@@ -11,6 +11,7 @@ import tyro
 
 from frontends.dp_slam.config import DpSlamConfig
 from iceg.cli.options import ConfigFile, GivenPath, Overwrite, Settings, SkipBadLines
+from iceg.cli.quick_start import load_numba_without_scipy
 from iceg.config import Config
 
 if TYPE_CHECKING:
@@ -111,6 +112,7 @@ def _run_log(
     from iceg.results import check_directory, write_results
     from iceg.show.progress import ProgressBar, compile_note
 
+    load_numba_without_scipy()
     check_directory(directory, overwrite=overwrite)
     before = _written_at(directory)
     started = time.perf_counter()

@@ -398,8 +398,7 @@ def add(key: int, observed: Observed, store: Store, count: int, landmark_of: I64
             store.direction_variances[count, wall] = observed.direction_variances[f] if known else np.nan
         store.distances[count] = observed.distances[f]
         store.existence[count] = 0.0
-        store.first_seen[count] = key
-        store.last_seen[count] = key
+        store.first_seen[count] = store.last_seen[count] = key
         store.seen[count] = 1
         store.missed[count] = 0
         store.expired_at[count] = -1
