@@ -21,8 +21,9 @@ _FEWEST_VOTES, _MAJORITY = 6, 3.0
 """A hypothesis needs at least so many votes, and so many times those against it …"""
 _BELIEF = 2.0
 """… and so many times what speaks for the path …"""
-_SURE = 6.0
-"""… but so many times those against it to contradict a path in which nothing else is doubtful."""
+_DISSENT = 2
+"""… but to contradict a path in which nothing else is doubtful, the least number must be left when each one against it
+has taken so many with it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,7 +46,7 @@ class Exam:
     @property
     def is_sure(self) -> bool:
         """Whether so few do not agree that a path may be contradicted in which nothing else is doubtful."""
-        return len(self.agreeing) >= _SURE * self.against
+        return len(self.agreeing) - _DISSENT * self.against >= _FEWEST_VOTES
 
     def beats(self, other: "Exam") -> bool:
         """Whether this is clearly the better of two."""
