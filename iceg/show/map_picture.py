@@ -1,5 +1,6 @@
 """The picture of a map as one would print it: the map, and below it scale bar, title and legend."""
 
+import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,6 @@ from iceg.show.map_image import (
     known_box,
     map_image,
 )
-from iceg.show.png import encode_png
 
 _DPI = 220
 _NARROWEST = 1000  # width of the sheet [pixels], as are all sizes below
@@ -61,7 +61,9 @@ def save_map_png(path: Path, layers: MapLayers, *, min_seen: int = 3, long_side:
     sheet = np.full((height + len(below), width, 3), 255, dtype=np.uint8)
     sheet[:height, left : left + map_width] = image
     sheet[height:] = below
-    write_atomically(path, encode_png(sheet, dots_per_inch=_DPI))
+    content = io.BytesIO()
+    Image.fromarray(sheet).save(content, format="PNG", compress_level=2, dpi=(_DPI, _DPI))
+    write_atomically(path, content.getvalue())
 
 
 def _legend_entries(layers: MapLayers) -> list[_Entry]:
