@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numba import njit
+from numba import config, njit
 
 from graph._assign_kernels import assign
 from graph.compiled import ONE, ZERO
 
 
+@pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
 def test_a_number_handed_on_does_not_compile_the_next_function_for_itself() -> None:
     twice: Any = njit(lambda number: 2 * number)
     with_literal: Any = njit(lambda: twice(1))
