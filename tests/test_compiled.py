@@ -1,16 +1,17 @@
 """How inner loops are compiled: numbers and arrays handed from one to the next."""
 
+import os
 from typing import Any
 
 import numpy as np
 import pytest
-from numba import config, njit
+from numba import njit
 
 from graph._assign_kernels import assign
 from graph.compiled import ONE, ZERO
 
 
-@pytest.mark.skipif(bool(config.DISABLE_JIT), reason="nothing is compiled")
+@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled")
 def test_a_number_handed_on_does_not_compile_the_next_function_for_itself() -> None:
     twice: Any = njit(lambda number: 2 * number)
     with_literal: Any = njit(lambda: twice(1))
