@@ -17,6 +17,7 @@ from iceg.evaluation.relations import (
     Relations,
     error_statistics,
     nearest_scans,
+    on_odometry_grid,
     read_relations,
     read_relations_csv,
     relation_errors,
@@ -180,6 +181,27 @@ def test_relations_of_three_scans_are_held_against_each_other() -> None:
     errors = triangle_errors(relations)
     np.testing.assert_allclose(errors.translation, [0.05])
     np.testing.assert_allclose(errors.rotation, [0.2])
+
+
+def test_relations_that_are_odometry_and_steps_of_a_grid_are_known() -> None:
+    rng = np.random.default_rng(5)
+    odometry = random_walk(3, 41)
+    steps = between(odometry[:-1], odometry[1:])
+    angle, cells = rng.uniform(0, 2 * np.pi, 40), rng.integers(-1, 2, (40, 2))
+    c, s = np.cos(angle), np.sin(angle)
+    shifts = 0.05 * np.column_stack([c * cells[:, 0] - s * cells[:, 1], s * cells[:, 0] + c * cells[:, 1]])
+    shifts[:5] *= 0.9  # between the points of the grid, or on odometry itself
+    shifts[5] = (0.3, 0.0)  # too far from odometry to be judged
+    relations = Relations(
+        scans_i=np.arange(40),
+        scans_j=np.arange(1, 41),
+        T_i_j=steps + np.column_stack([shifts, rng.normal(0, 0.1, 40)]),
+        dropped=0,
+        path=Path("relations.csv"),
+    )
+    expected = np.delete(np.arange(40) >= 5, 5) | (np.delete(shifts, 5, axis=0) == 0).all(axis=1)
+    np.testing.assert_array_equal(on_odometry_grid(relations, odometry, 0.05), expected)
+    assert 0 < np.count_nonzero(~expected) < 6
 
 
 @given(st.integers(0, 1000), st.tuples(st.floats(-50, 50), st.floats(-50, 50), st.floats(-3.1, 3.1)))

@@ -208,6 +208,31 @@ def triangle_errors(relations: Relations) -> RelationErrors:
     return RelationErrors(translation=np.hypot(errors[:, 0], errors[:, 1]), rotation=np.abs(errors[:, 2]))
 
 
+def on_odometry_grid(
+    relations: Relations, odometry: NDArray[np.float64], spacing: float, tolerance: float = 1e-4
+) -> NDArray[np.bool_]:
+    """Which relations are raw odometry shifted from one point of a square grid to another.
+
+    Such relations come from a matcher that tried places on a grid around odometry's: the nearest of them is still 0.38
+    spacings off on average. The grid's directions are not known, so lengths are compared; by chance, a share of
+    4.3 · tolerance / spacing would agree.
+
+    Args:
+        relations: of a log.
+        odometry: (n_scans, 3) of the same log.
+        spacing: of the grid [m].
+        tolerance: within which lengths agree [m].
+
+    Returns:
+        (m,) for each relation that odometry misses by less than 2.5 spacings, in their order.
+    """
+    T_i_j = between(odometry[relations.scans_i], odometry[relations.scans_j])
+    shift = np.hypot(*(relations.T_i_j - T_i_j)[:, :2].T)
+    lengths = spacing * np.sqrt([0.0, 1.0, 2.0, 4.0, 5.0])
+    near = shift[shift < 2.5 * spacing]
+    return np.asarray(np.abs(near[:, None] - lengths).min(axis=1) < tolerance)
+
+
 def error_statistics(errors: NDArray[np.float64]) -> ErrorStatistics:
     """Mean, sample standard deviation (n − 1), median, 95th percentile and maximum of (n,) errors."""
     return ErrorStatistics(

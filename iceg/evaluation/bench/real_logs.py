@@ -18,6 +18,8 @@ PARTS: tuple[Part, ...] = ("runs", "recall", "consistency", "ablation")
 _SEEDS = range(5)
 _THE_SAME = 1e-3
 """Translations that differ by less are one [m]."""
+_GRID = 0.05
+"""Spacing of the grid that relations are held against [m]."""
 
 
 def real_log_tables(data: Path | None, output: Path, parts: Sequence[Part] = PARTS) -> Iterator[tuple[str, list[Row]]]:
@@ -69,19 +71,21 @@ def _runs(logs: list[BenchLog], output: Path) -> Iterator[tuple[str, list[Row]]]
 def _relations_themselves(log: BenchLog) -> Row:
     """What the relations of a log are off by, without any trajectory of ours."""
     from frontends.logs import read_log
-    from iceg.evaluation.relations import read_relations_csv, relation_errors, triangle_errors
+    from iceg.evaluation.relations import on_odometry_grid, read_relations_csv, relation_errors, triangle_errors
 
     assert log.relations is not None
     relations = read_relations_csv(log.relations)
     triangles = triangle_errors(relations)
-    odometry = relation_errors(read_log(log.path).odometry, relations)
+    odometry = read_log(log.path).odometry
+    off_odometry, on_grid = relation_errors(odometry, relations), on_odometry_grid(relations, odometry, _GRID)
     return {
         "log": log.name,
         "relations": len(relations),
         "triangles": len(triangles.translation),
         "translation median [m]": float(np.median(triangles.translation)),
         "rotation mean [°]": float(np.degrees(triangles.rotation.mean())),
-        "with the translation of raw odometry": int(np.count_nonzero(odometry.translation < _THE_SAME)),
+        "with the translation of raw odometry": int(np.count_nonzero(off_odometry.translation < _THE_SAME)),
+        f"on a grid of {_GRID} m around raw odometry": f"{np.count_nonzero(on_grid)} of {len(on_grid)} near it",
     }
 
 
