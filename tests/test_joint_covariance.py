@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from graph.factors import Factor
 from graph.se2 import adjoint, between, compose
@@ -155,3 +156,13 @@ def test_the_inverse_of_a_triangle_by_halves() -> None:
     inverse = joint_covariance._inverse_of_lower(lower)
     np.testing.assert_allclose(inverse @ lower, np.eye(301), atol=1e-12)
     assert not np.triu(inverse, 1).any()
+
+
+def test_the_number_of_cores_does_not_change_a_bit() -> None:
+    poses = _path(400)
+    walls, starts = _walls(400, 12)
+    found = []
+    for threads in (1, 2):
+        with threadpool_limits(threads, user_api="blas"):
+            found.append(joint_covariances(_factors(poses), poses, starts, walls, PRECISION))
+    np.testing.assert_array_equal(found[0], found[1])

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from graph.factors import Factor
 from graph.se2 import adjoint, between, chain_covariance, compose_covariance
@@ -86,7 +87,8 @@ def joint_covariances(
     steps = _steps(factors, k)
     _add_links(information, poses[: anchors[-1] + 1], steps[: anchors[-1]], every)
     information[:3, :3] += np.eye(3) / _HELD
-    known = _diagonal_of_inverse(information)
+    with threadpool_limits(1, user_api="blas"):  # whose sums would otherwise depend on the number of cores
+        known = _diagonal_of_inverse(information)
     if every == 1:
         return known
     # The points of a group hold it as a whole; where each of its key poses lies in it, its own points and steps say.
