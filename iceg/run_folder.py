@@ -18,6 +18,7 @@ from iceg.results import CLOSURE_COLUMNS, ResultsError, read_covariances, read_s
 from iceg.slam.closure import Closure, Verdict
 from iceg.tum import Trajectory, read_tum
 
+_FILES = ("trajectory.tum", "covariances.csv", "closures.csv", "features.geojson", "map.yaml")
 _CERTAIN_LOG_ODDS = 3.0
 _DARK, _BRIGHT = 0.35 * 255, 0.804 * 255  # map_server's thresholds on 1 - grey / 255
 
@@ -57,6 +58,9 @@ def read_run_folder(directory: Path) -> RunFolder:
         raise ResultsError(f"{directory}: is no folder, expected one that a run has written")
     if is_of_dp_slam(directory):
         raise ResultsError(f"{directory}: holds results of DP-SLAM, which has no graph, expected those of 'iceg run'")
+    missing = [name for name in _FILES if not (directory / name).exists()]
+    if missing:
+        raise ResultsError(f"{directory}: lacks {', '.join(missing)}, expected a folder that 'iceg run' has written")
     key_scans, key_poses, covariances = read_covariances(directory / "covariances.csv")
     return RunFolder(
         directory=directory,

@@ -132,3 +132,9 @@ def test_a_damaged_file_is_named(tmp_path: Path, run: Any, name: str, content: s
 def test_a_folder_that_is_none_is_named(tmp_path: Path) -> None:
     with pytest.raises(IcegError, match="nowhere: is no folder"):
         read_run_folder(tmp_path / "nowhere")
+
+
+def test_a_folder_that_no_run_has_written_says_what_it_lacks(tmp_path: Path) -> None:
+    (tmp_path / "trajectory.tum").write_text("")
+    with pytest.raises(IcegError, match=r"lacks covariances\.csv, .*, expected a folder that 'iceg run' has written"):
+        read_run_folder(tmp_path)
