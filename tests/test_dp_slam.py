@@ -23,6 +23,7 @@ from frontends.dp_slam.shared_maps import BeamModel
 from frontends.logs import read_log
 from frontends.scan import Log, ScanGeometry
 from graph.se2 import between, compose
+from tests.walls import distances
 
 Cell = tuple[int, int]
 Map = dict[Cell, tuple[np.float32, np.float32]]
@@ -45,17 +46,7 @@ def room_log(
     T_world_robot = np.stack([4 + 2.5 * np.cos(turn), 2.5 + 1.4 * np.sin(turn), turn + np.pi / 2], axis=1)
     bearings = np.linspace(-np.pi / 2, np.pi / 2, n_beams)
     mount = np.array([0.2, 0.0, 0.0])
-    ranges = np.full((n_scans, n_beams), np.inf)
-    for i, (x, y, heading) in enumerate(compose(T_world_robot, mount)):
-        ux, uy = np.cos(heading + bearings), np.sin(heading + bearings)
-        for ax, ay, bx, by in walls:
-            ex, ey = bx - ax, by - ay
-            determinant = ux * ey - uy * ex
-            with np.errstate(divide="ignore", invalid="ignore"):
-                t = ((ax - x) * ey - (ay - y) * ex) / determinant
-                u = ((ax - x) * uy - (ay - y) * ux) / determinant
-            hit = (t > 0) & (u >= 0) & (u <= 1)
-            ranges[i, hit] = np.minimum(ranges[i, hit], t[hit])
+    ranges = np.array([distances(walls, T_world_laser, bearings) for T_world_laser in compose(T_world_robot, mount)])
     ranges += noise * rng.standard_normal(ranges.shape)
     ranges[rng.random(ranges.shape) < 0.03] = np.nan
     truth = between(T_world_robot[:1], T_world_robot)

@@ -11,38 +11,10 @@ from frontends.matchers import _ndt_kernels as kernels
 from frontends.matchers import make_matcher
 from frontends.matchers.errors import MatcherError
 from frontends.matchers.ndt import NdtConfig, NdtMatcher, sandwich
-from frontends.scan import Scan, ScanGeometry
+from frontends.scan import Scan
 from graph.measurement import NoMatch, RelativePose
 from graph.se2 import between, compose, logmap
-
-GEOMETRY = ScanGeometry(
-    bearings=np.radians(np.arange(-90.0, 91.0)),
-    range_min=0.05,
-    range_max=20.0,
-    T_robot_laser=np.array([0.16, 0.0, 0.0]),
-)
-ROOM = np.array(
-    [[-3, -2, 5, -2], [5, -2, 5, 4], [5, 4, 1, 4], [1, 4, 1, 3], [1, 3, -3, 3], [-3, 3, -3, -2], [2, 0, 2.6, 0.4]],
-    float,
-)
-CORRIDOR = np.array([[-40, -1, 40, -1], [-40, 1, 40, 1]], float)
-
-
-def see(walls: NDArray[np.float64], T_world_robot: NDArray[np.float64], seed: int = 0, noise: float = 0.008) -> Scan:
-    """A scan of walls, (n, 4) x y x y, by a laser of 181 beams."""
-    x, y, heading = compose(T_world_robot, GEOMETRY.T_robot_laser)
-    ux, uy = np.cos(heading + GEOMETRY.bearings), np.sin(heading + GEOMETRY.bearings)
-    ranges = np.full(GEOMETRY.n_beams, np.inf)
-    for ax, ay, bx, by in walls:
-        ex, ey = bx - ax, by - ay
-        determinant = ux * ey - uy * ex
-        with np.errstate(divide="ignore", invalid="ignore"):
-            t = ((ax - x) * ey - (ay - y) * ex) / determinant
-            u = ((ax - x) * uy - (ay - y) * ux) / determinant
-        hit = (t > 0) & (u >= 0) & (u <= 1)
-        ranges[hit] = np.minimum(ranges[hit], t[hit])
-    ranges += noise * np.random.default_rng(seed).standard_normal(len(ranges))
-    return Scan(ranges=np.where(ranges < 20.0, ranges, np.nan).astype(np.float32), geometry=GEOMETRY)
+from tests.walls import CORRIDOR, GEOMETRY, ROOM, see
 
 
 def matched(
