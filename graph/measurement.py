@@ -1,6 +1,7 @@
 """What a matcher says about two poses: a relative pose with its covariance."""
 
 from dataclasses import dataclass
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,9 +36,9 @@ class RelativePose:
     weak_directions: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        if self.T_ref_cur.shape != (3,) or not np.isfinite(self.T_ref_cur).all():
+        if self.T_ref_cur.shape != (3,) or not all(map(isfinite, self.T_ref_cur.tolist())):
             raise MeasurementError(f"a relative pose needs 3 finite numbers, found {self.T_ref_cur}")
-        if self.covariance.shape != (3, 3) or not np.isfinite(self.covariance).all():
+        if self.covariance.shape != (3, 3) or not all(map(isfinite, self.covariance.ravel().tolist())):
             raise MeasurementError(f"a covariance needs 3x3 finite numbers, found {self.covariance}")
 
     @property

@@ -76,6 +76,24 @@ def squared_norm(error: NDArray[np.float64], covariance: NDArray[np.float64]) ->
     return float(a * a / xx + v * v / d1 + w * w / d2)
 
 
+def summed_ratios(covariance: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    """Sum of the ratios of two covariances' variances along the axes they share: the trace of other⁻¹ · covariance.
+
+    Args:
+        covariance: (3, 3), symmetric.
+        other: (3, 3), positive definite.
+
+    Returns:
+        The sum of the eigenvalues of one relative to the other.
+    """
+    (xx, xy, xt), (_, yy, yt), (_, _, tt) = other.tolist()
+    a, b, c = yy * tt - yt * yt, xt * yt - xy * tt, xy * yt - xt * yy
+    d, e, f = xx * tt - xt * xt, xy * xt - xx * yt, xx * yy - xy * xy
+    (vxx, vxy, vxt), (_, vyy, vyt), (_, _, vtt) = covariance.tolist()
+    adjugate = a * vxx + d * vyy + f * vtt + 2.0 * (b * vxy + c * vxt + e * vyt)
+    return float(adjugate / (xx * a + xy * b + xt * c))
+
+
 def largest_squared_norm(probability: float) -> float:
     """What the squared, whitened norm of a true (3,) error stays below with this probability: the χ² quantile.
 

@@ -141,7 +141,8 @@ def test_dependence_counts_what_neighbours_share() -> None:
 
     def of(noise: F64) -> float:
         scan = walls("left", "right", "front", noise=noise, n=800)
-        return float(kernels.dependence(Scored.of(scan.points, scan.normals, local_map, 0.04), np.zeros(3), 0.08))
+        scored = Scored.of(scan.points, scan.normals, local_map, 0.04)
+        return float(kernels.dependence(kernels.residuals_at(scored, np.zeros(3), 0.08)))
 
     assert of(rng.normal(0, 0.01, 2400)) < 1.4
     # Blocks of four equal errors: ρ = 3/4, 1/2, 1/4, hence 1 + 2 Σ (1 - l/13) ρ = 3.62.
@@ -177,7 +178,8 @@ def test_unevenness_equals_its_slow_twin() -> None:
     scan, local_map = walls("left", "right", "front", noise=noise), map_of(walls("left", "right", "front"))
     pose, axes, ratios = np.array([0.01, -0.005, 0.02]), np.linalg.qr(rng.normal(size=(3, 3)))[0], np.empty(3)
     field, variance = local_map.fine, 1e-4
-    kernels.unevenness(Scored.of(scan.points, scan.normals, local_map, 0.04), pose, axes, 0.08, 1e-6, variance, ratios)
+    found = kernels.residuals_at(Scored.of(scan.points, scan.normals, local_map, 0.04), pose, 0.08)
+    kernels.unevenness(found, axes, 1e-6, variance, ratios)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     R = np.array([[c, -s], [s, c]])
     pulls, levers = np.zeros((300, 3)), np.zeros((300, 3))

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from graph.errors import GraphError
-from graph.noise import MAX_CONDITION, conditioned, information_of, largest_squared_norm, squared_norm
+from graph.noise import MAX_CONDITION, conditioned, information_of, largest_squared_norm, squared_norm, summed_ratios
 
 COVARIANCE = np.array([[4e-4, 1e-5, 0.0], [1e-5, 3e-4, 2e-5], [0.0, 2e-5, 1e-4]])
 
@@ -22,6 +22,14 @@ def test_a_squared_norm_is_what_a_linear_solver_says() -> None:
         root, error = rng.normal(size=(3, 3)) * [1.0, scale, 0.1], rng.normal(size=3)
         covariance = root @ root.T + 1e-3 * np.eye(3)
         assert squared_norm(error, covariance) == pytest.approx(error @ np.linalg.solve(covariance, error))
+
+
+def test_summed_ratios_are_the_eigenvalues_of_one_covariance_relative_to_another() -> None:
+    rng = np.random.default_rng(2)
+    roots = rng.normal(size=(20, 2, 3, 3))
+    for covariance, other in roots @ np.swapaxes(roots, -1, -2) + 0.1 * np.eye(3):
+        expected = np.linalg.eigvals(np.linalg.solve(other, covariance)).real.sum()
+        assert summed_ratios(covariance, other) == pytest.approx(expected)
 
 
 def test_a_covariance_too_flat_is_widened_never_narrowed() -> None:

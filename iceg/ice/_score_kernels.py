@@ -14,6 +14,7 @@ from iceg.ice.scored import Scored
 F64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
+_FEWEST_ON_SURFACES = 10
 _LAGS = 12
 _TELLING = 10.0
 """So many points must hold a direction for their own residuals to count as much as those of all."""
@@ -23,7 +24,7 @@ class Reading(NamedTuple):
     """How scores around an optimum are taken and read.
 
     Attributes:
-        n_picks: how many of the points are used for the scores.
+        n_picks: how many of the points are used for the scores at most.
         sigma: standard deviation of a residual [m].
         least_variance: of the residuals of points that hold one direction [m²].
         limit: residuals beyond this tell of something else [m].
@@ -53,12 +54,12 @@ class Weighed(NamedTuple):
     """What scores tell of an optimum, filled in by `score_covariance`.
 
     Attributes:
-        covariance: (3, 3) second moment of the scores, tangent space of the robot.
+        covariance: (3, 3) second moment of the scores, tangent space of the robot, larger along each axis by `ratios`.
         axes: (3, 3) columns: principal directions of the grid.
         steps: (3,) its spacing along each.
         weights: (side, side, side) normalised scores on the grid.
         weak: (3,) which axes are unobservable.
-        ratios: (3,) see `unevenness`.
+        ratios: (3,) see `unevenness`; 1 where unobservable.
     """
 
     covariance: F64
@@ -81,70 +82,26 @@ class Weighed(NamedTuple):
         )
 
 
-@compiled
-def dependence(scored: Scored, pose: F64, limit: float) -> float:
-    """How many neighbouring points say the same: 1 + 2 Σ (1 - l/13) ρ_l over the lags l = 1..12, at least 1.
+class Residuals(NamedTuple):
+    """How points lie on their surfels at one pose, after `_LAGS` rows of zeros; zeros for points that tell nothing.
 
-    ρ_l is the correlation of the residuals of points l apart, among those with a residual below `limit`.
+    Attributes:
+        distances: (12 + n,) from the surfels' lines [m].
+        levers: (12 + n, 3) their derivatives by a step of the robot in its own frame.
+        used: how many points tell something.
     """
-    points, normals, surfels, origin = scored.points, scored.normals, scored.surfels, scored.origin
-    n = len(points)
-    residuals = np.empty(n)
-    c, s = cos(pose[2]), sin(pose[2])
-    squares, used = 0.0, 0
-    for i in range(n):
-        x = pose[0] + c * points[i, 0] - s * points[i, 1]
-        y = pose[1] + s * points[i, 0] + c * points[i, 1]
-        nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
-        k = partner(x, y, nx, ny, surfels, scored.nearest, origin[0], origin[1], 1.0 / scored.cell, scored.facing)
-        residuals[i] = 0.0
-        if k < 0:
-            continue
-        r = surfels[k, 2] * (x - surfels[k, 0]) + surfels[k, 3] * (y - surfels[k, 1])
-        if abs(r) < limit:
-            residuals[i] = r
-            squares += r * r
-            used += 1
-    if used < 2 * _LAGS or squares <= 0.0:
-        return 1.0
-    total = 0.0
-    for lag in range(1, _LAGS + 1):
-        products = 0.0
-        for i in range(lag, n):
-            products += residuals[i] * residuals[i - lag]
-        total += (1.0 - lag / (_LAGS + 1.0)) * products
-    return max(1.0, 1.0 + 2.0 * total / squares)
+
+    distances: F64
+    levers: F64
+    used: int
 
 
 @compiled
-def unevenness(
-    scored: Scored,
-    pose: F64,
-    axes: F64,
-    limit: float,
-    least: float,
-    variance: float,
-    ratios: F64,
-) -> None:
-    """How much larger the variance along each axis is than if every point were off by the same `variance`.
-
-    A direction is known as well as the points that hold it: those of a wall far ahead scatter more than those of the
-    walls beside. Along an axis v point i pulls with gᵢ = rᵢ Jᵢv; White's and Newey's (1987) estimate takes Σ gᵢ², and
-    what neighbours share, in the place of variance · Σ (Jᵢv)². Where few points hold the axis they are too few to tell
-    and the ratio keeps near 1.
-
-    Args:
-        scored: the points and the reference.
-        pose: (3,) the optimum.
-        axes: (3, 3) columns, in the tangent space of the robot.
-        limit: residuals beyond this tell of something else [m].
-        least: a residual's variance is never taken to be smaller [m²].
-        variance: of a residual, times how many neighbours say the same [m²].
-        ratios: (3,) output.
-    """
+def residuals_at(scored: Scored, pose: F64, limit: float) -> Residuals:
+    """The residuals at a pose (3,); those of `limit` or more tell of something else [m]."""
     points, normals, surfels, origin = scored.points, scored.normals, scored.surfels, scored.origin
     n = len(points)
-    pulls, levers = np.zeros((n, 3)), np.zeros((n, 3))
+    distances, levers, used = np.zeros(_LAGS + n), np.zeros((_LAGS + n, 3)), 0
     c, s = cos(pose[2]), sin(pose[2])
     for i in range(n):
         px, py = points[i, 0], points[i, 1]
@@ -158,34 +115,79 @@ def unevenness(
         if abs(r) >= limit:
             continue
         jx, jy = c * mx + s * my, c * my - s * mx
-        turn = jy * px - jx * py
-        for a in range(3):
-            levers[i, a] = jx * axes[0, a] + jy * axes[1, a] + turn * axes[2, a]
-            pulls[i, a] = r * levers[i, a]
-    for a in range(3):
-        ratios[a] = _ratio(levers[:, a], pulls[:, a], least, variance)
+        distances[_LAGS + i] = r
+        levers[_LAGS + i, 0], levers[_LAGS + i, 1], levers[_LAGS + i, 2] = jx, jy, jy * px - jx * py
+        used += 1
+    return Residuals(distances, levers, used)
 
 
 @compiled
-def _ratio(levers: F64, pulls: F64, least: float, variance: float) -> float:
-    """The ratio of `unevenness` along one axis, from (n,) Jᵢv and (n,) rᵢ Jᵢv."""
-    squares, fourth, meat = 0.0, 0.0, 0.0
-    for i in range(len(levers)):
-        lever2 = levers[i] * levers[i]
-        squares += lever2
-        fourth += lever2 * lever2
-        meat += pulls[i] * pulls[i]
-    if squares <= 0.0:
+def _shared(values: F64) -> float:
+    """Σ (1 - l/13) Σ vᵢ vᵢ₋ₗ over the lags l = 1..12 of values that begin with 12 zeros."""
+    total = 0.0
+    for lag in range(1, _LAGS + 1, 4):
+        # Four sums at a time: none has to wait for another.
+        a, b, c, d = 0.0, 0.0, 0.0, 0.0
+        for i in range(_LAGS, len(values)):
+            v = values[i]
+            a += v * values[i - lag]
+            b += v * values[i - lag - 1]
+            c += v * values[i - lag - 2]
+            d += v * values[i - lag - 3]
+        total += (1.0 - lag / (_LAGS + 1.0)) * a
+        total += (1.0 - (lag + 1) / (_LAGS + 1.0)) * b
+        total += (1.0 - (lag + 2) / (_LAGS + 1.0)) * c
+        total += (1.0 - (lag + 3) / (_LAGS + 1.0)) * d
+    return total
+
+
+@compiled
+def dependence(found: Residuals) -> float:
+    """How many neighbouring points say the same: 1 + 2 Σ (1 - l/13) ρ_l over the lags l = 1..12, at least 1.
+
+    ρ_l is the correlation of the residuals of points l apart.
+    """
+    squares = 0.0
+    for r in found.distances:
+        squares += r * r
+    if found.used < 2 * _LAGS or squares <= 0.0:
         return 1.0
-    shared = 0.0
-    for lag in range(1, _LAGS + 1):
-        products = 0.0
-        for i in range(lag, len(levers)):
-            products += pulls[i] * pulls[i - lag]
-        shared += (1.0 - lag / (_LAGS + 1.0)) * products
-    meat = max(meat + 2.0 * max(shared, 0.0), least * squares)
-    held_by = squares * squares / fourth
-    return float((_TELLING + held_by * meat / (variance * squares)) / (_TELLING + held_by))
+    return max(1.0, 1.0 + 2.0 * _shared(found.distances) / squares)
+
+
+@compiled
+def unevenness(found: Residuals, axes: F64, least: float, variance: float, ratios: F64) -> None:
+    """How much larger the variance along each axis is than if every point were off by the same `variance`.
+
+    A direction is known as well as the points that hold it: those of a wall far ahead scatter more than those of the
+    walls beside. Along an axis v point i pulls with gᵢ = rᵢ Jᵢv; White's and Newey's (1987) estimate takes Σ gᵢ², and
+    what neighbours share, in the place of variance · Σ (Jᵢv)². Where few points hold the axis they are too few to tell
+    and the ratio keeps near 1.
+
+    Args:
+        found: residuals at the optimum.
+        axes: (3, 3) columns, in the tangent space of the robot.
+        least: a residual's variance is never taken to be smaller [m²].
+        variance: of a residual, times how many neighbours say the same [m²].
+        ratios: (3,) output.
+    """
+    distances, levers = found.distances, found.levers
+    pulls = np.empty(len(distances))
+    for a in range(3):
+        squares, fourth, meat = 0.0, 0.0, 0.0
+        for i in range(len(pulls)):
+            lever = levers[i, 0] * axes[0, a] + levers[i, 1] * axes[1, a] + levers[i, 2] * axes[2, a]
+            pulls[i] = distances[i] * lever
+            lever2 = lever * lever
+            squares += lever2
+            fourth += lever2 * lever2
+            meat += pulls[i] * pulls[i]
+        if squares <= 0.0:
+            ratios[a] = 1.0
+            continue
+        meat = max(meat + 2.0 * max(_shared(pulls), 0.0), least * squares)
+        held_by = squares * squares / fourth
+        ratios[a] = (_TELLING + held_by * meat / (variance * squares)) / (_TELLING + held_by)
 
 
 @compiled
@@ -271,27 +273,63 @@ def score_covariance(scored: Scored, pose: F64, reading: Reading, out: Weighed) 
         reading: how the scores are taken and read.
         out: output.
     """
-    hessian = _hessian(scored, pose)
-    repeated = dependence(scored, pose, reading.limit)
+    scored = _on_surfaces(scored)
+    n_picks = min(len(scored.points), reading.n_picks)
+    found = residuals_at(scored, pose, reading.limit)
+    repeated = dependence(found)
     share = reading.independence / repeated
-    _lay_grid(hessian, pose[2], share / (reading.temperature * reading.sigma * reading.sigma), reading, out)
-    best = score_grid(scored, reading.n_picks, pose, out.axes, out.steps, out.weights)
+    precision = share / (reading.temperature * reading.sigma * reading.sigma)
+    _lay_grid(_hessian(scored, pose), pose[2], precision, reading, out)
+    best = score_grid(scored, n_picks, pose, out.axes, out.steps, out.weights)
     per_point = 0.5 * (scored.scale / reading.sigma) ** 2 * share / reading.temperature
     edges, second = np.empty(3), np.empty((3, 3))
-    moments(out.weights, best, per_point * len(scored.points) / reading.n_picks, out.steps, second, edges)
+    moments(out.weights, best, per_point * len(scored.points) / n_picks, out.steps, second, edges)
     second /= reading.temperature
+    variance = reading.sigma**2 * repeated
+    unevenness(found, out.axes, reading.least_variance, variance, out.ratios)
     for a in range(3):
         out.weak[a] = edges[a] > reading.edge_mass and out.steps[a] >= 0.999 * reading.max_step
         if out.weak[a]:
             second[a, :] = 0.0
             second[:, a] = 0.0
             second[a, a] = reading.weak_sigma * reading.weak_sigma
+            out.ratios[a] = 1.0
+    for a in range(3):
+        for b in range(3):
+            second[a, b] *= sqrt(out.ratios[a] * out.ratios[b])
     _turned(out.axes, second, out.covariance)
     for a in range(3):
         for b in range(a):
             out.covariance[b, a] = out.covariance[a, b]
-    variance = reading.sigma**2 * repeated
-    unevenness(scored, pose, out.axes, reading.limit, reading.least_variance, variance, out.ratios)
+
+
+@compiled
+def _on_surfaces(scored: Scored) -> Scored:
+    """The same with the points that have a normal alone, unless they are few.
+
+    A point without one fits either face of a wall's end, so that it may hold a match where it slid to: it helps to
+    find the pose, but tells nothing about how well it is known.
+    """
+    n, known = len(scored.points), 0
+    for i in range(n):
+        known += 1 if scored.normals[i, 0] != 0.0 or scored.normals[i, 1] != 0.0 else 0
+    points, normals, count = np.empty((n, 2)), np.empty((n, 2)), 0
+    for i in range(n):
+        nx, ny = scored.normals[i, 0], scored.normals[i, 1]
+        if nx != 0.0 or ny != 0.0 or known < _FEWEST_ON_SURFACES:
+            points[count, 0], points[count, 1] = scored.points[i, 0], scored.points[i, 1]
+            normals[count, 0], normals[count, 1] = nx, ny
+            count += 1
+    return Scored(
+        points[:count],
+        normals[:count],
+        scored.surfels,
+        scored.nearest,
+        scored.origin,
+        scored.cell,
+        scored.scale,
+        scored.facing,
+    )
 
 
 @compiled

@@ -5,7 +5,7 @@ normal. A *field* stores for every cell of a regular grid which surfel is neares
 look-up.
 """
 
-from math import ceil, cos, floor, hypot, sin, sqrt
+from math import cos, floor, hypot, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,22 +128,23 @@ def stamp_field(
         thin: leave out a surfel whose own cell already holds one closer than a cell's width.
     """
     ny, nx = nearest.shape
-    reach = radius / cell
+    span = int(radius / cell + 0.5)
     cell2 = np.float32(cell * cell)
     for k in range(start, end):
         x = (surfels[k, 0] - origin[0]) / cell - 0.5
         y = (surfels[k, 1] - origin[1]) / cell - 0.5
-        u, v = floor(x + 0.5), floor(y + 0.5)
+        u, v = int(floor(x + 0.5)), int(floor(y + 0.5))
         if u < 0 or v < 0 or u >= nx or v >= ny:
             continue
         if thin and distance2[v, u] < _CROWDED * cell2:
             continue
         name = np.int32(k)
-        for b in range(max(0, ceil(y - reach)), min(ny, floor(y + reach) + 1)):
-            half = sqrt(reach * reach - (b - y) * (b - y))
-            first, last = max(0, ceil(x - half)), min(nx, floor(x + half) + 1)
-            # A row at a time and without branches: the compiler takes several cells at once.
-            dx, dy2 = np.float32(first - x), np.float32((b - y) * (b - y))
+        first, last = max(0, u - span), min(nx, u + span + 1)
+        dx = np.float32(first - x)
+        for b in range(max(0, v - span), min(ny, v + span + 1)):
+            # A row at a time and without branches: the compiler takes several cells at once. A cell of the square
+            # beyond the radius holds a smaller distance already.
+            dy2 = np.float32((b - y) * (b - y))
             distances, names = distance2[b, first:last], nearest[b, first:last]
             for a in range(distances.size):
                 along = dx + np.float32(a)

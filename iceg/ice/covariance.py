@@ -13,7 +13,6 @@ from iceg.ice.points import ScanPoints
 from iceg.ice.refinement import Refined
 from iceg.ice.scored import Scored
 
-_FEWEST_ON_SURFACES = 10
 _SIDE = 5
 """Poses of the grid along each axis."""
 _SPACING = 1.25
@@ -72,9 +71,9 @@ def score_covariance(
     Returns:
         The covariance with its weak directions.
     """
-    scored = Scored.of(*_on_surfaces(scan_points), local_map, scale)
+    scored = Scored.of(scan_points.points, scan_points.normals, local_map, scale)
     reading = Reading(
-        n_picks=min(len(scored.points), config.points),
+        n_picks=config.points,
         sigma=max(config.min_sigma, refined.residual),
         least_variance=(_GRAZING * config.min_sigma) ** 2,
         limit=2 * scale,
@@ -88,24 +87,10 @@ def score_covariance(
     )
     found = Weighed.empty(_SIDE)
     kernels.score_covariance(scored, refined.T_ref_cur, reading, found)
-    stretch = found.axes * np.where(found.weak, 1.0, np.sqrt(found.ratios)) @ found.axes.T
-    covariance = stretch @ found.covariance @ stretch
     return ScoreCovariance(
-        covariance=0.5 * (covariance + covariance.T),
+        covariance=found.covariance,
         weak_directions=found.axes[:, found.weak].T.copy(),
         weights=found.weights,
         axes=found.axes,
         steps=found.steps,
     )
-
-
-def _on_surfaces(scan_points: ScanPoints) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The points with a normal, and their normals.
-
-    A point without one fits either face of a wall's end, so that it may hold a match where it slid to: it helps to
-    find the pose, but tells nothing about how well it is known.
-    """
-    known = scan_points.normals.any(axis=1)
-    if not _FEWEST_ON_SURFACES <= np.count_nonzero(known) < len(scan_points):
-        return scan_points.points, scan_points.normals
-    return scan_points.points[known], scan_points.normals[known]

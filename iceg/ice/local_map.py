@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil
+from math import ceil, floor
 from typing import Any
 
 import numpy as np
@@ -210,11 +210,13 @@ def box_around(
     Returns:
         Lower and upper corner, (2,) each.
     """
-    center = np.asarray(T_ref_scans[-1, :2])
-    lower, upper = center.copy(), center.copy()
+    lower, upper = T_ref_scans[-1, :2].copy(), T_ref_scans[-1, :2].copy()
+    center = lower.tolist()
     surfel_kernels.widen_box(joined(points), starts_of(points), T_ref_scans, lower, upper)
     # On whole metres, so that the cells of every reference lie alike.
-    return np.floor(np.maximum(lower, center - reach) - margin), np.ceil(np.minimum(upper, center + reach) + margin)
+    first = [floor(max(low, at - reach) - margin) for low, at in zip(lower.tolist(), center, strict=True)]
+    last = [ceil(min(high, at + reach) + margin) for high, at in zip(upper.tolist(), center, strict=True)]
+    return np.array(first, dtype=np.float64), np.array(last, dtype=np.float64)
 
 
 def _grown(field: NearestField, before: NDArray[np.float64], after: NDArray[np.float64]) -> NearestField:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from frontends.scan import Scan
 from iceg.ice import _point_kernels as kernels
+from iceg.ice.sweeps import joined
 
 JUMP = 0.1
 """Neighbouring points farther apart than this plus three beam spacings lie on two surfaces [m]."""
@@ -90,7 +91,7 @@ def thinned_points(
         normals.append(some_normals[: starts[-1]])
         counts.append(np.diff(starts))
         first += len(some)
-    return np.concatenate(points), np.concatenate(normals), np.cumsum([0, *np.concatenate(counts)])
+    return joined(points), joined(normals), np.cumsum([0, *np.concatenate(counts)])
 
 
 def range_noise(scan_points: ScanPoints) -> float:

@@ -54,14 +54,18 @@ def _key(u: int, v: int, slot: int) -> int:
 
 
 @compiled
-def _enlarged(keys: I64, surfel_at: I64) -> tuple[I64, I64]:
-    """The same hash table with four times as many places."""
+def _enlarged(keys: I64, surfel_at: I64, sums: F64) -> tuple[I64, I64, F64]:
+    """The same hash table with four times as many places, and with room for as many more surfels."""
     more_keys, more_at = np.full(4 * len(keys), -1), np.empty(4 * len(keys), np.int64)
     for spot in range(len(keys)):
         if keys[spot] != -1:
             other = _find(more_keys, keys[spot])
             more_keys[other], more_at[other] = keys[spot], surfel_at[spot]
-    return more_keys, more_at
+    more_sums = np.empty((4 * len(sums), 5))
+    for k in range(len(sums)):
+        for a in range(5):
+            more_sums[k, a] = sums[k, a]
+    return more_keys, more_at, more_sums
 
 
 @compiled
@@ -81,7 +85,7 @@ def surfels(placed: F64, turned: F64, cell: float, member: I64) -> tuple[F64, I6
     n = len(placed)
     x0, y0 = placed[:, 0].min() - 100.0, placed[:, 1].min() - 100.0
     keys, surfel_at = np.full(_FIRST_PLACES, -1), np.empty(_FIRST_PLACES, np.int64)
-    sums = np.zeros((n, 5))
+    sums = np.empty((_FIRST_PLACES // 2, 5))
     count = 0
     for i in range(n):
         member[i] = -1
@@ -92,11 +96,12 @@ def surfels(placed: F64, turned: F64, cell: float, member: I64) -> tuple[F64, I6
             key = _key(u, v, slot)
             spot = _find(keys, key)
             if keys[spot] == -1:
-                if 3 * count > len(keys):
-                    keys, surfel_at = _enlarged(keys, surfel_at)
+                if count == len(sums):
+                    keys, surfel_at, sums = _enlarged(keys, surfel_at, sums)
                     spot = _find(keys, key)
                 keys[spot] = key
                 surfel_at[spot] = count
+                sums[count] = 0.0
                 count += 1
             k = surfel_at[spot]
             if sums[k, 2] * turned[i, 0] + sums[k, 3] * turned[i, 1] < _SAME_FACING * sums[k, 4]:
@@ -114,7 +119,7 @@ def surfels(placed: F64, turned: F64, cell: float, member: I64) -> tuple[F64, I6
         sums[k, 1] = (sums[k, 1] / sums[k, 4] - y0) / cell
         sums[k, 2] /= norm
         sums[k, 3] /= norm
-    return sums[:count].copy(), keys, surfel_at
+    return sums[:count], keys, surfel_at
 
 
 @compiled

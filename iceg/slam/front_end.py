@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from frontends.matcher import Matcher, TrackingMatcher
 from frontends.scan import Scan, ScanGeometry
 from graph.measurement import NoMatch, RelativePose
+from graph.noise import squared_norm, summed_ratios
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, wrap_angle
 from iceg.ice._point_kernels import count_returns
@@ -237,7 +238,7 @@ class FrontEnd:
         expected = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
         if _are_one_optimum(found, expected):
             return None
-        distance2 = _distance2(between(found, expected), self._motion.covariance + covariance)
+        distance2 = squared_norm(between(found, expected), self._motion.covariance + covariance)
         if distance2 < _CONTRADICTED:
             return None
         held = self._map_matcher.held(reference, scan, expected)
@@ -292,7 +293,7 @@ class FrontEnd:
             return match.T_ref_cur
         odometry = self._motion.covariance
         # The sum of the ratios bounds the largest: most matches need no more.
-        if float(np.sum(np.linalg.inv(odometry) * match.covariance)) <= _ODOMETRY_SPEAKS:
+        if summed_ratios(match.covariance, odometry) <= _ODOMETRY_SPEAKS:
             return match.T_ref_cur
         whiten = np.linalg.inv(np.linalg.cholesky(odometry))
         ratios, axes = np.linalg.eigh(whiten @ match.covariance @ whiten.T)
@@ -300,7 +301,7 @@ class FrontEnd:
         if not share.any():
             return match.T_ref_cur
         offset = between(match.T_ref_cur, compose(T_track_key, self._motion.T_key_robot))
-        if _distance2(offset, odometry + match.covariance) >= _REFUTED:
+        if squared_norm(offset, odometry + match.covariance) >= _REFUTED:
             return match.T_ref_cur
         directions = whiten.T @ axes
         return compose(match.T_ref_cur, odometry @ directions @ (share * (directions.T @ offset)))
@@ -388,11 +389,6 @@ def _apart(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> tuple[floa
     """Distance [m] and angle [rad] between two poses; plain floats, for the loop over scans."""
     (x, y, heading), (x_c, y_c, heading_c) = T_a_b.tolist(), T_a_c.tolist()
     return math.hypot(x_c - x, y_c - y), abs(wrap_angle(heading_c - heading))
-
-
-def _distance2(offset: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
-    """Squared Mahalanobis distance."""
-    return float(offset @ np.linalg.solve(covariance, offset))
 
 
 def _are_one_optimum(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> bool:

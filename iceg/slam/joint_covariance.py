@@ -19,6 +19,8 @@ from iceg.slam._joint_system_kernels import JointSystem, PointsOnLines, fill, no
 _MOST_ANCHORS = 500
 _SMALL = 96
 """Rows of a matrix that is not worth halving."""
+_TOGETHER = 48
+"""Columns that are multiplied with each other at once, a multiple of 3."""
 _HELD = 1e-10
 """Variance of the first key pose, which the others are relative to [m², rad²]."""
 _SHARP = 1e6
@@ -120,26 +122,27 @@ def _add_links(
 
 def _diagonal_of_inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 3, 3) blocks on the diagonal of the inverse of a (3n, 3n) matrix."""
-    root = _inverse_of_lower(np.asarray(np.linalg.cholesky(matrix), dtype=np.float64))
+    root = np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
+    _invert_lower(root)
     blocks = np.empty((len(matrix) // 3, 3, 3))
-    for apart in range(3):
-        products = np.einsum("rc,rc->c", root[:, : len(root) - apart], root[:, apart:])
-        for a in range(3 - apart):
-            blocks[:, a, a + apart] = blocks[:, a + apart, a] = products[a::3]
+    for first in range(0, len(root), _TOGETHER):
+        columns = root[first:, first : first + _TOGETHER]
+        at = np.arange(columns.shape[1] // 3)
+        blocks[first // 3 + at] = (columns.T @ columns).reshape(len(at), 3, len(at), 3)[at, :, at]
     return blocks
 
 
-def _inverse_of_lower(lower: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Inverse of a triangular matrix, by halves: a quarter of the time of a full matrix's."""
+def _invert_lower(lower: NDArray[np.float64]) -> None:
+    """Turn a triangular matrix into its inverse, by halves: a quarter of the time of a full matrix's."""
     n = len(lower)
     if n <= _SMALL:
-        return np.tril(np.linalg.inv(lower))
+        lower[:] = np.tril(np.linalg.inv(lower))
+        return
     half = n // 2
-    first, last = _inverse_of_lower(lower[:half, :half]), _inverse_of_lower(lower[half:, half:])
-    inverse = np.zeros_like(lower)
-    inverse[:half, :half], inverse[half:, half:] = first, last
-    inverse[half:, :half] = -last @ (lower[half:, :half] @ first)
-    return inverse
+    first, last, below = lower[:half, :half], lower[half:, half:], lower[half:, :half]
+    _invert_lower(first)
+    _invert_lower(last)
+    np.matmul(-last, below @ first, out=below)
 
 
 def _of_points(
@@ -160,7 +163,8 @@ def _of_points(
         )
         fill(by_line, information)
     scale = precision / _SHARP
-    return scale * system.diagonal, scale * information
+    information *= scale
+    return scale * system.diagonal, information
 
 
 def _steps(factors: Sequence[Factor], k: int) -> NDArray[np.float64]:
