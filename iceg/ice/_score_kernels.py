@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import ONE, ZERO, compiled
-from iceg.ice._refinement_kernels import partner, refine
+from graph.compiled import compiled
+from iceg.ice._refinement_kernels import partner
 from iceg.ice._score_grid_kernels import score_grid
 from iceg.ice.scored import Scored
 
@@ -89,11 +89,13 @@ class Residuals(NamedTuple):
         distances: (12 + n,) from the surfels' lines [m].
         levers: (12 + n, 3) their derivatives by a step of the robot in its own frame.
         used: how many points tell something.
+        hessian: (3, 3) Σ w JᵀJ of all points with a surfel, Cauchy weights, tangent space of the robot.
     """
 
     distances: F64
     levers: F64
     used: int
+    hessian: F64
 
 
 @compiled
@@ -102,6 +104,7 @@ def residuals_at(scored: Scored, pose: F64, limit: float) -> Residuals:
     points, normals, surfels, origin = scored.points, scored.normals, scored.surfels, scored.origin
     n = len(points)
     distances, levers, used = np.zeros(_LAGS + n), np.zeros((_LAGS + n, 3)), 0
+    hessian, inverse_scale2 = np.zeros((3, 3)), 1.0 / (scored.scale * scored.scale)
     c, s = cos(pose[2]), sin(pose[2])
     for i in range(n):
         px, py = points[i, 0], points[i, 1]
@@ -112,13 +115,21 @@ def residuals_at(scored: Scored, pose: F64, limit: float) -> Residuals:
             continue
         mx, my = surfels[k, 2], surfels[k, 3]
         r = mx * (x - surfels[k, 0]) + my * (y - surfels[k, 1])
+        jx, jy = c * mx + s * my, c * my - s * mx
+        turn, w = jy * px - jx * py, 1.0 / (1.0 + r * r * inverse_scale2)
+        hessian[0, 0] += w * jx * jx
+        hessian[0, 1] += w * jx * jy
+        hessian[0, 2] += w * jx * turn
+        hessian[1, 1] += w * jy * jy
+        hessian[1, 2] += w * jy * turn
+        hessian[2, 2] += w * turn * turn
         if abs(r) >= limit:
             continue
-        jx, jy = c * mx + s * my, c * my - s * mx
         distances[_LAGS + i] = r
-        levers[_LAGS + i, 0], levers[_LAGS + i, 1], levers[_LAGS + i, 2] = jx, jy, jy * px - jx * py
+        levers[_LAGS + i, 0], levers[_LAGS + i, 1], levers[_LAGS + i, 2] = jx, jy, turn
         used += 1
-    return Residuals(distances, levers, used)
+    hessian[1, 0], hessian[2, 0], hessian[2, 1] = hessian[0, 1], hessian[0, 2], hessian[1, 2]
+    return Residuals(distances, levers, used, hessian)
 
 
 @compiled
@@ -279,7 +290,7 @@ def score_covariance(scored: Scored, pose: F64, reading: Reading, out: Weighed) 
     repeated = dependence(found)
     share = reading.independence / repeated
     precision = share / (reading.temperature * reading.sigma * reading.sigma)
-    _lay_grid(_hessian(scored, pose), pose[2], precision, reading, out)
+    _lay_grid(found.hessian, precision, reading, out)
     best = score_grid(scored, n_picks, pose, out.axes, out.steps, out.weights)
     per_point = 0.5 * (scored.scale / reading.sigma) ** 2 * share / reading.temperature
     edges, second = np.empty(3), np.empty((3, 3))
@@ -333,38 +344,10 @@ def _on_surfaces(scored: Scored) -> Scored:
 
 
 @compiled
-def _hessian(scored: Scored, pose: F64) -> F64:
-    """(3, 3) Σ w JᵀJ of the points at a pose, in the reference frame, rotation about the robot."""
-    hessian, same_pose, only_judge = np.empty((3, 3)), np.empty(3), ZERO
-    refine(
-        scored.points,
-        scored.normals,
-        ONE,
-        pose,
-        scored.surfels,
-        scored.nearest,
-        scored.origin,
-        scored.cell,
-        scored.scale,
-        scored.scale,
-        only_judge,
-        0.0,
-        scored.facing,
-        same_pose,
-        hessian,
-    )
-    return hessian
-
-
-@compiled
-def _lay_grid(hessian: F64, heading: float, precision: float, reading: Reading, out: Weighed) -> None:
-    """Axes and steps of the grid: the principal axes of the Hessian, seen from the robot, steps by their width."""
-    c, s = cos(heading), sin(heading)
-    turn, information, values = np.zeros((3, 3)), np.empty((3, 3)), np.empty(3)
-    turn[0, 0], turn[0, 1], turn[1, 0], turn[1, 1], turn[2, 2] = c, s, -s, c, 1.0
-    _turned(turn, hessian, information)
-    information *= precision
-    principal_axes(information, values, out.axes)
+def _lay_grid(hessian: F64, precision: float, reading: Reading, out: Weighed) -> None:
+    """Axes and steps of the grid: the principal axes of the Hessian, steps by their width."""
+    values = np.empty(3)
+    principal_axes(precision * hessian, values, out.axes)
     for a in range(3):
         width = reading.spacing / sqrt(max(values[a], 1e-9))
         out.steps[a] = min(reading.max_step, max(reading.min_step, width))

@@ -64,8 +64,8 @@ class LocalMap:
         size = np.asarray(upper, dtype=np.float64) - origin
         self._surfel_count = 0
         self._table = np.full((ceil(size[1] / config.cell), ceil(size[0] / config.cell), 2), -1, np.int32)
-        self._sums = np.empty((4096, 5))
-        self._surfels = np.empty((4096, 4))
+        self._sums = np.empty((0, 5))
+        self._surfels = np.empty((0, 4))
         self.fine = _empty_field(origin, size, config.cell, config.fine_radius)
         # Only a search among hypotheses asks for the wide field and the features: they are made when it does.
         self._coarse = _empty_field(origin, size, config.coarse_cell, config.coarse_radius)
@@ -191,9 +191,11 @@ class LocalMap:
         return self.feature_rows.unpack()
 
     def _reserve(self, capacity: int) -> None:
-        while len(self._sums) < capacity:
-            self._sums = np.concatenate([self._sums, np.empty_like(self._sums)])
-            self._surfels = np.concatenate([self._surfels, np.empty_like(self._surfels)])
+        if len(self._sums) < capacity:
+            n, capacity = self._surfel_count, max(capacity, 2 * len(self._sums))
+            sums, surfels = np.empty((capacity, 5)), np.empty((capacity, 4))
+            sums[:n], surfels[:n] = self._sums[:n], self._surfels[:n]
+            self._sums, self._surfels = sums, surfels
 
 
 def box_around(
