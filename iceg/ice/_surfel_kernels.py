@@ -133,7 +133,7 @@ def stamp_field(
     for k in range(start, end):
         x = (surfels[k, 0] - origin[0]) / cell - 0.5
         y = (surfels[k, 1] - origin[1]) / cell - 0.5
-        u, v = int(floor(x + 0.5)), int(floor(y + 0.5))
+        u, v = floor(x + 0.5), floor(y + 0.5)
         if u < 0 or v < 0 or u >= nx or v >= ny:
             continue
         if thin and distance2[v, u] < _CROWDED * cell2:
