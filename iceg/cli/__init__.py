@@ -4,7 +4,7 @@ import atexit
 import gc
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 _COLLECTION = (500_000, 20, 20)
 """Thresholds of the garbage collector: hardly anything here forms cycles, and looking for them takes time."""
@@ -46,11 +46,10 @@ def _main(words: list[str]) -> int:
         print(f"iceg {__version__}")
         return 0
     from graph.errors import IcegError
-    from iceg.cli.options import UsageError
-    from iceg.cli.parsing import parse
+    from iceg.cli.usage_error import UsageError
 
     try:
-        command = parse(words)
+        command = _parse(words)
     except IcegError as err:
         return _complain(err, _USAGE)
     try:
@@ -61,6 +60,17 @@ def _main(words: list[str]) -> int:
     except IcegError as err:
         return _complain(err, _FAILED)
     return 0
+
+
+def _parse(words: list[str]) -> Callable[[], None]:
+    from iceg.cli.plain_run import plain_run
+
+    command = plain_run(words)
+    if command is not None:
+        return command
+    from iceg.cli.parsing import parse
+
+    return parse(words)
 
 
 def _complain(error: Exception, code: int) -> int:

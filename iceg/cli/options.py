@@ -5,11 +5,10 @@ from typing import Annotated, Optional
 
 import tyro
 
+from iceg.cli.usage_error import UsageError
 from iceg.config import Config
 
-
-class UsageError(Exception):
-    """Arguments that do not belong together."""
+__all__ = ["ConfigFile", "GivenPath", "Overwrite", "Settings", "SkipBadLines", "UsageError"]
 
 
 GivenPath = Optional[Path]  # noqa: UP045

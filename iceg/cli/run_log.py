@@ -1,0 +1,132 @@
+"""From a log to a folder of results: `iceg run` once its arguments are known."""
+
+import dataclasses
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from iceg.cli.quick_start import load_numba_without_scipy
+from iceg.config import Config
+
+if TYPE_CHECKING:
+    from frontends.scan import Log
+    from iceg.slam.pipeline import SlamResult
+    from iceg.slam.progress import Progress
+
+_MANY_CARRIED = 0.02
+"""More than this share of scans without a match is worth a warning."""
+
+
+def run_log(
+    path: Path,
+    directory: Path,
+    config: Config,
+    *,
+    overwrite: bool,
+    skip_bad_lines: bool,
+    closures: Path | None = None,
+) -> None:
+    """Read a log, run, write the results, and say on the way what a person should know.
+
+    Args:
+        path: the log.
+        directory: where the results go.
+        config: the settings.
+        overwrite: whether earlier results may be replaced.
+        skip_bad_lines: pass over malformed lines and count them.
+        closures: a file of loops closed by hand.
+
+    Raises:
+        IcegError: the log cannot be read, or the results not be written.
+    """
+    from iceg.results import check_directory, write_results
+    from iceg.show.progress import ProgressBar, compile_note
+
+    load_numba_without_scipy()
+    check_directory(directory, overwrite=overwrite)
+    before = written_at(directory)
+    started = time.perf_counter()
+    try:
+        with compile_note():
+            from frontends.logs import read_log
+
+            log = read_log(path, skip_bad_lines=skip_bad_lines, **dataclasses.asdict(config.log))
+            tell_warnings(log)
+            from iceg.slam.manual_closures import read_manual_closures
+            from iceg.slam.pipeline import run
+
+            by_hand = read_manual_closures(closures) if closures else ()
+            with ProgressBar(log) as progress:
+                result = run(log, config, progress, closures=by_hand)
+            write_results(result, directory, overwrite=overwrite)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(what_was_kept(directory, before)) from None
+    _tell_results(result, progress.matching, time.perf_counter() - started, directory)
+
+
+def tell_warnings(log: "Log") -> None:
+    """Print what reading a log has found."""
+    for warning in log.warnings:
+        print(f"warning: {warning}", file=sys.stderr)
+
+
+def written_at(directory: Path) -> int | None:
+    """When the results in a folder were completed; None when there are none."""
+    summary = directory / "summary.json"
+    return summary.stat().st_mtime_ns if summary.exists() else None
+
+
+def what_was_kept(directory: Path, before: int | None) -> str:
+    """What an interrupted command leaves in a folder, given when its results were completed before."""
+    now = written_at(directory)
+    if now is None:
+        return f"nothing was written to {directory}"
+    return (
+        f"the earlier results in {directory} are untouched"
+        if now == before
+        else f"the results in {directory} are complete"
+    )
+
+
+def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, directory: Path) -> None:
+    from iceg.show.progress import real_time_factor
+
+    factor = real_time_factor(result.log.stamps, seconds)
+    speed = f", {factor:.0f}x real time" if factor else ""
+    print(f"{len(result.log)} scans in {seconds:.1f} s{speed}, everything included")
+    matched = f", {100 * progress.accepted / progress.tried:.1f} % of the matches accepted" if progress.tried else ""
+    print(f"{len(result.key_scans)} key poses, {len(result.landmarks)} landmarks{matched}")
+    _tell_finish(result)
+    _tell_doubts(result)
+    print(f"Results are in {directory}: map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more")
+
+
+def _tell_finish(result: "SlamResult") -> None:
+    """What the offline finish did."""
+    rounds = result.summary["finish"]
+    if not rounds:
+        return
+    joint = f", {1000 * rounds[-1]['mean_move']:.0f} mm by poses and map together" if rounds[-1]["residual"] else ""
+    rematched = f"{1000 * sum(done['mean_move'] for done in rounds if done['stage'] != 'joint'):.0f} mm by factors"
+    print(f"finish: {rounds[-1]['closures']} closures in force; key poses moved by {rematched}{joint}")
+
+
+def _tell_doubts(result: "SlamResult") -> None:
+    """Say where the map may be wrong, and where only odometry carried it."""
+    carried, lost = result.summary["scans_carried_by_odometry"], result.summary["lost_at_scans"]
+    told = {found["scan"] for found in result.summary["breaks"]}
+    untold = [scan for scan in lost if scan not in told]
+    if untold:
+        places = ", ".join(str(scan) for scan in untold[:8]) + (
+            f" and {len(untold) - 8} more" if len(untold) > 8 else ""
+        )
+        print(
+            f"warning: from scan {places} on nothing matched what was known before; loop closures tie it to the rest",
+            file=sys.stderr,
+        )
+    if carried > _MANY_CARRIED * len(result.log):
+        print(f"warning: odometry alone carried {carried} of {len(result.log)} scans", file=sys.stderr)
+    for warning in result.summary["warnings"]:
+        if warning not in result.log.warnings:
+            print(f"warning: {warning}", file=sys.stderr)

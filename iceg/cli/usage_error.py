@@ -1,0 +1,5 @@
+"""What is wrong with arguments that are each right."""
+
+
+class UsageError(Exception):
+    """Arguments that do not belong together."""
