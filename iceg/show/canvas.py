@@ -76,16 +76,16 @@ class Canvas:
         Returns:
             (height, width, 3) red, green and blue.
         """
-        picture = np.empty((*shades.shape, 3), dtype=np.uint8)
-        picture[:] = shades[:, :, None]
+        picture = shades.repeat(3).reshape(*shades.shape, 3)
         numbers = np.asarray(self._numbers)
         beside = numbers.view(f"u{SMOOTHING}")  # the pixels of a row that become one
         painted = reduce(np.bitwise_or, [beside[row::SMOOTHING] for row in range(SMOOTHING)])
-        rows, cols = np.divmod(np.flatnonzero(painted), shades.shape[1])
-        colours, mixed = self._premultiplied(), np.zeros((len(rows), 4), dtype=np.float32)
+        rows, cols = np.divmod(np.flatnonzero(painted != 0), shades.shape[1])
+        first, colours = SMOOTHING * (rows * numbers.shape[1] + cols), self._premultiplied()
+        mixed = np.zeros((len(rows), 4), dtype=np.float32)
         for down in range(SMOOTHING):
             for right in range(SMOOTHING):
-                mixed += colours[numbers[SMOOTHING * rows + down, SMOOTHING * cols + right]]
+                mixed += colours.take(numbers.take(first + (down * numbers.shape[1] + right)), axis=0)
         mixed /= SMOOTHING**2
         picture[rows, cols] = np.rint(mixed[:, :3] + (1.0 - mixed[:, 3:]) * shades[rows, cols, None])
         return picture

@@ -150,9 +150,12 @@ def scaled(image: NDArray[np.uint8], long_side: int) -> NDArray[np.uint8]:
 
 def _shades(occupancy: NDArray[np.float32]) -> NDArray[np.uint8]:
     """Greys of probabilities: unknown in between, fully white and black well before certainty."""
-    certainty = np.clip((occupancy - 0.5) / 0.35, -1.0, 1.0)
-    shades = _UNKNOWN + np.where(certainty < 0, (_UNKNOWN - _FREE) * certainty, (_OCCUPIED - _UNKNOWN) * certainty)
-    return np.asarray(np.round(shades), dtype=np.uint8)
+    shades = occupancy - np.float32(0.5)
+    shades /= np.float32(0.35)
+    np.clip(shades, -1.0, 1.0, out=shades)
+    shades *= np.where(shades < 0, np.float32(_UNKNOWN - _FREE), np.float32(_OCCUPIED - _UNKNOWN))
+    shades += np.float32(_UNKNOWN)
+    return np.asarray(np.rint(shades, out=shades), dtype=np.uint8)
 
 
 def _shades_in(grid: "OccupancyGrid", box: Box) -> NDArray[np.uint8]:

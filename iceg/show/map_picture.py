@@ -54,13 +54,13 @@ def save_map_png(path: Path, layers: MapLayers, *, min_seen: int = 3, long_side:
     layers = layers.settled(min_seen)
     box = known_box(layers.grid, layers.trajectory)
     image = map_image(layers, box=box, long_side=long_side)
-    height, map_width, _ = image.shape
+    map_width = image.shape[1]
     width = max(map_width, _NARROWEST)
     below = np.asarray(_strip(width, map_width / (box[1] - box[0]), _legend_entries(layers), title))
     left = (width - map_width) // 2
-    sheet = np.full((height + len(below), width, 3), 255, dtype=np.uint8)
-    sheet[:height, left : left + map_width] = image
-    sheet[height:] = below
+    if width > map_width:
+        image = np.pad(image, ((0, 0), (left, width - map_width - left), (0, 0)), constant_values=255)
+    sheet = np.concatenate([image, below])
     content = io.BytesIO()
     Image.fromarray(sheet).save(content, format="PNG", compress_level=2, dpi=(_DPI, _DPI))
     write_atomically(path, content.getvalue())
