@@ -13,7 +13,7 @@ from frontends.scan import Scan, ScanGeometry
 from iceg.ice.features import CORNER, END_OF_WALL, INTERSECTION, Features
 from iceg.maps import _landmark_kernels as kernels
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
-from iceg.maps.feature_map import FeatureMap, build_feature_map
+from iceg.maps.feature_map import FeatureMap, Landmarks, build_feature_map
 
 F64 = NDArray[np.float64]
 NAN = math.nan
@@ -467,3 +467,36 @@ def test_the_order_of_a_few_values_is_that_of_a_stable_sort(values: list[float])
     numbers = np.array(values, dtype=np.float64)
     stable = [i for i in np.argsort(numbers, kind="stable") if math.isfinite(numbers[i])]
     assert kernels.ascending(numbers).tolist() == stable
+
+
+@pytest.mark.parametrize("field_of_view", [80.0, 179.0, 180.0, 181.0, 270.0, 359.0])
+def test_only_what_lies_within_the_field_of_view_is_missed(field_of_view: float) -> None:
+    bearings = np.radians(np.arange(-179.5, 180.0, 5.0))
+    around = [(CORNER, 3.0 * math.cos(b), 3.0 * math.sin(b), b + 1.5, b - 1.5) for b in bearings]
+    beams = np.radians(np.linspace(-0.5 * field_of_view, 0.5 * field_of_view, 361))
+    geometry = ScanGeometry(bearings=beams, range_min=0.05, range_max=20.0, T_robot_laser=np.array([0.0, 0.0, 0.3]))
+    feature_map = FeatureMap()
+    feature_map.observe(0, HOME, features_of(*around), scan_of())
+    feature_map.observe(1, HOME, NOTHING, Scan(ranges=np.full(361, 9.0, np.float32), geometry=geometry))
+    off_axis = np.abs(np.degrees(np.arctan2(np.sin(bearings - 0.3), np.cos(bearings - 0.3))))
+    missed = feature_map.record().missed
+    assert (missed[off_axis > 0.5 * field_of_view] == 0).all()
+    assert (missed[off_axis < 0.5 * field_of_view - 5.0] == 1).all()
+
+
+def test_key_scans_entered_together_make_the_map_they_make_one_by_one() -> None:
+    rng = np.random.default_rng(1)
+    poses = np.column_stack([0.3 * np.arange(12), rng.normal(0.0, 0.1, 12), rng.normal(0.0, 0.05, 12)])
+    world = [(CORNER, x, y, 0.3, 1.8) for x, y in rng.uniform(-1.0, 6.0, (40, 2))]
+    features = [seen_from(pose, *(world[i] for i in rng.permutation(40)[: rng.integers(0, 30)])) for pose in poses]
+    other_mount = scan_of(BACK, mount=(0.2, 0.0, 0.1))
+    scans = [scan_of(BACK)] * 5 + [other_mount] * 4 + [scan_of(BACK) for _ in range(3)]
+    together = build_feature_map(poses, features, scans).record()
+    one_by_one = FeatureMap()
+    for key, one in enumerate(zip(poses, features, scans, strict=True)):
+        one_by_one.observe(key, *one)
+    alone = one_by_one.record()
+    assert 0 < len(together) < sum(map(len, features))
+    assert together.missed.max() > 0
+    for name in Landmarks.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(together, name), getattr(alone, name))

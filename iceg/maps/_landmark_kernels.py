@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph._assign_kernels import assign
-from graph.compiled import compiled
+from graph.compiled import ZERO, compiled
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -68,6 +68,71 @@ class Settings(NamedTuple):
     missed_evidence: float
     highest_evidence: float
     expiry_evidence: float
+
+
+@compiled
+def observe_all(
+    first_key: int,
+    ends: I64,
+    frames: F64,
+    features: Observed,
+    ranges: F32,
+    store: Store,
+    valid: I64,
+    n_valid: int,
+    count: int,
+    settings: Settings,
+) -> tuple[int, int]:
+    """Enter the features of key scans, one after the other.
+
+    Args:
+        first_key: index of the first scan's key pose; the others follow.
+        ends: (n_scans,) where the features of each scan end among all.
+        frames: as for `observe`.
+        features: of all scans; its ranges are not looked at.
+        ranges: (n_scans, n_beams) of the scans.
+        store: as for `observe`, with room for the features of all scans.
+        valid: (≥ n_valid + n_features,) the landmarks that have not expired, ascending, changed in place.
+        n_valid: how many these are.
+        count: as for `observe`.
+        settings: as for `observe`.
+
+    Returns:
+        The new number of landmarks, and of those that have not expired.
+    """
+    start = ZERO
+    for scan in range(len(ends)):
+        end = ends[scan]
+        observed = Observed(
+            features.kinds[start:end],
+            features.positions[start:end],
+            features.directions[start:end],
+            features.covariances[start:end],
+            features.direction_variances[start:end],
+            features.distances[start:end],
+            features.real[start:end],
+            ranges[scan],
+            features.bearings,
+            features.T_robot_laser,
+        )
+        more = observe(first_key + scan, frames, observed, store, valid[:n_valid], count, settings)
+        n_valid = drop_expired(valid, n_valid, store.expired_at)
+        for new in range(count, more):
+            valid[n_valid] = new
+            n_valid += 1
+        count, start = more, end
+    return count, n_valid
+
+
+@compiled
+def drop_expired(valid: I64, n_valid: int, expired_at: I64) -> int:
+    """Close up over the landmarks that have expired: the cost depends on what is there, not on what ever was."""
+    kept = ZERO
+    for place in range(n_valid):
+        if expired_at[valid[place]] < 0:
+            valid[kept] = valid[place]
+            kept += 1
+    return kept
 
 
 @compiled
@@ -178,8 +243,17 @@ def close_pairs(observed: Observed, near_p: F64, max_distance: float) -> tuple[I
         xs[rank] = observed.positions[order[rank], 0]
     pair_feature, pair_near = np.empty(256, np.int64), np.empty(256, np.int64)
     n_pairs = 0
+    if len(order) == 0:
+        return pair_feature[:0], pair_near[:0]
+    lowest, highest = np.inf, -np.inf
+    for rank in range(len(order)):
+        y = observed.positions[order[rank], 1]
+        lowest, highest = min(lowest, y), max(highest, y)
     for j in range(len(near_p)):
         x, y = near_p[j, 0], near_p[j, 1]
+        outside = max(xs[0] - x, x - xs[len(xs) - 1], lowest - y, y - highest)
+        if outside > 0.0 and outside * outside > max_distance * max_distance:
+            continue  # as all that lies behind the robot
         for rank in range(np.searchsorted(xs, x - max_distance), len(xs)):
             dx = xs[rank] - x
             if dx > max_distance:
@@ -352,27 +426,27 @@ def judge(
     """
     laser = observed.T_robot_laser
     cos, sin = np.cos(laser[2]), np.sin(laser[2])
-    ranges, bearings = observed.ranges, observed.bearings
     reach = settings.visible_range
+    bearings = observed.bearings
+    first_x, first_y = np.cos(bearings[0]), np.sin(bearings[0])
+    last_x, last_y = np.cos(bearings[-1]), np.sin(bearings[-1])
+    is_wide = bearings[-1] - bearings[0] > np.pi
     for j in range(len(near)):
         k = near[j]
         x, y = near_p[j, 0] - laser[0], near_p[j, 1] - laser[1]
         if accounted[j] or x * x + y * y > reach * reach:
             continue
+        x, y = cos * x + sin * y, cos * y - sin * x
+        is_left, is_right = first_x * y - first_y * x >= 0.0, last_x * y - last_y * x <= 0.0
+        if not (is_left or is_right if is_wide else is_left and is_right):
+            continue  # beside the field of view, as half of what is near
+        slack = 2.0 * np.sqrt(settings.pose_variance + max(store.covariances[k, 0, 0], store.covariances[k, 1, 1]))
+        bearing = open_bearing(x, y, observed.ranges, bearings, reach, settings.occlusion_margin, slack)
+        if np.isnan(bearing):
+            continue
         to_laser = np.arctan2(near_turn[j, 1], near_turn[j, 0]) - laser[2]
-        variance = max(store.covariances[k, 0, 0], store.covariances[k, 1, 1])
-        if is_visible(
-            cos * x + sin * y,
-            cos * y - sin * x,
-            store.directions[k, 0] + to_laser,
-            store.directions[k, 1] + to_laser,
-            ranges,
-            bearings,
-            settings.visible_range,
-            settings.occlusion_margin,
-            2.0 * np.sqrt(settings.pose_variance + variance),
-            settings.sin_edge_on,
-        ):
+        direction0, direction1 = store.directions[k, 0] + to_laser, store.directions[k, 1] + to_laser
+        if is_broadside(direction0 - bearing, direction1 - bearing, settings.sin_edge_on):
             store.missed[k] += 1
             store.existence[k] += settings.missed_evidence
             if store.existence[k] < settings.expiry_evidence:
@@ -453,26 +527,26 @@ def pair_directions(kind: int, a0: float, a1: float, b0: float, b1: float) -> tu
 
 
 @compiled
-def is_visible(
+def open_bearing(
     x: float,
     y: float,
-    direction0: float,
-    direction1: float,
     ranges: F32,
     bearings: F64,
     visible_range: float,
     occlusion_margin: float,
     position_slack: float,
-    sin_edge_on: float,
-) -> bool:
-    """Whether a scan would have to show a landmark at (x, y) in the laser frame if it were there.
+) -> float:
+    """Where a scan would have to show a landmark at (x, y) in the laser frame if it were there.
 
-    It must lie within range and field of view, its walls must not be seen edge-on, and no beam around its bearing may
-    end before it. A beam without return says nothing.
+    It must lie within range and field of view, and no beam around its bearing may end before it. A beam without return
+    says nothing.
+
+    Returns:
+        Its bearing [rad]; NaN if the scan need not show it.
     """
     distance = np.hypot(x, y)
     if distance > visible_range or distance < 1e-6:
-        return False
+        return np.nan
     bearing = np.arctan2(y, x)
     n = len(bearings)
     spacing = (bearings[n - 1] - bearings[0]) / (n - 1)
@@ -480,14 +554,7 @@ def is_visible(
     bearing = bearings[0] + (bearing - bearings[0]) % (2.0 * np.pi)
     window = max(1.5 * spacing, position_slack / distance)
     if bearing - window < bearings[0] or bearing + window > bearings[n - 1]:
-        return False
-    broadside = 0.0
-    if not np.isnan(direction0):
-        broadside = abs(np.sin(direction0 - bearing))
-    if not np.isnan(direction1):
-        broadside = max(broadside, abs(np.sin(direction1 - bearing)))
-    if broadside < sin_edge_on:
-        return False
+        return np.nan
     first = np.searchsorted(bearings, bearing - window)
     end = np.searchsorted(bearings, bearing + window)
     returns = 0
@@ -495,6 +562,17 @@ def is_visible(
         if np.isnan(ranges[i]):
             continue
         if ranges[i] < distance - occlusion_margin:
-            return False
+            return np.nan
         returns += 1
-    return bool(2 * returns > end - first)
+    return bearing if 2 * returns > end - first else np.nan
+
+
+@compiled
+def is_broadside(direction0: float, direction1: float, sin_edge_on: float) -> bool:
+    """Whether a wall of a landmark, its directions seen from the line of sight, is not seen edge-on."""
+    broadside = 0.0
+    if not np.isnan(direction0):
+        broadside = abs(np.sin(direction0))
+    if not np.isnan(direction1):
+        broadside = max(broadside, abs(np.sin(direction1)))
+    return bool(broadside >= sin_edge_on)

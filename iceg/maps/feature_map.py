@@ -1,7 +1,8 @@
 """The feature map: landmarks anchored to key poses, fused when seen again, forgotten when no longer there."""
 
+import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -102,25 +103,29 @@ class FeatureMap:
             FeatureMapError: if the pose is not finite.
         """
         self._place(key_index, T_map_key)
-        self._reserve(self._count + len(features))
-        observed = kernels.Observed(
-            np.ascontiguousarray(features.kinds),
-            np.ascontiguousarray(features.positions),
-            np.ascontiguousarray(features.directions),
-            np.ascontiguousarray(features.covariances),
-            np.ascontiguousarray(features.direction_variances),
-            np.ascontiguousarray(features.distances),
-            np.ascontiguousarray(features.real),
-            np.ascontiguousarray(scan.ranges),
-            np.ascontiguousarray(scan.geometry.bearings),
-            np.ascontiguousarray(scan.geometry.T_robot_laser),
-        )
-        settings = _kernel_settings(self.config, scan.geometry.range_max)
-        count = int(kernels.observe(key_index, self._frames, observed, self._store, self._valid, self._count, settings))
-        # Expired ones are not looked at again: the cost depends on what is there, not on what ever was.
-        valid = self._valid[self._store.expired_at[self._valid] < 0]
-        self._valid = np.concatenate([valid, np.arange(self._count, count)])
-        self._count = count
+        self._enter(key_index, [features], [scan])
+
+    def observe_all(
+        self, key_poses: NDArray[np.float64], key_features: Iterable[Features], key_scans: Iterable[Scan]
+    ) -> None:
+        """Enter the features of key scans into an empty map, as `observe` does one by one.
+
+        Args:
+            key_poses: (n_keys, 3) T_map_key of each key scan, numbered as given.
+            key_features: their features.
+            key_scans: the scans.
+
+        Raises:
+            FeatureMapError: if a pose is not finite.
+        """
+        keys = zip(key_poses, key_features, key_scans, strict=True)
+        first = 0
+        for _, group in itertools.groupby(keys, key=lambda key: id(key[2].geometry)):
+            poses, features, scans = zip(*group, strict=True)
+            for key_index, T_map_key in enumerate(poses, first):
+                self._place(key_index, T_map_key)
+            self._enter(first, features, scans)
+            first += len(scans)
 
     def move(self, key_poses: NDArray[np.float64]) -> None:
         """Move the key poses, and with them their landmarks, before further observations.
@@ -183,6 +188,26 @@ class FeatureMap:
         x, y, heading = (float(value) for value in T_map_key)
         self._frames[key_index] = x, y, math.cos(heading), math.sin(heading)
 
+    def _enter(self, first_key: int, key_features: Sequence[Features], key_scans: Sequence[Scan]) -> None:
+        """Enter the features of key scans, taken by one laser at key poses that have their places."""
+        geometry = key_scans[0].geometry
+        table = {f.name: np.concatenate([getattr(one, f.name) for one in key_features]) for f in fields(Features)}
+        ranges = np.stack([scan.ranges for scan in key_scans])
+        observed = kernels.Observed(
+            **table,
+            ranges=ranges[0],
+            bearings=np.ascontiguousarray(geometry.bearings),
+            T_robot_laser=np.ascontiguousarray(geometry.T_robot_laser),
+        )
+        ends = np.cumsum([len(features) for features in key_features])
+        self._reserve(self._count + int(ends[-1]))
+        valid = np.concatenate([self._valid, np.empty(ends[-1], np.int64)])
+        settings = _kernel_settings(self.config, geometry.range_max)
+        self._count, n_valid = kernels.observe_all(
+            first_key, ends, self._frames, observed, ranges, self._store, valid, len(self._valid), self._count, settings
+        )
+        self._valid = valid[:n_valid]
+
     def _reserve(self, capacity: int) -> None:
         if capacity > len(self._store.kinds):
             longer = _empty_store(2 * capacity)
@@ -209,8 +234,7 @@ def build_feature_map(
         The feature map, with key poses numbered as given.
     """
     feature_map = FeatureMap(config)
-    for key_index, (T_map_key, features, scan) in enumerate(zip(key_poses, key_features, key_scans, strict=True)):
-        feature_map.observe(key_index, T_map_key, features, scan)
+    feature_map.observe_all(key_poses, key_features, key_scans)
     return feature_map
 
 
