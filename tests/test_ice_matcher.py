@@ -15,6 +15,7 @@ from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.tracking import track_log
+from tests.walls import see
 
 F64 = NDArray[np.float64]
 LOOSE = np.diag([0.1, 0.1, 0.05])
@@ -146,6 +147,20 @@ def test_no_pose_far_outside_the_feasible_area(room: Simulation) -> None:
     reference = reference_at(room, matcher, range(0, 60, 6), np.zeros(3))
     window = SearchWindow(T_ref_guess=room.truth[63] + [0.05, 0.0, 0.0], translation=0.15, rotation=0.1)
     assert window.contains(matcher.align(reference, room.log.scan(63), window).T_ref_cur)
+
+
+@pytest.mark.parametrize("heading", [1.35, 1.5, 1.65])
+def test_round_a_corner_what_the_guess_allows_is_not_given_up_for_the_way_back(heading: float) -> None:
+    """Half of the scan is new; turned about, nearly all of it would lie on the corridor that is known."""
+    ahead = [[-30, -1, 1, -1], [1, -1, 1, 30], [-30, 1, -12, 1], [-12, 1, -12, 1.3], [-12, 1.3, -11, 1.3]]
+    beside = [[-11, 1.3, -11, 1], [-11, 1, -1, 1], [-1, 1, -1, 30], [-30, -1, -30, 1], [-1, 30, 1, 30]]
+    walls = np.array([*ahead, *beside])
+    matcher, T_map_before = IceMatcher(), np.array([[x, 0.0, 0.0] for x in range(-12, 0)])
+    reference = matcher.prepare([see(walls, T, seed=seed) for seed, T in enumerate(T_map_before)], T_map_before)
+    T_map_robot = np.array([-0.1, 0.9, heading])
+    guess, covariance = T_map_robot + np.array([0.05, -0.1, 0.35]), np.diag([0.06, 0.06, 0.12]) ** 2
+    match = found_pose(matcher.match(reference, see(walls, T_map_robot, seed=99), guess, covariance))
+    np.testing.assert_allclose(match.T_ref_cur, T_map_robot, atol=0.08)
 
 
 def test_a_wrong_guess_in_a_small_window_is_found_by_looking_wider(room: Simulation) -> None:

@@ -269,7 +269,8 @@ class IceMatcher:
                 return best
             best = best if trusted else None
         best = self._best_hypothesis(reference, scan, window, best)
-        if best is None or best.inliers < self.config.refinement.doubtful * n_points:
+        is_doubtful = best is None or best.inliers < self.config.refinement.doubtful * n_points
+        if best is None or (is_doubtful and not self._explains(reference, scan, best)):
             wide = widened(window, self.config.hypotheses)
             best = self._best_hypothesis(reference, scan, wide, best)
         return best or self._judge(reference, scan, window.T_ref_guess)
