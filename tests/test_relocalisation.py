@@ -15,16 +15,18 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.config import Config
 from iceg.demo import demo_log_path, demo_truth_path
-from iceg.evaluation.degradation import DEGRADATIONS
+from iceg.evaluation.degradation import DEGRADATIONS, every_metre, noisy
 from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
 from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
 from iceg.slam import back_end
 from iceg.slam.broken_track import retied
+from iceg.slam.closure_attempt import Attempt
 from iceg.slam.closure_candidates import Candidate
 from iceg.slam.closure_reference import References
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
+from iceg.slam.examination import Exam
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.pipeline import SlamResult, run
 from iceg.slam.track import Track
@@ -120,6 +122,27 @@ def test_a_jump_that_little_gave_away_is_mended_or_reported(log: Log, truth: NDA
 
 def test_a_log_in_order_has_no_breaks(log: Log) -> None:
     assert run(log, _QUICK).summary["breaks"] == []
+
+
+def test_where_odometry_told_the_way_closures_across_a_loss_stay(log: Log, truth: NDArray[np.float64]) -> None:
+    """One scan a metre, many outliers: nothing matches behind a corner, but the robot was never carried."""
+    sparse = every_metre(log)
+    result = run(noisy(sparse.log, deviation=0.02, outliers=0.15).log, Config(grid=GridConfig(resolution=0.2)))
+    assert result.summary["lost_at_scans"]
+    assert not result.summary["breaks"]
+    assert trajectory_errors(result.trajectory, truth[sparse.scans]).ate_rmse < 0.05
+
+
+@pytest.mark.parametrize(
+    ("agreeing", "against", "credible", "passed"),
+    [(3, 1, True, False), (2, 0, False, False), (4, 4, False, False), (9, 6, True, False), (6, 1, True, True)],
+)
+def test_a_majority_is_enough_where_odometry_says_the_same(
+    agreeing: int, against: int, credible: bool, passed: bool
+) -> None:
+    attempt = Attempt(key_old=0, key_new=1, match=None, overlap=0.0, accepted=True, reason="")
+    exam = Exam(agreeing=[attempt] * agreeing, against=against)
+    assert (exam.is_credible, exam.is_passed) == (credible, passed)
 
 
 def test_scans_taken_before_the_next_key_scan_belong_to_it(log: Log) -> None:

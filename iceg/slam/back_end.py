@@ -21,7 +21,7 @@ from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.long_steps import LONG_STEP, long_steps
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.path_break import LOST, Break, Doubt
+from iceg.slam.path_break import ADRIFT, LOST, Break, Doubt
 from iceg.slam.relocalisation import Estimate, relocalise
 from iceg.slam.track import Track
 
@@ -308,7 +308,7 @@ def _front_end_doubts(track: Track) -> dict[int, Doubt]:
         if scan.index in lost:
             doubts[key] = Doubt(reason="nothing matched what was known before", strength=LOST)
         elif scan.index in adrift:
-            doubts[key] = Doubt(reason="neither odometry nor laser told the way there", strength=LOST)
+            doubts[key] = Doubt(reason="neither odometry nor laser told the way there", strength=ADRIFT)
         elif isinstance(scan.match, NoMatch):
             doubts[key] = Doubt(reason=scan.match.reason, strength=_UNMATCHED_DOUBT)
     return doubts

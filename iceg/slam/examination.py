@@ -19,6 +19,8 @@ from iceg.slam.track import Track
 
 _FEWEST_VOTES, _MAJORITY = 6, 3.0
 """A hypothesis needs at least so many votes, and so many times those against it …"""
+_FEWEST_CREDIBLE = 3
+"""… or so many and a majority, where something else says the same …"""
 _BELIEF = 2.0
 """… and so many times what speaks for the path …"""
 _DISSENT = 2
@@ -44,6 +46,11 @@ class Exam:
         return len(self.agreeing) >= max(_FEWEST_VOTES, _MAJORITY * self.against)
 
     @property
+    def is_credible(self) -> bool:
+        """Whether some agree, and more than do not: enough where something else says the same."""
+        return len(self.agreeing) >= _FEWEST_CREDIBLE and len(self.agreeing) > self.against
+
+    @property
     def is_sure(self) -> bool:
         """Whether so few do not agree that a path may be contradicted in which nothing else is doubtful."""
         return len(self.agreeing) - _DISSENT * self.against >= _FEWEST_VOTES
@@ -61,6 +68,8 @@ _REACH = 8.0
 """Key scans within so much path of a closure are examined [m] …"""
 _PASS = 16.0
 """… against the pass of the closure, within so much path [m] …"""
+_SPACING = 1.4
+"""… one so often [m], lest few be left to vote in a log of few scans …"""
 _KEYS = 24
 """… at most so many."""
 
@@ -71,7 +80,10 @@ class Examiner:
     def __init__(self, closer: LoopCloser, track: Track) -> None:
         self._closer = closer
         self._keys = track.keys
-        self._path = np.cumsum([key.motion.distance for key in track.keys])
+        steps = np.array([key.motion.distance for key in track.keys])
+        self._path = np.cumsum(steps)
+        usual = max(float(np.median(steps)), 1e-3)
+        self._spacing = int(np.clip(round(_SPACING / usual), 1, ANCHOR_SPACING))
 
     def of_hypothesis(self, hypothesis: Hypothesis, poses: NDArray[np.float64]) -> Exam:
         """Examine scans where a hypothesis puts them.
@@ -101,7 +113,7 @@ class Examiner:
     def _to_examine(self, hypothesis: Hypothesis) -> list[tuple[int, Attempt]]:
         """Key poses near those of a hypothesis, each with the closure nearest to it along the path."""
         path, ends = self._path, np.array([closure.key_new for closure in hypothesis.closures])
-        keys = np.arange(hypothesis.key, len(self._keys), ANCHOR_SPACING)
+        keys = np.arange(hypothesis.key, len(self._keys), self._spacing)
         far = np.abs(path[keys][:, None] - path[ends][None, :])
         near = np.flatnonzero(far.min(axis=1) < _REACH)
         near = near[:: max(1, -(-len(near) // _KEYS))]

@@ -10,7 +10,9 @@ Outcome = Literal["joined", "apart", "contradicted"]
 REFUTED = 1.99
 """Strength of a doubt from which on odometry and match contradict each other beyond all chance."""
 LOST = 3.0
-"""Strength of a doubt from which on nothing was known when the robot went on."""
+"""Strength of a doubt from which on nothing was known when the robot went on …"""
+ADRIFT = 4.0
+"""… and not even odometry told the way."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

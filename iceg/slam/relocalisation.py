@@ -21,7 +21,7 @@ from iceg.slam.closure_attempt import Attempt, closure_factor, is_near
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.examination import Exam, Examiner
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.path_break import LOST, REFUTED, Break, Doubt
+from iceg.slam.path_break import ADRIFT, LOST, REFUTED, Break, Doubt
 from iceg.slam.place_hypothesis import Hypothesis, about_one_step, agreeing_sets
 from iceg.slam.track import Track
 from iceg.slam.untied_steps import UntiedSteps
@@ -187,12 +187,17 @@ class _Relocalisation:
         self._steps.tie(self._factors)
 
     def _part(self, key: int, doubt: Doubt) -> None:
-        """What follows a break hangs on odometry alone, unless the closures across it stand an examination."""
+        """What follows a break hangs on odometry alone, unless the closures across it stand an examination.
+
+        Where odometry told the way it is one witness more: a robot that was carried does not happen to come where
+        several closures agree with the odometry that knows nothing of it.
+        """
         across = [a for a in self._attempts if a.accepted and a.key_old < key <= a.key_new]
         claimed = Hypothesis(key=key, closures=across)
-        has_support = claimed.support >= self._config.confirmations
-        if has_support and self._examiner.of_estimate(claimed, self._poses).is_passed:
-            return
+        if claimed.support >= self._config.confirmations:
+            exam = self._examiner.of_estimate(claimed, self._poses)
+            if exam.is_passed or (doubt.strength < ADRIFT and exam.is_credible):
+                return
         self._breaks[key] = Break(key=key, outcome="apart", reason=doubt.reason)
         if across:
             self._take_out(key, "too few agree across a break of the path", keep_near=False)
