@@ -25,6 +25,7 @@ from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.broken_track import retied
 from iceg.slam.closure import Closure
 from iceg.slam.finish import Round, finish
+from iceg.slam.laser_orientation import track_as_mounted
 from iceg.slam.manual_closures import (
     ManualClosure,
     add_by_hand,
@@ -102,7 +103,7 @@ def run(
     clock = _StageClock()
     with clock.stage("front_end"):
         log = with_odometry_between_readings(without_frozen_scans(log))
-        track, first = _track(log, matcher, config, progress)
+        log, track, first = _track(log, matcher, config, progress)
     with clock.stage("graph"):
         track = with_measured_doubt(track, matcher, config.front_end.split_scans)
         calibration = _recalibrate(track, log, first, config)
@@ -163,12 +164,15 @@ def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Con
 
 def _track(
     log: Log, matcher: Matcher, config: Config, progress: ProgressCallback | None
-) -> tuple[Track, OdometryCalibration]:
+) -> tuple[Log, Track, OdometryCalibration]:
     def report(scans: int, failures: int) -> None:
         if progress is not None:
             progress(Progress(scans=scans, tried=scans - 1, accepted=scans - 1 - failures))
 
-    return track_calibrating(log, matcher, config.odometry, config.front_end, report)
+    def follow(log: Log) -> tuple[Track, OdometryCalibration]:
+        return track_calibrating(log, matcher, config.odometry, config.front_end, report)
+
+    return track_as_mounted(log, follow)
 
 
 def _solve(track: Track, log: Log, matcher: Matcher, calibration: OdometryCalibration, config: Config) -> Solution:

@@ -1,0 +1,171 @@
+"""How the laser sits on the robot, where the log does not say it or says it wrongly: turned about, or upside down.
+
+Matches follow a robot whatever its odometry says, if the scans are dense enough. Where they turn against the odometry,
+the beams run the other way round than they are taken to; where the robot moves elsewhere than the odometry says, the
+laser looks elsewhere than it is taken to. A few degrees are the business of the calibration.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import Log
+from graph.measurement import NoMatch
+from graph.se2 import between, compose, wrap_angle
+from iceg.slam.odometry_calibration import OdometryCalibration
+from iceg.slam.track import Track
+
+_TURNS = (math.radians(6.0), math.radians(120.0))
+"""Turns between two key scans that tell their sense [rad]."""
+_AGAINST = 0.8
+"""Share of the turns, weighed by their size, from which on they are made against the odometry …"""
+_FEWEST = 10
+"""… by at least so many."""
+_STRAIGHT, _MOVED = math.radians(10.0), 0.15
+"""A motion tells where the laser looks if it turns by less [rad] and moves by more [m]."""
+_ASKEW = math.radians(25.0)
+"""What the calibration does not deal with …"""
+_SOME = 0.25
+"""… in so many of the motions …"""
+_TOGETHER = 0.8
+"""… and length of the mean of the directions of motion, each as a vector of length 1, if these agree."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LaserOrientation:
+    """Where the laser looks, against what the log says.
+
+    Attributes:
+        is_mirrored: its beams run the other way round.
+        heading: by how much it is turned [rad].
+    """
+
+    is_mirrored: bool = False
+    heading: float = 0.0
+
+    @property
+    def is_as_said(self) -> bool:
+        """Whether the log is right."""
+        return not self.is_mirrored and self.heading == 0.0
+
+    def corrected(self, log: Log) -> Log:
+        """The log as it would be if the laser sat where it says, and a sentence about it among its warnings."""
+        if self.is_mirrored:
+            geometry = replace(log.geometry, bearings=-log.geometry.bearings[::-1])
+            ranges = np.ascontiguousarray(log.ranges[:, ::-1])
+            warning = (
+                "the scans turn against the odometry: the beams are taken the other way round, as of a laser that is "
+                "mounted upside down; if it is the odometry that counts turns clockwise, the map is a mirror image"
+            )
+            log = replace(log, ranges=ranges, geometry=geometry, warnings=(*log.warnings, warning))
+        if self.heading:
+            warning = (
+                f"the scans move at {math.degrees(self.heading):.0f}° to the odometry: the laser looks there, seen "
+                "from where the log says it does; the heading of the trajectory fits the log's pose of the laser"
+            )
+            turned = compose(log.odometry, np.array([0.0, 0.0, self.heading]))
+            log = replace(log, odometry=turned, warnings=(*log.warnings, warning))
+        return log
+
+
+_BACKWARDS = LaserOrientation(heading=math.pi)
+_MOST_CORRECTIONS = 2
+"""A laser may be mounted upside down and turned."""
+_MOSTLY_LOST, _CLEARLY_LESS = 0.3, 0.5
+"""Where more of the key scans than this match nothing, a laser that looks backwards is tried; it must halve them."""
+
+
+def track_as_mounted(
+    log: Log, follow: Callable[[Log], tuple[Track, OdometryCalibration]]
+) -> tuple[Log, Track, OdometryCalibration]:
+    """Track a log; once more with a corrected one where the laser turns out to be mounted otherwise than it says.
+
+    Args:
+        log: the log.
+        follow: tracks one.
+
+    Returns:
+        The log, corrected if need be, and what tracking it gave.
+    """
+    track, calibration = follow(log)
+    if not log.has_odometry:
+        return log, track, calibration
+    for _ in range(_MOST_CORRECTIONS):
+        orientation = laser_orientation(track, log.odometry)
+        if orientation.is_as_said:
+            break
+        log = orientation.corrected(log)
+        track, calibration = follow(log)
+    lost = _share_lost(track)
+    if lost > _MOSTLY_LOST:
+        turned = _BACKWARDS.corrected(log)
+        turned_track, turned_calibration = follow(turned)
+        if _share_lost(turned_track) < _CLEARLY_LESS * lost:
+            return turned, turned_track, turned_calibration
+    return log, track, calibration
+
+
+def laser_orientation(track: Track, odometry: NDArray[np.float64]) -> LaserOrientation:
+    """What the matches of a track say about how its laser is mounted.
+
+    Args:
+        track: what the front end found.
+        odometry: (n, 3) of the log.
+
+    Returns:
+        As the log says, unless the matches contradict it clearly. Where beams run the other way round, directions say
+        nothing yet: they do once the log is corrected.
+    """
+    seen, claimed = _motions(track, odometry)
+    if _turns_against(seen[:, 2], claimed[:, 2]):
+        return LaserOrientation(is_mirrored=True)
+    return LaserOrientation(heading=_heading(seen, claimed))
+
+
+def _motions(track: Track, odometry: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(n, 3) motions between key scans that were matched, as the matches see them and as odometry claims them."""
+    unknown = track.keys_without_odometry()
+    keys = [k for k, key in enumerate(track.keys) if k and not isinstance(key.match, NoMatch) and k not in unknown]
+    T_track_keys = np.array([key.T_track_robot for key in track.keys])
+    scans = np.array([key.index for key in track.keys])
+    after = np.array(keys, dtype=np.int64)
+    before = after - 1
+    return (
+        between(T_track_keys[before], T_track_keys[after]),
+        between(odometry[scans[before]], odometry[scans[after]]),
+    )
+
+
+def _turns_against(seen: NDArray[np.float64], claimed: NDArray[np.float64]) -> bool:
+    """Whether turns seen, (n,), have the sense opposite to those claimed, and about their size."""
+    least = np.minimum(np.abs(seen), np.abs(claimed))
+    telling = (least > _TURNS[0]) & (least < _TURNS[1])
+    against = telling & (seen * claimed < 0.0)
+    return int(against.sum()) >= _FEWEST and float(least[against].sum()) >= _AGAINST * float(least[telling].sum())
+
+
+def _heading(seen: NDArray[np.float64], claimed: NDArray[np.float64]) -> float:
+    """By how much the laser is turned [rad], 0 where that is little.
+
+    Along a corridor a match follows odometry wherever it goes: some of the motions are enough if they agree.
+    """
+    lengths = np.minimum(np.hypot(seen[:, 0], seen[:, 1]), np.hypot(claimed[:, 0], claimed[:, 1]))
+    straight = (lengths > _MOVED) & (np.maximum(np.abs(seen[:, 2]), np.abs(claimed[:, 2])) < _STRAIGHT)
+    directions = wrap_angle(_direction(claimed[straight]) - _direction(seen[straight]))
+    askew = directions[np.abs(directions) > _ASKEW]
+    if len(askew) < max(_FEWEST, _SOME * len(directions)):
+        return 0.0
+    mean = complex(np.mean(np.exp(1j * askew)))
+    return float(np.angle(mean)) if abs(mean) > _TOGETHER else 0.0
+
+
+def _share_lost(track: Track) -> float:
+    """Share of the key scans that match nothing."""
+    return sum(isinstance(key.match, NoMatch) for key in track.keys[1:]) / max(1, len(track.keys) - 1)
+
+
+def _direction(motions: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.arctan2(motions[:, 1], motions[:, 0]), dtype=np.float64)

@@ -1,0 +1,91 @@
+"""Lasers that are mounted otherwise than their logs say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from frontends.logs import read_log
+from frontends.scan import Log
+from graph.odometry import OdometryModel
+from graph.se2 import compose
+from iceg.config import Config
+from iceg.demo import demo_log_path, demo_truth_path
+from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
+from iceg.ice.matcher import IceMatcher
+from iceg.maps.config import GridConfig
+from iceg.slam.config import FinishConfig, FrontEndConfig
+from iceg.slam.laser_orientation import laser_orientation
+from iceg.slam.pipeline import run
+from iceg.slam.tracking import track_log
+
+_SCANS = 500
+_QUICK = Config(grid=GridConfig(resolution=0.2), finish=FinishConfig(enabled=False))
+
+
+@pytest.fixture(scope="module")
+def log() -> Log:
+    log = read_log(demo_log_path())
+    return replace(log, ranges=log.ranges[:_SCANS], odometry=log.odometry[:_SCANS], stamps=log.stamps[:_SCANS])
+
+
+@pytest.fixture(scope="module")
+def truth() -> NDArray[np.float64]:
+    return read_truth_csv(demo_truth_path())[:_SCANS]
+
+
+def _upside_down(log: Log) -> Log:
+    return replace(log, ranges=np.ascontiguousarray(log.ranges[:, ::-1]))
+
+
+def _turned(log: Log, heading: float) -> Log:
+    """The laser looks `heading` to the left of where the log puts it."""
+    return replace(log, odometry=compose(log.odometry, np.array([0.0, 0.0, -heading])))
+
+
+@pytest.mark.parametrize("heading", [np.pi, 0.5 * np.pi, -0.6, 0.0])
+@pytest.mark.parametrize("is_mirrored", [False, True])
+def test_a_laser_mounted_otherwise_is_found_and_said(
+    log: Log, truth: NDArray[np.float64], heading: float, is_mirrored: bool
+) -> None:
+    mounted = _turned(_upside_down(log) if is_mirrored else log, heading)
+    result = run(mounted, _QUICK)
+    assert trajectory_errors(result.trajectory, truth).ate_rmse < 0.02
+    said = " ".join(result.summary["warnings"])
+    assert ("upside down" in said) == is_mirrored
+    assert ("the laser looks there" in said) == (heading != 0.0)
+    if heading:
+        assert f"at {abs(np.degrees(heading)):.0f}°" in said.replace("-", "")
+
+
+def test_a_few_degrees_are_left_to_the_calibration(log: Log) -> None:
+    askew = _turned(log, np.radians(10.0))
+    track = track_log(askew, IceMatcher(), OdometryModel(), FrontEndConfig())
+    assert laser_orientation(track, askew.odometry).is_as_said
+
+
+def test_beams_of_a_scanner_that_leaves_one_out_at_its_left_are_mirrored_with_their_bearings(log: Log) -> None:
+    """Upside down, what a SICK of 180 beams leaves out lies at its other end."""
+    cut = replace(
+        log,
+        ranges=np.ascontiguousarray(log.ranges[:, :0:-1]),
+        geometry=replace(log.geometry, bearings=log.geometry.bearings[:-1]),
+    )
+    track = track_log(cut, IceMatcher(), OdometryModel(), FrontEndConfig())
+    corrected = laser_orientation(track, cut.odometry).corrected(cut)
+    np.testing.assert_allclose(corrected.geometry.bearings, log.geometry.bearings[1:])
+    np.testing.assert_array_equal(corrected.ranges, log.ranges[:, 1:])
+
+
+def test_odometry_that_says_nothing_of_where_the_robot_goes_mounts_no_laser(log: Log) -> None:
+    rng = np.random.default_rng(0)
+    steps = rng.normal(0.0, (0.3, 0.3, 0.3), (len(log), 3))
+    track = track_log(log, IceMatcher(), OdometryModel(), FrontEndConfig())
+    assert laser_orientation(track, np.cumsum(steps, axis=0)).is_as_said
+
+
+def test_a_robot_that_never_moves_says_nothing(log: Log) -> None:
+    still = replace(log, ranges=log.ranges[:3], odometry=log.odometry[:3], stamps=log.stamps[:3])
+    track = track_log(still, IceMatcher(), OdometryModel(), FrontEndConfig())
+    assert laser_orientation(track, still.odometry).is_as_said
