@@ -69,7 +69,7 @@ class OdometryModel:
 
     def start(self) -> OdometryMotion:
         """No motion yet: the robot stands at the key pose."""
-        return OdometryMotion(T_key_robot=np.zeros(3), covariance=self._floor())
+        return OdometryMotion(T_key_robot=np.zeros(3), covariance=self._floor.copy())
 
     def extend(self, motion: OdometryMotion, increments: NDArray[np.float64]) -> OdometryMotion:
         """The motion with more increments; for the loop over scans.
@@ -104,11 +104,12 @@ class OdometryModel:
         """
         steps = np.asarray(increments, dtype=np.float64)
         own = self._increment_covariances(steps)
-        total = np.broadcast_to(self._floor(), (*steps.shape[:-2], 3, 3))
+        total = np.broadcast_to(self._floor, (*steps.shape[:-2], 3, 3))
         for k in range(steps.shape[-2]):
             total = compose_covariance(total, steps[..., k, :], own[..., k, :, :])
         return np.array(total)
 
+    @cached_property
     def _floor(self) -> NDArray[np.float64]:
         return np.diag((self.along_floor**2, self.across_floor**2, self.heading_floor**2))
 

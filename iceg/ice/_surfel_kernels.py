@@ -82,13 +82,15 @@ def add_surfels(
 @compiled
 def widen_box(points: F64, starts: I64, poses: F64, lower: F64, upper: F64) -> None:
     """Widen the box from `lower` to `upper`, (2,) each, around the points (n, 2) of scans, see `add_surfels`."""
+    left, right, bottom, top = lower[0], upper[0], lower[1], upper[1]
     for scan in range(len(poses)):
         px, py, c, s = poses[scan, 0], poses[scan, 1], cos(poses[scan, 2]), sin(poses[scan, 2])
         for i in range(starts[scan], starts[scan + 1]):
             x = px + c * points[i, 0] - s * points[i, 1]
             y = py + s * points[i, 0] + c * points[i, 1]
-            lower[0], lower[1] = min(lower[0], x), min(lower[1], y)
-            upper[0], upper[1] = max(upper[0], x), max(upper[1], y)
+            left, right = min(left, x), max(right, x)
+            bottom, top = min(bottom, y), max(top, y)
+    lower[0], upper[0], lower[1], upper[1] = left, right, bottom, top
 
 
 @compiled

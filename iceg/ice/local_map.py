@@ -101,9 +101,10 @@ class LocalMap:
             margin: where the box must grow at all, it grows by so much more [m].
         """
         lower, upper = box_around([scan_points.points], T_ref_scan[None], self._config.reach, 0.0)
-        shape = self.fine.nearest.shape
-        end = self.fine.origin + self.fine.cell * np.array([shape[1], shape[0]])
-        if (lower >= self.fine.origin).all() and (upper <= end).all():
+        (rows, columns), cell = self.fine.nearest.shape, self.fine.cell
+        (left, bottom), (right, top) = self.fine.origin.tolist(), upper.tolist()
+        end = np.array((left + cell * columns, bottom + cell * rows))
+        if lower[0] >= left and lower[1] >= bottom and right <= end[0] and top <= end[1]:
             return
         before = np.where(lower < self.fine.origin, self.fine.origin - lower + margin, 0.0)
         after = np.where(upper > end, upper - end + margin, 0.0)

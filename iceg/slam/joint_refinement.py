@@ -8,6 +8,7 @@ every scan that sees a piece holds its line, and the line holds them together, a
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -109,30 +110,32 @@ def refine_jointly(
     """
     problem = Problem.of(factors, len(poses))
     part_of = np.searchsorted(np.asarray(parts, dtype=np.int64), np.arange(len(poses)), side="right")
-    part_of_point = np.repeat(part_of, np.diff(clouds.key_starts))
-    first = walls = _walls(clouds, poses, config, part_of_point)
+    room = _Room.of(len(clouds.points))
+    walls = _walls(clouds, poses, config, part_of, room)
+    pieces, on_walls, residual = (walls.piece_of, len(walls.lines)), walls.on_walls, walls.residual
     refined, steps = poses, 0
     while steps < config.steps and len(walls.lines):
         step = _step(clouds, walls, problem.linearized(refined), refined, config)
         refined, steps = compose(refined, expmap(step)), steps + 1
         if steps == config.steps or np.hypot(step[:, 0], step[:, 1]).mean() < config.tolerance:
             break
-        walls = _walls(clouds, refined, config, part_of_point)
+        walls = _walls(clouds, refined, config, part_of, room)
     # Judged on the pieces of the start: grouping anew changes the figures by chance.
-    last = _walls(clouds, refined, config, part_of_point, pieces=(first.piece_of, len(first.lines)))
-    if last.on_walls < first.on_walls:
-        refined, last = poses, first
+    last = _walls(clouds, refined, config, part_of, room, pieces)
+    if last.on_walls < on_walls:
+        refined = poses
+        last = _walls(clouds, poses, config, part_of, room, pieces)
     # As a whole the map may move, held by the prior alone: put the first pose back.
     refined = compose(compose(poses[0], inverse(refined[0])), refined) if steps else poses
     return JointRefinement(
         poses=refined,
-        pieces=len(first.lines),
+        pieces=pieces[1],
         steps=steps,
         error_before=float(problem.evaluate(poses).losses.sum()),
         error=float(problem.evaluate(refined).losses.sum()),
-        residual_before=first.residual,
+        residual_before=residual,
         residual=last.residual,
-        on_walls_before=first.on_walls,
+        on_walls_before=on_walls,
         on_walls=last.on_walls,
         covariances=_covariances(factors, refined, clouds, last, config),
     )
@@ -209,20 +212,47 @@ def _spread(n: int, most: int) -> tuple[int, ...]:
     return tuple(np.linspace(0, n - 1, min(most, n)).round().astype(int).tolist())
 
 
+class _Room(NamedTuple):
+    """Arrays of one row a point, which every look at the walls overwrites: new ones cost more than what they hold.
+
+    Attributes:
+        placed: (n, 2) points in the map [m] …
+        turned: … and their normals.
+        member: (n,) surfel of each.
+        residuals: (n,) distance from its line [m].
+        weights: (n,) Cauchy weights.
+    """
+
+    placed: NDArray[np.float64]
+    turned: NDArray[np.float64]
+    member: NDArray[np.int64]
+    residuals: NDArray[np.float64]
+    weights: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, n: int) -> "_Room":
+        """For so many points."""
+        return cls(np.empty((n, 2)), np.empty((n, 2)), np.empty(n, np.int64), np.empty(n), np.empty(n))
+
+
 def _walls(
     clouds: Clouds,
     poses: NDArray[np.float64],
     config: JointRefinementConfig,
     part_of: NDArray[np.int64],
+    room: _Room,
     pieces: tuple[NDArray[np.int64], int] | None = None,
 ) -> Walls:
-    """Pieces of wall with the scans at (k, 3) poses; grouped anew unless given."""
-    n = len(clouds.points)
-    placed, turned = np.empty((n, 2)), np.empty((n, 2))
+    """Pieces of wall with the scans at (k, 3) poses of (k,) parts; grouped anew unless given; overwrites the last."""
+    placed, turned, _, residuals, weights = room
     T_map_scans = compose(poses[clouds.key_of_scan], clouds.T_key_scan)
     kernels.place(T_map_scans, clouds.starts, clouds.points, clouds.normals, placed, turned)
-    piece_of, n_pieces = pieces or _pieces(placed, turned, part_of, config)
-    lines, residuals, weights = np.empty((n_pieces, 4)), np.empty(n), np.empty(n)
+    if pieces is None:
+        # Far apart, parts share nothing.
+        apart = np.repeat(_APART * part_of, np.diff(clouds.key_starts)) if part_of.any() else None
+        pieces = _pieces(room, apart, config)
+    piece_of, n_pieces = pieces
+    lines = np.empty((n_pieces, 4))
     total, squares = kernels.fit_lines(placed, turned, piece_of, config.scale, _LINE_ROUNDS, lines, residuals, weights)
     return Walls(
         placed=placed,
@@ -236,17 +266,17 @@ def _walls(
 
 
 def _pieces(
-    placed: NDArray[np.float64],
-    turned: NDArray[np.float64],
-    part_of: NDArray[np.int64],
-    config: JointRefinementConfig,
+    room: _Room, apart: NDArray[np.float64] | None, config: JointRefinementConfig
 ) -> tuple[NDArray[np.int64], int]:
-    """(n,) piece of each point, -1 without a normal, and their number; the surfel with most points begins the first."""
+    """(n,) piece of each point, -1 without a normal, and their number; the surfel with most points begins the first.
+
+    Points are taken as if they lay (n,) `apart` along x [m].
+    """
+    placed, turned, member, _, _ = room
     if len(placed) == 0:
         return np.empty(0, np.int64), 0
-    member = np.empty(len(placed), np.int64)
-    if part_of.any():  # far apart, parts share nothing
-        placed = placed + np.column_stack([_APART * part_of, np.zeros(len(placed))])
+    if apart is not None:
+        placed = placed + np.column_stack([apart, np.zeros(len(placed))])
     surfels, keys, surfel_at = kernels.surfels(placed, turned, config.cell, member)
     order = np.argsort(-surfels[:, 4], kind="stable")
     piece = np.empty(len(surfels) + 1, np.int64)
