@@ -107,16 +107,33 @@ def _standstills(odometry: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
 def _scans_change(ranges: NDArray[np.float32]) -> bool:
     """Whether several scans differ from one at the beginning by more than noise and passers-by explain."""
     samples = np.unique(np.linspace(_ENDS + 1, len(ranges) - 1 - _ENDS, _SAMPLES).astype(int))
-    noise = np.median([_change(ranges[index - 1], ranges[index]) for index in samples])
-    changes = np.array([_change(ranges[_ENDS], ranges[index]) for index in samples])
+    changes = _changes(ranges[_ENDS], ranges[samples])
+    if np.count_nonzero(changes > _CHANGED) < _CHANGED_SAMPLES:
+        return False
+    noise = np.median(_changes(ranges[samples - 1], ranges[samples]))
     return int(np.sum(changes > max(_CHANGED, _CHANGED_FACTOR * noise))) >= _CHANGED_SAMPLES
 
 
-def _change(before: NDArray[np.float32], after: NDArray[np.float32]) -> float:
-    """Change of the beams that two scans have in common, the least but for a few; 0 if these are few [m]."""
-    difference = np.abs(after - before)
-    difference = difference[np.isfinite(difference)]
-    return float(np.quantile(difference, _UNCHANGED)) if len(difference) > _RETURNS * len(before) else 0.0
+def _changes(before: NDArray[np.float32], after: NDArray[np.float32]) -> NDArray[np.float64]:
+    """Change of the beams that scans have in common, the least but for a few; 0 if these are few.
+
+    Args:
+        before: (n_beams,) or (n, n_beams) [m].
+        after: (n, n_beams) [m].
+
+    Returns:
+        (n,) [m].
+    """
+    differences = np.abs(after - before)
+    differences[~np.isfinite(differences)] = np.inf
+    differences.sort(axis=1)
+    common = np.count_nonzero(differences < np.inf, axis=1)
+    changes, rows = np.zeros(len(differences)), np.flatnonzero(common > _RETURNS * differences.shape[1])
+    at = _UNCHANGED * (common[rows] - 1)
+    below = at.astype(np.int64)
+    least, next_least = differences[rows, below], differences[rows, np.minimum(below + 1, common[rows] - 1)]
+    changes[rows] = least + (at - below) * (next_least - least)
+    return changes
 
 
 def _moves(odometry: NDArray[np.float64]) -> NDArray[np.int64]:
