@@ -15,13 +15,14 @@ from graph.noise import squared_norm
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose, wrap_angle
-from iceg.slam.closure_attempt import Attempt, is_near, say_the_same
-from iceg.slam.closure_candidates import Candidate
+from iceg.slam.closure_attempt import PARTNER_KEYS, Attempt, is_near, say_the_same
+from iceg.slam.closure_candidates import Candidate, is_adrift
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.long_steps import LONG_STEP, long_steps
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.path_break import ADRIFT, LOST, Break, Doubt
+from iceg.slam.place_votes import PlaceVotes, Vote, unsettled
 from iceg.slam.relocalisation import Estimate, relocalise
 from iceg.slam.track import Track
 
@@ -55,6 +56,7 @@ class Solution:
         offered: (k,) which key scans later ones are matched against; the others lie on known ground.
         odometry_jumps: steps in which the match contradicted odometry, which was then given little weight.
         breaks: where the path from scan to scan does not hold.
+        alike: where no loop was closed, since several places fit as well.
     """
 
     graph: PoseGraph
@@ -63,6 +65,7 @@ class Solution:
     offered: NDArray[np.bool_]
     odometry_jumps: int
     breaks: tuple[Break, ...] = ()
+    alike: tuple[Vote, ...] = ()
 
 
 class BackEnd:
@@ -82,6 +85,8 @@ class BackEnd:
         self.doubts = _front_end_doubts(track)
         self.odometry_jumps = 0
         self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
+        self._votes = PlaceVotes()
+        self._unclear: list[Vote] = []
         self._since_search = np.zeros(2)
         self._searched_to = 0
         self._is_on_known_ground = False
@@ -137,8 +142,9 @@ class BackEnd:
     def solution(self) -> Solution:
         """The graph as it stands."""
         for index in self._pending:
+            attempt = self.attempts[index]
             self.attempts[index] = replace(
-                self.attempts[index], accepted=False, reason=f"alone and far off; {self.attempts[index].reason}"
+                attempt, accepted=False, reason=f"{self._held_back(attempt)}; {attempt.reason}"
             )
         return Solution(
             graph=self.graph,
@@ -146,7 +152,15 @@ class BackEnd:
             attempts=self.attempts,
             offered=self._closer.offered,
             odometry_jumps=self.odometry_jumps,
+            alike=unsettled(self._unclear, self.attempts),
         )
+
+    def _held_back(self, attempt: Attempt) -> str:
+        """Why an attempt that matched is not in the graph."""
+        unclear = [vote for vote in self._unclear if vote.first <= attempt.key_new <= vote.last]
+        if not unclear:
+            return "alone and far off"
+        return f"places look alike, {unclear[0].count} key scans for one and {unclear[0].rival} for another"
 
     def _is_search_due(self) -> bool:
         config = self._config
@@ -157,14 +171,14 @@ class BackEnd:
     def _search(self, key: int) -> None:
         self._since_search[:] = 0.0
         poses = self._poses[: key + 1]
-        closed: list[Attempt] = []
+        first = len(self.attempts)
         for candidate in self._closer.candidates(key, poses, self._drift):
             attempt = self._closer.match(candidate, poses)
-            if attempt.accepted:
-                attempt = self._judge(attempt, candidate)
-            self.attempts.append(attempt)
-            if attempt.accepted and self._insert(len(self.attempts) - 1, poses):
-                closed.append(attempt)
+            if is_adrift(candidate):
+                self._votes.add(attempt)
+            self.attempts.append(self._judge(attempt, candidate) if attempt.accepted else attempt)
+        found = [k for k, a in enumerate(self.attempts[first:], first) if a.accepted or a.is_ambiguous]
+        closed = [self.attempts[index] for index in found if self._insert(index, poses)]
         offsets = [_offset(attempt, poses) for attempt in closed]
         confirmed_by = sum(_is_within(offset, _CONFIRMING_MOVE, _CONFIRMING_TURN) for offset in offsets)
         self._is_on_known_ground = confirmed_by >= _KNOWN_AFTER
@@ -172,7 +186,8 @@ class BackEnd:
             self._closer.offered[self._searched_to + 1 : key + 1] = False
         if closed:
             self._correct(key, np.mean(offsets, axis=0))
-            self._drift.close(key)
+            if any(attempt.match is not None and attempt.match.is_fully_observed for attempt in closed):
+                self._drift.close(key)  # along what no closure holds the path goes on drifting
         self._searched_to = key
 
     def _correct(self, key: int, offset: NDArray[np.float64]) -> None:
@@ -209,22 +224,39 @@ class BackEnd:
         return attempt
 
     def _insert(self, index: int, poses: NDArray[np.float64]) -> bool:
-        """Insert a closure near the estimate at once; one far off waits for others that say the same."""
+        """Insert a closure near the estimate at once; one far off waits for others that say the same.
+
+        After much drift neither enters while another place fits as well.
+        """
         attempt = self.attempts[index]
-        if is_near(attempt, poses):
-            self._close(attempt)
+        vote = self._votes.of(attempt, poses) if attempt.places else None
+        is_clear = vote is None or (vote.is_strong if attempt.is_ambiguous else vote.is_clear)
+        if is_near(attempt, poses) and is_clear:
+            self._close(index)
             return True
         partners = self._consistent(
             [other for other in self._pending if say_the_same(self.attempts[other], attempt, poses)], poses
         )
-        if len(partners) + 1 < self._config.confirmations:
+        partners = [
+            other for other in partners if self.attempts[other].accepted or (vote is not None and vote.is_strong)
+        ]
+        if len(partners) + 1 < self._config.confirmations or not is_clear:
             self._pending.append(index)
+            if vote is not None and not vote.is_clear and vote.count >= self._config.confirmations:
+                self._note_unclear(vote)
             return False
         for other in partners:
-            self._close(self.attempts[other])
+            self._close(other)
             self._pending.remove(other)
-        self._close(attempt)
+        self._close(index)
         return True
+
+    def _note_unclear(self, vote: Vote) -> None:
+        """Keep the strongest of the votes that are not clear along one stretch of the path."""
+        if self._unclear and vote.first <= self._unclear[-1].last + PARTNER_KEYS:
+            last = self._unclear.pop()
+            vote = replace(max(last, vote, key=lambda v: v.count), first=last.first, last=vote.last)
+        self._unclear.append(vote)
 
     def _consistent(self, waiting: list[int], poses: NDArray[np.float64]) -> list[int]:
         """The most attempts of which each agrees with every other; those of one key scan do not contradict."""
@@ -233,7 +265,12 @@ class BackEnd:
         members = maximum_clique(np.array(agree, dtype=np.bool_).reshape(len(waiting), len(waiting)))
         return [index for index, is_member in zip(waiting, members, strict=True) if is_member]
 
-    def _close(self, attempt: Attempt) -> None:
+    def _close(self, index: int) -> None:
+        """Let an attempt into the graph; one that fitted elsewhere, too, if its neighbours did not."""
+        attempt = self.attempts[index]
+        if not attempt.accepted:
+            attempt = replace(attempt, accepted=True, reason=f"here its neighbours fit best; {attempt.reason}")
+            self.attempts[index] = attempt
         assert attempt.match is not None
         self.graph.add_closure(attempt.key_old, attempt.key_new, attempt.match, None)
 
@@ -297,7 +334,8 @@ def _relocalised(
     graph = solution.graph
     if after.factors is not before.factors:
         graph = PoseGraph.from_factors(after.factors, after.poses, graph_config)
-    return replace(solution, graph=graph, poses=after.poses, attempts=after.attempts, breaks=after.breaks)
+    alike = unsettled(solution.alike, after.attempts)
+    return replace(solution, graph=graph, poses=after.poses, attempts=after.attempts, breaks=after.breaks, alike=alike)
 
 
 def _front_end_doubts(track: Track) -> dict[int, Doubt]:

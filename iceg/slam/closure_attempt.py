@@ -11,8 +11,21 @@ from graph.se2 import between, compose
 
 _NEAR_DISTANCE, _NEAR_TURN = 0.4, 0.12
 """A closure no farther than this from the estimate [m, rad] is near it."""
-_PARTNER_KEYS, _PARTNER_DISTANCE, _PARTNER_TURN = 60, 0.25, 0.05
+PARTNER_KEYS, PARTNER_DISTANCE, PARTNER_TURN = 60, 0.25, 0.05
 """Two closures within so many key poses confirm each other when they differ by less than this [m, rad]."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Where a key scan fits an earlier pass.
+
+    Attributes:
+        T_old_new: (3,) its pose in the frame of the earlier key pose.
+        misfit: share of its beams that do not agree there, plus share of what is in view that it does not see.
+    """
+
+    T_old_new: NDArray[np.float64]
+    misfit: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +40,8 @@ class Attempt:
         reason: why, or why not.
         overlap: share of the beams that fall on the earlier pass at the best pose found.
         removed: whether it was in the graph before it was found to be wrong.
+        places: where the later key scan fits, the one it was matched at first; empty where it was looked for close to
+            the estimate only.
     """
 
     key_old: int
@@ -36,6 +51,12 @@ class Attempt:
     reason: str
     overlap: float = 0.0
     removed: bool = False
+    places: tuple[Place, ...] = ()
+
+    @property
+    def is_ambiguous(self) -> bool:
+        """Whether it would be accepted if it did not fit elsewhere, too."""
+        return self.match is not None and not self.accepted and len(self.places) > 1
 
 
 def closure_factor(attempt: Attempt, kernel: RobustKernel | None = None) -> Factor:
@@ -80,9 +101,9 @@ def say_the_same(a: Attempt, b: Attempt, poses: NDArray[np.float64]) -> bool:
     Returns:
         True if going one way round the cycle or the other leads to the same place.
     """
-    if a.match is None or b.match is None or a.key_new == b.key_new or abs(a.key_new - b.key_new) > _PARTNER_KEYS:
+    if a.match is None or b.match is None or a.key_new == b.key_new or abs(a.key_new - b.key_new) > PARTNER_KEYS:
         return False
     left = compose(a.match.T_ref_cur, between(poses[a.key_new], poses[b.key_new]))
     right = compose(between(poses[a.key_old], poses[b.key_old]), b.match.T_ref_cur)
     x, y, turn = between(left, right).tolist()
-    return bool(x * x + y * y < _PARTNER_DISTANCE**2 and abs(turn) < _PARTNER_TURN)
+    return bool(x * x + y * y < PARTNER_DISTANCE**2 and abs(turn) < PARTNER_TURN)

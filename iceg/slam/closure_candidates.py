@@ -17,6 +17,8 @@ from iceg.slam.track import Track
 
 TRUSTED_DEVIATIONS = np.array([0.3, 0.3, 0.1])
 """Up to here a search trusts the estimate [m, m, rad]."""
+_ADRIFT = 1.0
+"""A match that leaves a direction open says so with this standard deviation [m]."""
 ANCHOR_SPACING = 4
 """Key poses from one reference to the next."""
 
@@ -42,6 +44,11 @@ class Candidate:
         """Two given key poses, known to within `deviations` [m, m, rad] of each other."""
         T_old_new = between(poses[key_old], poses[key_new])
         return cls(key_old=key_old, key_new=key_new, T_old_new=T_old_new, deviations=deviations)
+
+
+def is_adrift(candidate: Candidate) -> bool:
+    """Whether so little is known that no match is believed without asking what else fits, however close it is."""
+    return bool(candidate.deviations[0] > _ADRIFT)
 
 
 class EarlierPasses:

@@ -15,8 +15,8 @@ from graph.measurement import NoMatch
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.verification import Agreement
-from iceg.slam.closure_attempt import Attempt
-from iceg.slam.closure_candidates import TRUSTED_DEVIATIONS, Candidate
+from iceg.slam.closure_attempt import Attempt, Place
+from iceg.slam.closure_candidates import TRUSTED_DEVIATIONS, Candidate, is_adrift
 from iceg.slam.closure_reference import Reference, References
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.map_matcher import MapMatcher
@@ -53,16 +53,23 @@ class ClosureVerifier:
         self.references = References(matcher, self.judge, track, config.reference_half)
 
     def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
-        """Match a candidate close to the estimate; if nothing fits there, and the drift allows more, widely."""
+        """Match a candidate close to the estimate; if nothing fits there, and the drift allows more, widely.
+
+        After much drift it is looked for widely in any case: what fits close to the estimate may fit elsewhere, too.
+        """
         reference = self.references.around(candidate.key_old, poses)
         near = np.minimum(candidate.deviations, TRUSTED_DEVIATIONS)
         is_near = candidate.deviations[0] <= TRUSTED_DEVIATIONS[0]
         if is_near and (elsewhere := self._looks_elsewhere(reference, candidate)) is not None:
             return elsewhere
         attempt = self._match_at(reference, candidate, candidate.T_old_new, near)
-        if attempt.accepted or is_near:
+        if is_near or (attempt.accepted and not is_adrift(candidate)):
             return attempt
-        return self._match_wide(reference, candidate) or attempt
+        wide = self._match_wide(reference, candidate)
+        if attempt.match is None or not attempt.accepted:
+            return wide or attempt
+        here = self._place(reference, candidate.key_new, attempt.match.T_ref_cur)
+        return replace(attempt, places=(here[1], *(wide.places if wide is not None else ())))
 
     def match_anywhere(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> Attempt:
         """Match two key scans metres off and at any heading."""
@@ -116,13 +123,20 @@ class ClosureVerifier:
         found = self._matcher.alternatives(
             reference.matched, scan, candidate.T_old_new, np.diag(candidate.deviations**2)
         )
-        fitting = [T for T in found if self._is_supported(self._support(reference, candidate.key_new, T))]
+        judged = [self._place(reference, candidate.key_new, T) for T in found]
+        fitting = sorted((place for is_fit, place in judged if is_fit), key=lambda place: place.misfit)
         if not fitting:
             return None
-        attempt = self._match_at(reference, candidate, fitting[0], _EXACT_DEVIATIONS)
+        attempt = self._match_at(reference, candidate, fitting[0].T_old_new, _EXACT_DEVIATIONS)
+        attempt = replace(attempt, places=tuple(fitting))
         if len(fitting) > 1:
             return replace(attempt, accepted=False, reason=f"{len(fitting)} places fit; {attempt.reason}")
         return attempt
+
+    def _place(self, reference: Reference, key_new: int, T_ref_new: NDArray[np.float64]) -> tuple[bool, Place]:
+        """Whether a key scan and its neighbours fit at a pose, and how well."""
+        support = self._support(reference, key_new, T_ref_new)
+        return self._is_supported(support), Place(T_old_new=T_ref_new, misfit=2.0 - support.fit - support.view)
 
     def _support(self, reference: Reference, key_new: int, T_ref_new: NDArray[np.float64]) -> Agreement:
         """How a key scan and its neighbours agree with the reference at the poses a closure implies for them."""

@@ -108,6 +108,7 @@ def finish(
         The final poses and factors.
     """
     parts = [found.key for found in solution.breaks if found.outcome == "apart"]
+    parts += [vote.first for vote in solution.alike]
     closer = LoopCloser(matcher, track, replace(closures, max_passes=config.max_passes), parts)
     closer.offered = solution.offered
     clock = _Clock()

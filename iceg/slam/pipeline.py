@@ -37,6 +37,7 @@ from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odomet
 from iceg.slam.odometry_standstill import describe_dead, with_odometry_between_readings
 from iceg.slam.path_break import describe_break
 from iceg.slam.path_uncertainty import least_known
+from iceg.slam.place_votes import describe_vote
 from iceg.slam.progress import Progress, ProgressCallback
 from iceg.slam.repeated_scans import without_frozen_scans
 from iceg.slam.split_half import with_measured_doubt
@@ -251,7 +252,12 @@ def _summary(
         "log": log.path.name,
         "scans": len(log),
         "skipped_lines": log.skipped_lines,
-        "warnings": [*log.warnings, *doubts, *(describe_break(found, track) for found in solution.breaks)],
+        "warnings": [
+            *log.warnings,
+            *doubts,
+            *(describe_break(found, track) for found in solution.breaks),
+            *(describe_vote(vote, track) for vote in solution.alike),
+        ],
         "key_poses": len(track.keys),
         "scans_carried_by_odometry": track.failures,
         "lost_at_scans": track.lost,

@@ -1,0 +1,162 @@
+"""Places that several key scans in a row fit: how many speak for one, and how many for another just as well.
+
+One wide search may find a single place by chance, as where a reference ends before the next door. Along a corridor
+whose doors are all alike the searches before and after fit elsewhere, too. So all places that fit are kept, and after
+much drift a closure is believed where hardly anything speaks for another place, or where many key scans fit this one
+better (pairwise consistency of Mangelson et al. 2018, over the alternatives of each measurement).
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.se2 import between, compose
+from iceg.slam.closure_attempt import PARTNER_DISTANCE, PARTNER_KEYS, PARTNER_TURN, Attempt
+from iceg.slam.track import Track
+
+_SAME_PLACE, _SAME_TURN = 0.5, 0.1
+"""Places of one key scan no farther apart than this are one [m, rad]."""
+_RIVAL = 1.0 / 3.0
+"""Another place does not count that so small a share of the key scans speak for …"""
+_MANY, _BETTER = 6, 0.05
+"""… nor does one that many key scans fit worse by this, in the mean, and that hardly any fit alone."""
+_MOST, _WELL = 0.5, 0.1
+"""A vote is strong if this share of the key scans searched speak for a place, and fit it but for so little."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Vote:
+    """What speaks for a place, and what for the next best one.
+
+    Attributes:
+        first: the first key pose that speaks for it.
+        last: the last.
+        count: how many key scans do.
+        rival: how many speak for the other place that is not clearly the worse, and has the most; 0 if there is none.
+        apart: how far that one is away [m].
+        searched: how many key scans were looked for since the first that speaks for it.
+        misfit: of those that do, in the mean.
+    """
+
+    first: int
+    last: int
+    count: int
+    rival: int = 0
+    apart: float = 0.0
+    searched: int = 1
+    misfit: float = 0.0
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether nothing speaks for any other place."""
+        return self.rival == 0
+
+    @property
+    def is_strong(self) -> bool:
+        """Whether it settles what single searches leave open."""
+        are_most = self.count >= max(_MANY, _MOST * self.searched)
+        return self.is_clear and are_most and self.misfit <= _WELL
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Voted:
+    """A place of the newest key scan, (3,) in the map, and the key scans that fit it, each with its misfit."""
+
+    T_map_key: NDArray[np.float64]
+    misfits: dict[int, float]
+
+    def is_worse_than(self, other: "_Voted") -> bool:
+        """Whether this place does not count beside another."""
+        few = _RIVAL * len(other.misfits)
+        if len(self.misfits) <= few:
+            return True
+        common = self.misfits.keys() & other.misfits.keys()
+        if len(other.misfits) < _MANY or len(self.misfits) - len(common) > few:
+            return False
+        return sum(self.misfits[key] - other.misfits[key] for key in common) >= _BETTER * len(common)
+
+
+class PlaceVotes:
+    """All places that fit the key scans since a while."""
+
+    def __init__(self) -> None:
+        self._keys = np.empty((0, 2), dtype=np.int64)
+        self._places = np.empty((0, 4))
+        self._searched: set[int] = set()
+
+    def add(self, attempt: Attempt) -> None:
+        """Keep the places where the newest key scan fits, if any."""
+        self._searched.add(attempt.key_new)
+        if attempt.places:
+            rows = np.array([[*place.T_old_new, place.misfit] for place in attempt.places])
+            ends = np.tile([attempt.key_old, attempt.key_new], (len(rows), 1))
+            self._keys, self._places = np.vstack([self._keys, ends]), np.vstack([self._places, rows])
+
+    def of(self, attempt: Attempt, poses: NDArray[np.float64]) -> Vote:
+        """What speaks for the place where an attempt puts the newest key scan.
+
+        Args:
+            attempt: one that matched, its places among those added.
+            poses: (n, 3) estimates, good between neighbouring key poses.
+        """
+        assert attempt.match is not None
+        places = self._voted(attempt.key_new, poses)
+        claimed = compose(poses[attempt.key_old], attempt.match.T_ref_cur)
+        here = next((place for place in places if _is_one_place(between(claimed, place.T_map_key))), None)
+        if here is None:
+            return Vote(first=attempt.key_new, last=attempt.key_new, count=1)
+        rivals = [place for place in places if place is not here and not place.is_worse_than(here)]
+        rival = max(rivals, key=lambda place: len(place.misfits), default=None)
+        return Vote(
+            first=min(here.misfits),
+            last=max(here.misfits),
+            count=len(here.misfits),
+            rival=0 if rival is None else len(rival.misfits),
+            apart=0.0 if rival is None else float(np.hypot(*(rival.T_map_key - here.T_map_key)[:2])),
+            searched=sum(key >= min(here.misfits) for key in self._searched),
+            misfit=sum(here.misfits.values()) / len(here.misfits),
+        )
+
+    def _voted(self, key: int, poses: NDArray[np.float64]) -> Sequence[_Voted]:
+        """The distinct places of the newest key scan, those it fits best first."""
+        recent = self._keys[:, 1] >= key - PARTNER_KEYS
+        self._keys, self._places = self._keys[recent], self._places[recent]
+        self._searched = {searched for searched in self._searched if searched >= key - PARTNER_KEYS}
+        (old, new), misfits = self._keys.T, self._places[:, 3]
+        T_map_new = compose(poses[old], self._places[:, :3])
+        T_map_key = compose(T_map_new, between(poses[new], poses[key]))
+        found: list[_Voted] = []
+        own = np.flatnonzero(new == key)
+        for claimed in T_map_new[own[np.argsort(misfits[own], kind="stable")]]:
+            if any(_is_one_place(between(claimed, other.T_map_key)) for other in found):
+                continue
+            x, y, turn = between(claimed, T_map_key).T
+            agree = np.flatnonzero((x * x + y * y < PARTNER_DISTANCE**2) & (np.abs(turn) < PARTNER_TURN))
+            best: dict[int, float] = {}
+            for voter, misfit in zip(new[agree].tolist(), misfits[agree].tolist(), strict=True):
+                best[voter] = min(misfit, best.get(voter, misfit))
+            found.append(_Voted(T_map_key=claimed, misfits=best))
+        return found
+
+
+def _is_one_place(T_a_b: NDArray[np.float64]) -> bool:
+    x, y, turn = T_a_b.tolist()
+    return bool(x * x + y * y < _SAME_PLACE**2 and abs(turn) < _SAME_TURN)
+
+
+def unsettled(votes: Iterable[Vote], attempts: Iterable[Attempt]) -> tuple[Vote, ...]:
+    """The votes whose key scans no closure ties to what was before them, after all."""
+    ends = [(attempt.key_old, attempt.key_new) for attempt in attempts if attempt.accepted]
+    return tuple(vote for vote in votes if not any(old < vote.first <= new for old, new in ends))
+
+
+def describe_vote(vote: Vote, track: Track) -> str:
+    """A vote that is not clear, in a sentence for a person."""
+    first, last = track.keys[vote.first].index, track.keys[vote.last].index
+    return (
+        f"places look alike: of the key scans from scan {first} to {last}, {vote.count} fit one place seen before and "
+        f"{vote.rival} another, {vote.apart:.1f} m away, about as well; no loop is closed there, and how what follows "
+        "lies to what was before is known by the path alone"
+    )
