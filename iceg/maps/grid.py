@@ -50,7 +50,10 @@ class OccupancyGrid:
 
     def occupancy(self) -> NDArray[np.float32]:
         """(n_rows, n_cols) probability of each cell being occupied; 0.5 where nothing is known."""
-        return np.float32(1.0) / (np.float32(1.0) + np.exp(-self.log_odds))
+        occupancy = np.negative(self.log_odds)
+        np.exp(occupancy, out=occupancy)
+        occupancy += np.float32(1.0)
+        return np.divide(np.float32(1.0), occupancy, out=occupancy)
 
     def classes(self) -> NDArray[np.int8]:
         """(n_rows, n_cols) of FREE (0), OCCUPIED (100) and UNKNOWN (-1), the values of a ROS OccupancyGrid."""

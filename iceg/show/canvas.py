@@ -14,6 +14,8 @@ Box = tuple[float, float, float, float]
 
 SMOOTHING = 2
 """Pixels drawn for one pixel of the picture, along each axis: 1, 2 or 4."""
+_BAND = 64
+"""Rows of the picture that are mixed at a time: few enough to stay in the processor's cache."""
 
 
 class Canvas:
@@ -76,18 +78,12 @@ class Canvas:
         Returns:
             (height, width, 3) red, green and blue.
         """
-        picture = shades.repeat(3).reshape(*shades.shape, 3)
-        numbers = np.asarray(self._numbers)
-        beside = numbers.view(f"u{SMOOTHING}")  # the pixels of a row that become one
-        painted = reduce(np.bitwise_or, [beside[row::SMOOTHING] for row in range(SMOOTHING)])
-        rows, cols = np.divmod(np.flatnonzero(painted != 0), shades.shape[1])
-        first, colours = SMOOTHING * (rows * numbers.shape[1] + cols), self._premultiplied()
-        mixed = np.zeros((len(rows), 4), dtype=np.float32)
-        for down in range(SMOOTHING):
-            for right in range(SMOOTHING):
-                mixed += colours.take(numbers.take(first + (down * numbers.shape[1] + right)), axis=0)
-        mixed /= SMOOTHING**2
-        picture[rows, cols] = np.rint(mixed[:, :3] + (1.0 - mixed[:, 3:]) * shades[rows, cols, None])
+        picture = np.empty((*shades.shape, 3), dtype=np.uint8)
+        colours = self._premultiplied()
+        for top in range(0, len(shades), _BAND):
+            band = shades[top : top + _BAND]
+            numbers = self._numbers.crop((0, SMOOTHING * top, self._numbers.width, SMOOTHING * (top + len(band))))
+            picture[top : top + _BAND] = _mixed(np.asarray(numbers), colours, band)
         return picture
 
     def _number(self, colour: str, opacity: float = 1.0) -> int:
@@ -114,6 +110,22 @@ class Canvas:
         x = (points[..., 0] - self._corner[0]) * self._pixels_per_metre
         y = (self._corner[1] - points[..., 1]) * self._pixels_per_metre
         return np.stack([x, y], axis=-1)
+
+
+def _mixed(numbers: NDArray[np.uint8], colours: NDArray[np.float32], shades: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(height, width, 3) pixels of what was drawn, given by the numbers of its colours, over greys."""
+    picture = shades.repeat(3).reshape(*shades.shape, 3)
+    beside = numbers.view(f"u{SMOOTHING}")  # the pixels of a row that become one
+    painted = reduce(np.bitwise_or, [beside[row::SMOOTHING] for row in range(SMOOTHING)])
+    rows, cols = np.divmod(np.flatnonzero(painted != 0), shades.shape[1])
+    first = SMOOTHING * (rows * numbers.shape[1] + cols)
+    mixed = np.zeros((len(rows), 4), dtype=np.float32)
+    for down in range(SMOOTHING):
+        for right in range(SMOOTHING):
+            mixed += colours.take(numbers.take(first + (down * numbers.shape[1] + right)), axis=0)
+    mixed /= SMOOTHING**2
+    picture[rows, cols] = np.rint(mixed[:, :3] + (1.0 - mixed[:, 3:]) * shades[rows, cols, None])
+    return picture
 
 
 def draw_marker(
