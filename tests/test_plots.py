@@ -200,6 +200,15 @@ def test_what_covers_part_of_a_pixel_is_mixed_with_its_grey() -> None:
     assert 0 < edge[1] < 200
 
 
+def test_a_picture_of_many_rows_has_no_seams() -> None:
+    canvas = Canvas((1000, 20), (0.0, 20.0, 0.0, 1000.0), 1.0)
+    canvas.strokes(np.array([[[7.3, -10.0], [7.3, 1010.0]]]), "#cc4411", 3.0, opacity=0.6)
+    shades = np.broadcast_to(np.arange(100, 120, dtype=np.uint8), (1000, 20))
+    picture = canvas.over(shades)
+    assert (picture == picture[0]).all()
+    assert (picture[0, 7] != 107).any()
+
+
 def test_a_scan_with_its_features(ax: Axes) -> None:
     geometry = ScanGeometry(bearings=np.linspace(-1.5, 1.5, 91), range_min=0.05, range_max=20.0)
     draw_scan_features(ax, Scan(ranges=np.full(91, 3.0, np.float32), geometry=geometry), features())

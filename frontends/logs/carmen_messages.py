@@ -16,6 +16,7 @@ STAMPS are `ipc_timestamp host logger_timestamp`, in seconds. Source: CARMEN 0.7
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +31,7 @@ _COUNT_DIGITS = 6  # fewer are certainly no more beams than that
 _STAMPS = "the stamps 'ipc_timestamp host logger_timestamp'"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LaserMessage:
+class LaserMessage(NamedTuple):
     """One sweep as its line has it.
 
     Attributes:
@@ -102,9 +102,7 @@ def parse_laser(line: Line, name: str) -> LaserMessage:
         position = read_numbers(line, position, pair, "of the laser and robot pose")
         poses = _finite(pair[:6], "a finite pose")
     stamp, logger_stamp = _stamps(line, position)
-    return LaserMessage(
-        ranges=ranges.astype(np.float32), poses=poses, stamp=stamp, logger_stamp=logger_stamp, beams=beams
-    )
+    return LaserMessage(ranges.astype(np.float32), poses, stamp, logger_stamp, beams)
 
 
 def parse_odometry(line: Line) -> tuple[float, ...]:

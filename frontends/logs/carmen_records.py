@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.logs.beams import Setup
-from frontends.logs.carmen_messages import parse_laser, parse_odometry, parse_parameter
+from frontends.logs.carmen_messages import FORMATS, parse_laser, parse_odometry, parse_parameter
 from frontends.logs.errors import MalformedLineError
 from frontends.logs.line_loop import LineTroubles, read_lines
 from frontends.logs.text import Line
+
+_NAMES = {name.encode(): name for name in (*FORMATS, "ODOM", "PARAM", "SYNC")}
 
 
 @dataclass(slots=True)
@@ -81,6 +83,9 @@ def _message_name(line: Line) -> str:
     """The first word of a line, empty for a comment or a blank line."""
     space = line.block.find(b" ", line.start, line.stop)
     word = line.block[line.start : space if space >= 0 else line.stop]
+    known = _NAMES.get(word)
+    if known is not None and space >= 0:
+        return known
     if not word.isalnum():
         words = line.text.split(None, 1)
         if not words or words[0].startswith(b"#"):
