@@ -1,4 +1,4 @@
-"""Residuals of relative poses, their robust weights and the normal equations of one step, compiled."""
+"""Residuals of relative poses and the normal equations of one step, compiled."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,8 +7,6 @@ from graph.compiled import compiled
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-PLAIN, HUBER, CAUCHY, GEMAN_MCCLURE, DCS = 0, 1, 2, 3, 4
 
 
 @compiled
@@ -34,41 +32,6 @@ def residuals(poses: Floats, i: Ints, j: Ints, measured: Floats) -> Floats:
         cotangent = 1.0 - theta * theta / 12.0 if abs(theta) < 1e-4 else half / np.tan(half)
         out[m, 0], out[m, 1], out[m, 2] = cotangent * x + half * y, cotangent * y - half * x, theta
     return out
-
-
-@compiled
-def squared_norms(errors: Floats, information: Floats) -> Floats:
-    """(m,) eᵀ Ω e."""
-    out = np.empty(len(errors))
-    for m in range(len(errors)):
-        a, b, c = errors[m, 0], errors[m, 1], errors[m, 2]
-        o = information[m]
-        out[m] = (
-            a * (o[0, 0] * a + 2.0 * (o[0, 1] * b + o[0, 2] * c))
-            + b * (o[1, 1] * b + 2.0 * o[1, 2] * c)
-            + c * o[2, 2] * c
-        )
-    return out
-
-
-@compiled
-def losses_and_weights(squared: Floats, kernel: Ints, width: Floats) -> tuple[Floats, Floats]:
-    """(m,) robust losses ρ(e) (½ e² without kernel) and (m,) weights ρ′(e) / e, of e² = eᵀ Ω e."""
-    loss, weight = np.empty(len(squared)), np.empty(len(squared))
-    for m in range(len(squared)):
-        u, k, kind = squared[m], width[m], kernel[m]
-        loss[m], weight[m] = 0.5 * u, 1.0
-        if kind == HUBER and u > k * k:
-            loss[m], weight[m] = k * np.sqrt(u) - 0.5 * k * k, k / np.sqrt(u)
-        elif kind == CAUCHY:
-            loss[m], weight[m] = 0.5 * k * k * np.log1p(u / (k * k)), k * k / (k * k + u)
-        elif kind == GEMAN_MCCLURE:
-            shrink = k * k / (k * k + u)
-            loss[m], weight[m] = 0.5 * shrink * u, shrink * shrink
-        elif kind == DCS and u > k:
-            shrink = 2.0 * k / (k + u)
-            loss[m], weight[m] = 1.5 * k - shrink * k, shrink * shrink
-    return loss, weight
 
 
 @compiled
@@ -169,21 +132,3 @@ def normal_equations(
                     upper[p, c, r] += wj[r, c]
                 else:
                     upper[p, r, c] += wj[r, c]
-
-
-@compiled
-def moved(poses: Floats, step: Floats, row_of: Ints) -> Floats:
-    """(n, 3) poses · exp(step), the steps (n, 3) in the order of elimination; headings in (−π, π]."""
-    out = np.empty_like(poses)
-    for n in range(len(poses)):
-        u, v, theta = step[row_of[n], 0], step[row_of[n], 1], step[row_of[n], 2]
-        if abs(theta) < 1e-4:
-            along, across = 1.0 - theta * theta / 6.0, 0.5 * theta
-        else:
-            along, across = np.sin(theta) / theta, 2.0 * np.sin(0.5 * theta) ** 2 / theta
-        x, y = along * u - across * v, across * u + along * v
-        c, s = np.cos(poses[n, 2]), np.sin(poses[n, 2])
-        heading = _wrapped(poses[n, 2] + theta)
-        out[n, 0], out[n, 1] = poses[n, 0] + c * x - s * y, poses[n, 1] + s * x + c * y
-        out[n, 2] = np.pi if heading <= -np.pi else heading
-    return out

@@ -10,15 +10,17 @@ from numpy.typing import NDArray
 
 from graph import _linear_kernels as linear
 from graph import _sparse_kernels as sparse
+from graph import losses
 from graph.errors import GraphError
 from graph.factors import Factor, KernelName
 from graph.noise import information_of
+from graph.se2 import compose, expmap
 
 _KERNELS: dict[KernelName, int] = {
-    "huber": linear.HUBER,
-    "cauchy": linear.CAUCHY,
-    "geman_mcclure": linear.GEMAN_MCCLURE,
-    "dcs": linear.DCS,
+    "huber": losses.HUBER,
+    "cauchy": losses.CAUCHY,
+    "geman_mcclure": losses.GEMAN_MCCLURE,
+    "dcs": losses.DCS,
 }
 _FIRST_DAMPING, _MOST_DAMPING = 1e-6, 1e6
 _DAMPING_FACTOR = 10.0
@@ -88,7 +90,7 @@ class Problem:
             j=np.array([factor.j for factor in factors], dtype=np.int64),
             measured=np.array([factor.T_i_j for factor in factors]).reshape(-1, 3),
             information=information_of(np.array([factor.covariance for factor in factors]).reshape(-1, 3, 3)),
-            kernel=np.array([_KERNELS[f.kernel.name] if f.kernel else linear.PLAIN for f in factors], dtype=np.int64),
+            kernel=np.array([_KERNELS[f.kernel.name] if f.kernel else losses.PLAIN for f in factors], dtype=np.int64),
             width=np.array([f.kernel.width if f.kernel else 1.0 for f in factors], dtype=np.float64),
         )
 
@@ -100,7 +102,7 @@ class Problem:
             self.j,
             self.measured,
             self.information,
-            kernel=np.where(where, _KERNELS[kernel] if kernel else linear.PLAIN, self._kernel),
+            kernel=np.where(where, _KERNELS[kernel] if kernel else losses.PLAIN, self._kernel),
             width=np.where(where, width, self._width),
             structure=self._known_structure,
         )
@@ -122,20 +124,20 @@ class Problem:
     @property
     def is_robust(self) -> bool:
         """Whether any factor has a robust kernel."""
-        return bool((self._kernel != linear.PLAIN).any())
+        return bool((self._kernel != losses.PLAIN).any())
 
     def fade_at(self, suspects: NDArray[np.bool_]) -> float | None:
         """Squared norm beyond which all the marked factors fade to nothing; None if some never do."""
         kernel, width = self._kernel[suspects], self._width[suspects]
-        if not len(kernel) or not np.isin(kernel, (linear.DCS, linear.GEMAN_MCCLURE)).all():
+        if not len(kernel) or not np.isin(kernel, (losses.DCS, losses.GEMAN_MCCLURE)).all():
             return None
-        return float(np.where(kernel == linear.DCS, width, width * width).max())
+        return float(np.where(kernel == losses.DCS, width, width * width).max())
 
     def evaluate(self, poses: NDArray[np.float64]) -> Evaluation:
         """Residuals, losses and weights at (n, 3) poses."""
         errors = linear.residuals(poses, self.i, self.j, self.measured)
-        squared = linear.squared_norms(errors, self.information)
-        return Evaluation(errors, squared, *linear.losses_and_weights(squared, self._kernel, self._width))
+        squared = losses.squared_norms(errors, self.information)
+        return Evaluation(errors, squared, *losses.losses_and_weights(squared, self._kernel, self._width))
 
     def descend(
         self,
@@ -171,7 +173,7 @@ class Problem:
             system = self._structure.assemble(self, here, at.residuals, at.weights * factor_trust)
             while True:
                 step = system.step(damping)
-                trial = here if step is None else linear.moved(here, step, self._structure.row_of)
+                trial = here if step is None else compose(here, expmap(step[self._structure.row_of]))
                 tried = self.evaluate(trial)
                 trial_error = float(tried.losses @ factor_trust)
                 if step is not None and trial_error <= error + _EQUAL_ERRORS * (1.0 + error):

@@ -31,9 +31,10 @@ def add_surfels(
     cell: float,
     table: I32,
     sums: F64,
+    surfels: F64,
     n_surfels: int,
 ) -> int:
-    """Add the points of scans to the surfel sums, scan after scan.
+    """Add the points of scans to the surfels, scan after scan.
 
     Args:
         points: (n, 2) in the frames of their scans [m].
@@ -44,6 +45,7 @@ def add_surfels(
         cell: width of its cells [m].
         table: (ny, nx, 2) surfels of each cell, one per facing, -1 where none; extended in place.
         sums: (capacity, 5) Σx, Σy, Σnx, Σny, count; extended in place.
+        surfels: (capacity, 4) mean x, y and unit normal; renewed.
         n_surfels: how many there are so far.
 
     Returns:
@@ -76,6 +78,10 @@ def add_surfels(
                 sums[k, 3] += my
                 sums[k, 4] += 1.0
                 break
+    for k in range(n_surfels):
+        n, norm = sums[k, 4], hypot(sums[k, 2], sums[k, 3])
+        surfels[k, 0], surfels[k, 1] = sums[k, 0] / n, sums[k, 1] / n
+        surfels[k, 2], surfels[k, 3] = sums[k, 2] / norm, sums[k, 3] / norm
     return n_surfels
 
 
@@ -91,16 +97,6 @@ def widen_box(points: F64, starts: I64, poses: F64, lower: F64, upper: F64) -> N
             left, right = min(left, x), max(right, x)
             bottom, top = min(bottom, y), max(top, y)
     lower[0], upper[0], lower[1], upper[1] = left, right, bottom, top
-
-
-@compiled
-def mean_surfels(sums: F64, count: int, surfels: F64) -> None:
-    """Turn sums into surfels: mean x, y and unit normal."""
-    for k in range(count):
-        n = sums[k, 4]
-        norm = hypot(sums[k, 2], sums[k, 3])
-        surfels[k, 0], surfels[k, 1] = sums[k, 0] / n, sums[k, 1] / n
-        surfels[k, 2], surfels[k, 3] = sums[k, 2] / norm, sums[k, 3] / norm
 
 
 @compiled

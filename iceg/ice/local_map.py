@@ -89,7 +89,6 @@ class LocalMap:
         self._fill_coarse()  # with the surfels as they are, before new points move them
         self._add_points(scan_points, T_ref_scans)
         self._new_features += zip(features, T_ref_scans, strict=True)
-        surfel_kernels.mean_surfels(self._sums, self._surfel_count, self._surfels)
         self._stamp(self.fine, start, is_thin=False)
 
     def make_room(self, scan_points: ScanPoints, T_ref_scan: NDArray[np.float64], margin: float) -> None:
@@ -137,6 +136,7 @@ class LocalMap:
             self._config.cell,
             self._table,
             self._sums,
+            self._surfels,
             self._surfel_count,
         )
 

@@ -14,7 +14,6 @@ from graph.measurement import NoMatch, RelativePose
 from graph.noise import squared_norm, summed_ratios
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, wrap_angle
-from iceg.ice._point_kernels import count_returns
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.config import FrontEndConfig, KeyScanConfig
 from iceg.slam.map_matcher import FollowingMatcher, MapMatcher
@@ -365,7 +364,7 @@ class FrontEnd:
 
 def _is_blind(scan: Scan) -> bool:
     """Whether nearly all beams end at once, or none returns: something covers the laser."""
-    returns, close = count_returns(scan.ranges, _BLIND_RANGE)
+    returns, close = np.count_nonzero(scan.ranges >= 0.0), np.count_nonzero(scan.ranges < _BLIND_RANGE)
     return bool(returns < _FEWEST_RETURNS * len(scan.ranges) or close > _BLIND_SHARE * returns)
 
 
