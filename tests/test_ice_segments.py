@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 from frontends.scan import Scan, ScanGeometry
 from graph.se2 import transform_points
 from iceg.ice import _feature_kernels as kernels
+from iceg.ice._point_kernels import range_noise
 from iceg.ice.config import IceConfigError, SegmentConfig
-from iceg.ice.points import extract_points, range_noise, thinned_points
+from iceg.ice.points import ScanPoints, extract_points, thinned_points
 from iceg.ice.segments import extract_segments, segment_rows, smoothed_on_segments
 
 F64 = NDArray[np.float64]
@@ -88,6 +89,10 @@ def test_normals_stop_at_a_jump() -> None:
     np.testing.assert_allclose(points.normals, np.tile([-1.0, 0.0], (len(points), 1)), atol=1e-4)
 
 
+def noise_of(points: ScanPoints) -> float:
+    return float(range_noise(points.points, points.beams))
+
+
 @pytest.mark.parametrize("sigma", [0.002, 0.01, 0.03])
 def test_noise_is_estimated_from_the_scan(sigma: float) -> None:
     # Walls seen head-on: the noise of the ranges is the noise across the wall.
@@ -95,14 +100,14 @@ def test_noise_is_estimated_from_the_scan(sigma: float) -> None:
     geometry = ScanGeometry(bearings=angles, range_min=0.0, range_max=20.0)
     ranges = 3.0 / np.cos(angles) + np.random.default_rng(1).normal(0, sigma, 180)
     points = extract_points(Scan(ranges=ranges.astype(np.float32), geometry=geometry))
-    assert range_noise(points) == pytest.approx(sigma, rel=0.25)
+    assert noise_of(points) == pytest.approx(sigma, rel=0.25)
 
 
 def test_without_noise_there_is_none_whatever_the_incidence() -> None:
-    assert range_noise(extract_points(scan_of(ROOM, np.array([3.5, 0.0, 0.4])))) < 1e-5
+    assert noise_of(extract_points(scan_of(ROOM, np.array([3.5, 0.0, 0.4])))) < 1e-5
     empty = scan_of(ROOM, np.zeros(3))
     empty.ranges[:] = np.nan
-    assert range_noise(extract_points(empty)) == 0.0
+    assert noise_of(extract_points(empty)) == 0.0
 
 
 def test_line_fit_is_total_least_squares_with_its_covariance() -> None:

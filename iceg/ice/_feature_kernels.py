@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from graph._assign_kernels import assign
 from graph.compiled import ZERO, compiled
+from iceg.ice._point_kernels import range_noise
 
 F64 = NDArray[np.float64]
 I8 = NDArray[np.int8]
@@ -118,13 +119,16 @@ def extract_segments(
     origin: F64,
     resolution: float,
     gap: float,
-    tolerance: float,
+    split: float,
+    split_sigmas: float,
     min_points: int,
     min_length: float,
-    sigma: float,
+    least_noise: float,
     segments: F64,
 ) -> int:
     """Split-and-merge with a maximum-likelihood line fit.
+
+    The tolerance of the split follows the scan's own noise: on a noisy laser a fixed one would cut walls to pieces.
 
     Args:
         points: (n, 2) in beam order [m].
@@ -132,15 +136,18 @@ def extract_segments(
         origin: (2,) position of the laser [m].
         resolution: angle between two beams [rad].
         gap: neighbouring points farther apart than this plus four beam spacings are on two surfaces [m].
-        tolerance: largest distance of a point from its line [m].
+        split: largest distance of a point from its line [m] …
+        split_sigmas: … or so many standard deviations of the points across their surfaces if that is more.
         min_points: fewest points of a segment.
         min_length: shortest segment [m].
-        sigma: least standard deviation of a point across its line [m].
+        least_noise: least standard deviation of a point across its line [m].
         segments: (capacity, SEGMENT_COLUMNS) output, in scan order.
 
     Returns:
         The number of segments.
     """
+    noise = range_noise(points, beams)
+    tolerance, sigma = max(split, split_sigmas * noise), max(least_noise, noise)
     n, capacity = len(points), len(segments)
     stack, pieces = np.empty((n + 2, 2), np.int64), np.empty((n + 2, 2), np.int64)
     line = np.empty(SEGMENT_COLUMNS)

@@ -92,8 +92,3 @@ def thinned_points(
         counts.append(np.diff(starts))
         first += len(some)
     return joined(points), joined(normals), np.cumsum([0, *np.concatenate(counts)])
-
-
-def range_noise(scan_points: ScanPoints) -> float:
-    """Standard deviation of the points across the surfaces they lie on [m], from the scan itself; 0 if unknown."""
-    return float(kernels.range_noise(scan_points.points, scan_points.beams))

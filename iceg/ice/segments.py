@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from frontends.scan import Scan
 from iceg.ice import _feature_kernels as kernels
 from iceg.ice.config import SegmentConfig
-from iceg.ice.points import ScanPoints, extract_points, range_noise
+from iceg.ice.points import ScanPoints, extract_points
 
 _CAPACITY = 120
 
@@ -67,11 +67,7 @@ def extract_segments(
 
 
 def segment_rows(scan: Scan, config: SegmentConfig, scan_points: ScanPoints) -> NDArray[np.float64]:
-    """The segments as kernel rows, see `_feature_kernels`.
-
-    The tolerance of the split follows the scan's own noise: on a noisy laser a fixed one would cut walls to pieces.
-    """
-    noise = range_noise(scan_points)
+    """The segments as kernel rows, see `_feature_kernels`."""
     rows = np.empty((_CAPACITY, kernels.SEGMENT_COLUMNS))
     count = kernels.extract_segments(
         scan_points.points,
@@ -79,10 +75,11 @@ def segment_rows(scan: Scan, config: SegmentConfig, scan_points: ScanPoints) -> 
         scan.geometry.origin_robot,
         scan.geometry.resolution,
         config.gap,
-        max(config.split, config.split_sigmas * noise),
+        config.split,
+        config.split_sigmas,
         config.min_points,
         config.min_length,
-        max(config.range_noise, noise),
+        config.range_noise,
         rows,
     )
     return rows[:count]
