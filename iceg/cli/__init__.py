@@ -5,6 +5,7 @@ import gc
 import os
 import sys
 from collections.abc import Callable, Sequence
+from typing import NoReturn
 
 _COLLECTION = (500_000, 20, 20)
 """Thresholds of the garbage collector: hardly anything here forms cycles, and looking for them takes time."""
@@ -37,6 +38,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # Whoever read our output has seen enough; keep the interpreter from flushing into the closed pipe.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _FAILED
+
+
+def command() -> NoReturn:
+    """The program `iceg`: `main`, and out.
+
+    After a run the process ends as it is: to take apart all that the run has made and loaded, object by object, takes
+    as long as to read its log.
+    """
+    code = main()
+    if sys.argv[1:2] == ["run"]:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
 
 
 def _main(words: list[str]) -> int:
