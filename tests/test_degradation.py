@@ -49,6 +49,9 @@ def test_what_some_of_them_do(log: Log) -> None:
     assert np.hypot(*between(sparse.odometry[:-1], sparse.odometry[1:])[:, :2].T).min() >= 1.0
     assert np.nanmax(DEGRADATIONS["8 m"](log).log.ranges) <= 8.0
     assert DEGRADATIONS["90° view"](log).log.geometry.field_of_view == pytest.approx(np.pi / 2)
+    np.testing.assert_array_equal(DEGRADATIONS["laser upside down"](log).log.ranges[:, 0], log.ranges[:, -1])
+    ahead, back = (between(d.odometry[:-1], d.odometry[1:]) for d in (log, DEGRADATIONS["laser backwards"](log).log))
+    np.testing.assert_allclose(back, ahead * (-1.0, -1.0, 1.0), atol=1e-9)
     assert not DEGRADATIONS["no odometry"](log).log.has_odometry
     crowded = DEGRADATIONS["crowd of 4"](log).log.ranges
     assert np.nanmax(crowded - log.ranges) <= 0.0

@@ -26,7 +26,7 @@ from iceg.slam.closure_candidates import Candidate
 from iceg.slam.closure_reference import References
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
-from iceg.slam.examination import Exam
+from iceg.slam.examination import Exam, Examiner
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.pipeline import SlamResult, run
 from iceg.slam.track import Track
@@ -129,8 +129,18 @@ def test_where_odometry_told_the_way_closures_across_a_loss_stay(log: Log, truth
     sparse = every_metre(log)
     result = run(noisy(sparse.log, deviation=0.02, outliers=0.15).log, Config(grid=GridConfig(resolution=0.2)))
     assert result.summary["lost_at_scans"]
-    assert not result.summary["breaks"]
+    assert all(found["outcome"] == "credible" for found in result.summary["breaks"])
     assert trajectory_errors(result.trajectory, truth[sparse.scans]).ate_rmse < 0.05
+
+
+def test_a_loss_that_only_a_majority_bridges_is_told(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    attempt = Attempt(key_old=0, key_new=1, match=None, overlap=0.0, accepted=True, reason="")
+    torn = Exam(agreeing=[attempt] * 4, against=2)
+    monkeypatch.setattr(Examiner, "of_estimate", lambda *_: torn)
+    sparse = noisy(every_metre(log).log, deviation=0.02, outliers=0.15).log
+    result = run(sparse, _QUICK)
+    assert [found["outcome"] for found in result.summary["breaks"]] == ["credible"]
+    assert any("odometry led on, and 4 key scans agree" in said for said in result.summary["warnings"])
 
 
 @pytest.mark.parametrize(

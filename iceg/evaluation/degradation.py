@@ -129,6 +129,16 @@ def frozen(log: Log) -> Degraded:
     return _with_ranges(log, ranges)
 
 
+def laser_backwards(log: Log) -> Degraded:
+    """A laser that looks backwards, and a log that does not say so."""
+    return _with_odometry(log, compose(log.odometry, np.array([0.0, 0.0, np.pi])))
+
+
+def laser_upside_down(log: Log) -> Degraded:
+    """A laser that is mounted upside down, and a log that does not say so."""
+    return _with_ranges(log, np.ascontiguousarray(log.ranges[:, ::-1]))
+
+
 def laser_stuck(log: Log, n: int) -> Degraded:
     """A laser that is read anew only at every n-th scan."""
     return _with_ranges(log, log.ranges[np.arange(len(log)) // n * n])
@@ -281,6 +291,8 @@ DEGRADATIONS: Mapping[str, Degradation] = MappingProxyType(
         "covered": partial(covered, reading=0.1),
         "blind": partial(covered, reading=np.nan),
         "frozen": frozen,
+        "laser backwards": laser_backwards,
+        "laser upside down": laser_upside_down,
         "laser stuck 2": partial(laser_stuck, n=2),
         "laser stuck 5": partial(laser_stuck, n=5),
         "gap": gap,

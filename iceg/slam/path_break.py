@@ -5,7 +5,7 @@ from typing import Literal
 
 from iceg.slam.track import Track
 
-Outcome = Literal["joined", "apart", "contradicted"]
+Outcome = Literal["joined", "apart", "contradicted", "credible"]
 
 REFUTED = 1.99
 """Strength of a doubt from which on odometry and match contradict each other beyond all chance."""
@@ -36,7 +36,8 @@ class Break:
         key: the first key pose after it.
         outcome: "joined" by loop closures on both sides; "apart": nothing ties what follows to what was before, and
             odometry alone says where it is; "contradicted": closures disagree with the path, nothing else speaks
-            against it, and the map follows the path.
+            against it, and the map follows the path; "credible": closures agree with where odometry led on, though not
+            so many that chance is out of the question.
         reason: what was noticed there.
         closures: how many agree about it.
         moved: how far they say that the robot is from where the path puts it [m].
@@ -59,6 +60,11 @@ def describe_break(found: Break, track: Track) -> str:
         )
     if found.outcome == "apart":
         return f"the path is broken {where}: no loop closure ties the rest to what was before, it may be displaced"
+    if found.outcome == "credible":
+        return (
+            f"the path may be broken {where}: odometry led on, and {found.closures} key scans agree with where it did, "
+            "but not all; the map follows them"
+        )
     return (
         f"the path may be broken {where}: {found.closures} key scans that agree put the robot {found.moved:.1f} m from "
         "where the path does; the robot was carried, or two places look alike; the map follows the path"

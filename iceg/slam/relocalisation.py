@@ -196,7 +196,11 @@ class _Relocalisation:
         claimed = Hypothesis(key=key, closures=across)
         if claimed.support >= self._config.confirmations:
             exam = self._examiner.of_estimate(claimed, self._poses)
-            if exam.is_passed or (doubt.strength < ADRIFT and exam.is_credible):
+            if exam.is_passed:
+                return
+            if doubt.strength < ADRIFT and exam.is_credible:
+                agreeing = len(exam.agreeing)
+                self._breaks[key] = Break(key=key, outcome="credible", reason=doubt.reason, closures=agreeing)
                 return
         self._breaks[key] = Break(key=key, outcome="apart", reason=doubt.reason)
         if across:
