@@ -46,6 +46,23 @@ class Hypothesis:
         """(3,) what moves the poses after the break, in the map: that of the closure nearest to the break."""
         return _correction(min(self.closures, key=lambda closure: closure.key_new), poses)
 
+    def apart_from(self, other: "Hypothesis", poses: NDArray[np.float64]) -> float:
+        """How far apart the two put the same scan [m]; 0 if they are about different scans.
+
+        Args:
+            other: what another claims.
+            poses: (k, 3) T_map_robot.
+        """
+        ends, others = ([closure.key_new for closure in each.closures] for each in (self, other))
+        if min(ends) > max(others) or min(others) > max(ends):
+            return 0.0
+        key = max(min(ends), min(others))
+        (x, y, _), (x_other, y_other, _) = (
+            compose(_correction(min(each.closures, key=lambda c: abs(c.key_new - key)), poses), poses[key])
+            for each in (self, other)
+        )
+        return float(np.hypot(x - x_other, y - y_other))
+
     def is_drift(self, factors: Sequence[Factor], poses: NDArray[np.float64], *, is_biased: bool) -> bool:
         """Whether the errors of the path explain it, step by step.
 

@@ -17,16 +17,26 @@ from graph.batch import BatchConfig, optimize
 from graph.factors import Factor
 from graph.se2 import compose
 from iceg.slam.alike_places import alike_places
-from iceg.slam.closure_attempt import Attempt, closure_factor, is_near
+from iceg.slam.closure_attempt import Attempt, closure_factor, is_near, lies_near
+from iceg.slam.closure_candidates import Candidate
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.examination import Exam, Examiner
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.path_break import ADRIFT, LOST, REFUTED, Break, Doubt
 from iceg.slam.place_hypothesis import Hypothesis, about_one_step, agreeing_sets
+from iceg.slam.place_votes import Vote, unsettled
 from iceg.slam.track import Track
 from iceg.slam.untied_steps import UntiedSteps
 
 _MOST_HYPOTHESES = 6
+_MOST_PLACES = 3
+"""Of a pair of places that look alike and fit several ways, so many are kept."""
+_OTHER_PLACE = 2.0
+"""Hypotheses that put the same scans so far apart are about different places [m]."""
+_AS_STRONG = 0.5
+"""Another is weighed that has this share of the key scans of a hypothesis."""
+_EXACT = np.array([0.1, 0.1, 0.03])
+"""How well a place that a search found is known [m, m, rad]."""
 _UNKNOWN = np.diag([100.0, 100.0, np.pi]) ** 2
 """Covariance of a step on which the robot was carried [m², rad²]."""
 _BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
@@ -41,12 +51,14 @@ class Estimate:
         poses: (k, 3) T_map_robot of the key poses.
         attempts: every loop closure tried.
         breaks: in the order of the path.
+        alike: where several places explain what was seen about as well.
     """
 
     factors: list[Factor]
     poses: NDArray[np.float64]
     attempts: list[Attempt]
     breaks: tuple[Break, ...] = ()
+    alike: tuple[Vote, ...] = ()
 
 
 def relocalise(
@@ -93,6 +105,7 @@ class _Relocalisation:
         self._attempts = list(estimate.attempts)
         self._tried: list[Attempt] = []
         self._breaks: dict[int, Break] = {}
+        self._alike: dict[int, Vote] = {}
         self._steps = UntiedSteps(track, estimate.factors, doubts, config)
         self._examiner = Examiner(closer, track)
 
@@ -100,10 +113,13 @@ class _Relocalisation:
         """Try the hypotheses with the most support; what nothing ties after a loss is told apart."""
         if not self._steps.untied.any():
             return
-        for closures in self._agreeing()[:_MOST_HYPOTHESES]:
+        sets = [self._settled(claims) for claims in self._agreeing()[:_MOST_HYPOTHESES]]
+        for closures in sets:
             hypothesis = about_one_step(closures, self._steps)
-            if hypothesis is not None and hypothesis.support >= self._config.place_confirmations:
-                self._try(hypothesis)
+            if hypothesis is None or hypothesis.key in self._alike:  # where stronger ones are in doubt none decides
+                continue
+            if hypothesis.support >= self._config.place_confirmations:
+                self._try(hypothesis, [Hypothesis(key=hypothesis.key, closures=other) for other in sets if other])
         for key, doubt in self._steps.doubts.items():
             if doubt.strength >= LOST:
                 self._part(key, doubt)
@@ -119,23 +135,45 @@ class _Relocalisation:
             if (attempt.key_old, attempt.key_new) not in closed
         ]
         breaks = tuple(self._breaks[key] for key in sorted(self._breaks))
-        return Estimate(factors=self._factors, poses=self._poses, attempts=[*self._attempts, *alone], breaks=breaks)
+        attempts = [*self._attempts, *alone]
+        alike = unsettled(self._alike.values(), attempts)
+        return Estimate(factors=self._factors, poses=self._poses, attempts=attempts, breaks=breaks, alike=alike)
 
     def _agreeing(self) -> list[list[Attempt]]:
         """Sets of closures that agree, of places that look alike, the largest first."""
         pairs = alike_places(self._track, self._closer.judge, self._steps.untied, self._config)
         self._tried = [self._closer.match_anywhere(old, new, self._poses) for old, new in sorted(pairs)]
-        matched = [attempt for attempt in self._tried if attempt.accepted]
-        return agreeing_sets(matched, self._factors, self._track, self._config.place_confirmations)
+        claims = [claim for attempt in self._tried for claim in _claims(attempt)]
+        return agreeing_sets(claims, self._factors, self._track, self._config.place_confirmations)
 
-    def _try(self, hypothesis: Hypothesis) -> None:
-        """Examine a hypothesis, and the present estimate where they differ; act on what holds."""
+    def _settled(self, claims: Sequence[Attempt]) -> list[Attempt]:
+        """Claims that agree, each matched where it was made; an ambiguous one that confirms the path says nothing."""
+        settled = []
+        for claim in claims:
+            if claim.accepted:
+                settled.append(claim)
+            if claim.accepted or is_near(claim, self._poses):
+                continue
+            assert claim.match is not None
+            there = Candidate(
+                key_old=claim.key_old, key_new=claim.key_new, T_old_new=claim.match.T_ref_cur, deviations=_EXACT
+            )
+            attempt = self._closer.match(there, self._poses)
+            if attempt.accepted and lies_near(attempt, there.T_old_new):
+                settled.append(attempt)
+        return settled
+
+    def _try(self, hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> None:
+        """Examine a hypothesis, and where they differ the present estimate and others; act on what holds."""
         exam = self._examiner.of_hypothesis(hypothesis, self._poses)
         closures = _distinct([*exam.agreeing, *hypothesis.closures])
         is_confirmed = sum(is_near(closure, self._poses) for closure in closures) > 0.5 * len(closures)
         if not exam.is_passed:
             return
         if not (is_confirmed or exam.beats(self._examiner.of_estimate(hypothesis, self._poses))):
+            return
+        if not is_confirmed and (rival := self._rival(hypothesis, exam, others)) is not None:
+            self._alike[hypothesis.key] = rival
             return
         doubt = self._steps.doubts.get(hypothesis.key)
         is_intact = doubt is None or doubt.strength < REFUTED
@@ -144,6 +182,24 @@ class _Relocalisation:
             self._close(closures)
         else:
             self._break(hypothesis, exam, closures)
+
+    def _rival(self, hypothesis: Hypothesis, exam: Exam, others: Sequence[Hypothesis]) -> Vote | None:
+        """What speaks for another place of the same scans, if a hypothesis does not clearly beat it."""
+        for other in others:
+            apart = hypothesis.apart_from(other, self._poses)
+            if apart < _OTHER_PLACE or other.support < _AS_STRONG * hypothesis.support:
+                continue
+            there = self._examiner.of_hypothesis(other, self._poses)
+            if there.is_passed and not exam.beats(there):
+                ends = [closure.key_new for closure in hypothesis.closures]
+                return Vote(
+                    first=min(ends),
+                    last=max(ends),
+                    count=len(exam.agreeing),
+                    rival=len(there.agreeing),
+                    apart=apart,
+                )
+        return None
 
     def _break(self, hypothesis: Hypothesis, exam: Exam, closures: list[Attempt]) -> None:
         """Record a break; the parts are joined only where something else spoke against the path, too."""
@@ -219,6 +275,16 @@ class _Relocalisation:
                     attempt, accepted=False, removed=True, reason=f"{why}; {attempt.reason}"
                 )
         self._factors = [f for f in self._factors if f.kind != "closure" or (f.i, f.j) not in gone]
+
+
+def _claims(attempt: Attempt) -> list[Attempt]:
+    """An attempt itself, or where it fitted several places one for each of the best."""
+    if attempt.accepted:
+        return [attempt]
+    if not attempt.is_ambiguous or attempt.match is None:
+        return []
+    places = [place.T_old_new for place in attempt.places[:_MOST_PLACES]]
+    return [replace(attempt, match=replace(attempt.match, T_ref_cur=T_old_new)) for T_old_new in places]
 
 
 def _distinct(closures: Sequence[Attempt]) -> list[Attempt]:

@@ -1,0 +1,170 @@
+"""Places found by their looks that fit several ways: the set that agrees picks, and two such sets close nothing."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from frontends.simulator.simulation import simulate
+from graph.factors import Factor
+from graph.measurement import RelativePose
+from graph.odometry import OdometryModel
+from graph.se2 import between, compose
+from iceg.ice.matcher import IceMatcher
+from iceg.slam import relocalisation
+from iceg.slam.closure_attempt import Attempt, Place
+from iceg.slam.closure_candidates import Candidate
+from iceg.slam.config import FrontEndConfig, LoopClosureConfig
+from iceg.slam.examination import Exam
+from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.path_break import LOST, Doubt
+from iceg.slam.place_hypothesis import Hypothesis
+from iceg.slam.relocalisation import Estimate, relocalise
+from iceg.slam.track import Track
+from iceg.slam.tracking import track_log
+
+Array = NDArray[np.float64]
+
+_BREAK, _AGAIN, _EARLIER = 100, range(110, 150, 4), 20
+_HERE, _THERE = np.array([5.0, -2.0, 0.3]), np.array([-4.0, 7.0, -0.2])
+"""What moves the poses after the break to where they are, and to a place that looks alike."""
+
+
+@pytest.fixture(scope="module")
+def track() -> Track:
+    return track_log(simulate("office", seed=1).log, IceMatcher(), OdometryModel(), FrontEndConfig(), n_scans=1500)
+
+
+def _poses(track: Track) -> Array:
+    return np.array([key.T_track_robot for key in track.keys])
+
+
+def _path(track: Track) -> list[Factor]:
+    poses, step = _poses(track), np.diag([0.02, 0.02, 0.01]) ** 2
+    first = Factor(kind="prior", i=None, j=0, T_i_j=np.zeros(3), covariance=step)
+    return [first] + [
+        Factor(kind="odometry", i=k, j=k + 1, T_i_j=between(poses[k], poses[k + 1]), covariance=step)
+        for k in range(len(poses) - 1)
+    ]
+
+
+class _Closer(LoopCloser):
+    """Finds each key scan to fit the earlier one in the places it was given, the first of them the best."""
+
+    def __init__(self, track: Track, places: Mapping[int, Sequence[Array]]) -> None:
+        super().__init__(IceMatcher(), track, LoopClosureConfig())
+        self._places = places
+
+    def match_anywhere(self, key_old: int, key_new: int, poses: Array) -> Attempt:
+        del poses
+        there = [Place(T_old_new=T, misfit=0.02) for T in self._places[key_new]]
+        return self._attempt(key_old, key_new, there, is_only=len(there) == 1)
+
+    def match(self, candidate: Candidate, poses: Array) -> Attempt:
+        del poses
+        there = Place(T_old_new=candidate.T_old_new, misfit=0.02)
+        return self._attempt(candidate.key_old, candidate.key_new, [there], is_only=True)
+
+    def _attempt(self, key_old: int, key_new: int, places: list[Place], *, is_only: bool) -> Attempt:
+        match = RelativePose(
+            T_ref_cur=places[0].T_old_new,
+            covariance=np.diag([0.02, 0.02, 0.01]) ** 2,
+            score=0.9,
+            inliers=150,
+            overlap=0.9,
+            weak_directions=np.zeros((0, 3)),
+        )
+        reason = "scripted" if is_only else f"{len(places)} places fit; scripted"
+        return Attempt(
+            key_old=key_old, key_new=key_new, match=match, accepted=is_only, reason=reason, places=tuple(places)
+        )
+
+
+class _Examiner:
+    """Every hypothesis stands as many votes as it has closures, the estimate none."""
+
+    def __init__(self, closer: LoopCloser, track: Track) -> None:
+        del closer, track
+
+    def of_hypothesis(self, hypothesis: Hypothesis, poses: Array) -> Exam:
+        del poses
+        return Exam(agreeing=list(hypothesis.closures), against=0)
+
+    def of_estimate(self, hypothesis: Hypothesis, poses: Array) -> Exam:
+        del hypothesis, poses
+        return Exam(agreeing=[], against=0)
+
+
+def _relocalised(track: Track, places: Mapping[int, Sequence[Array]], monkeypatch: pytest.MonkeyPatch) -> Estimate:
+    monkeypatch.setattr(relocalisation, "alike_places", lambda *_: [(_EARLIER, key) for key in places])
+    monkeypatch.setattr(relocalisation, "Examiner", _Examiner)
+    before = Estimate(factors=_path(track), poses=_poses(track), attempts=[])
+    doubts = {_BREAK: Doubt(reason="nothing matched what was known before", strength=LOST)}
+    return relocalise(_Closer(track, places), track, before, doubts, LoopClosureConfig())
+
+
+def _moved(track: Track, key: int, correction: Array) -> Array:
+    poses = _poses(track)
+    return between(poses[_EARLIER], compose(correction, poses[key]))
+
+
+def _by_chance(key: int) -> Array:
+    return np.random.default_rng(key).uniform([-9.0, -9.0, -3.0], [9.0, 9.0, 3.0])
+
+
+def test_the_set_that_agrees_picks_among_the_places_of_each(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Each fits somewhere else best: only the second best of all is the same place.
+    found = _relocalised(track, {k: [_by_chance(k), _moved(track, k, _HERE)] for k in _AGAIN}, monkeypatch)
+    (at,) = found.breaks
+    assert (at.key, at.outcome) == (_BREAK, "joined")
+    assert found.alike == ()
+    accepted = [attempt for attempt in found.attempts if attempt.accepted]
+    assert [attempt.key_new for attempt in accepted] == list(_AGAIN)
+    key = _AGAIN[3]
+    np.testing.assert_allclose(between(found.poses[_EARLIER], found.poses[key]), _moved(track, key, _HERE), atol=0.05)
+
+
+def test_two_sets_about_as_strong_close_nothing_and_it_is_said(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
+    places = {k: [_moved(track, k, _HERE), _moved(track, k, _THERE)] for k in _AGAIN}
+    places[_AGAIN[0]] = places[_AGAIN[0]][:1]  # one more for the first
+    found = _relocalised(track, places, monkeypatch)
+    assert [at.outcome for at in found.breaks] == ["apart"]
+    assert not any(attempt.accepted for attempt in found.attempts)
+    (vote,) = found.alike
+    assert (vote.first, vote.last) == (_AGAIN[0], _AGAIN[-1])
+    assert (vote.count, vote.rival) == (len(_AGAIN), len(_AGAIN) - 1)
+    poses = _poses(track)
+    apart = [np.hypot(*(compose(_HERE, pose) - compose(_THERE, pose))[:2]) for pose in poses[list(_AGAIN)]]
+    assert min(apart) - 0.1 < vote.apart < max(apart) + 0.1
+
+
+def test_a_set_with_far_fewer_is_no_rival(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
+    few = list(_AGAIN)[:4]
+    both = {k: [_moved(track, k, _HERE), _moved(track, k, _THERE)] for k in few}
+    alone = {k: [_moved(track, k, _HERE)] for k in _AGAIN if k not in few}
+    found = _relocalised(track, both | alone, monkeypatch)
+    assert [at.outcome for at in found.breaks] == ["joined"]
+    assert found.alike == ()
+
+
+def test_an_ambiguous_place_that_confirms_the_path_says_nothing(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
+    as_it_is = np.zeros(3)
+    alone = _relocalised(track, {k: [_moved(track, k, as_it_is)] for k in _AGAIN}, monkeypatch)
+    assert sum(attempt.accepted for attempt in alone.attempts) == len(_AGAIN)
+    found = _relocalised(track, {k: [_moved(track, k, as_it_is), _by_chance(k)] for k in _AGAIN}, monkeypatch)
+    assert not any(attempt.accepted for attempt in found.attempts)
+
+
+def test_hypotheses_are_apart_by_how_far_they_put_the_same_scan(track: Track) -> None:
+    poses, closer = _poses(track), _Closer(track, {k: [_moved(track, k, _HERE)] for k in range(104, 160)})
+    here = Hypothesis(key=_BREAK, closures=[closer.match_anywhere(_EARLIER, k, poses) for k in (110, 120)])
+    again = Hypothesis(key=_BREAK, closures=[closer.match_anywhere(_EARLIER, k, poses) for k in (112, 130)])
+    later = Hypothesis(key=_BREAK, closures=[closer.match_anywhere(_EARLIER, k, poses) for k in (140, 150)])
+    other = _Closer(track, {k: [_moved(track, k, _THERE)] for k in (112, 130)})
+    there = Hypothesis(key=_BREAK, closures=[other.match_anywhere(_EARLIER, k, poses) for k in (112, 130)])
+    assert here.apart_from(again, poses) == pytest.approx(0.0, abs=1e-9)
+    expected = np.hypot(*(compose(_HERE, poses[112]) - compose(_THERE, poses[112]))[:2])
+    assert here.apart_from(there, poses) == pytest.approx(expected)
+    assert there.apart_from(here, poses) == pytest.approx(expected)
+    assert there.apart_from(later, poses) == 0.0, "about other scans"
