@@ -71,7 +71,7 @@ class Settings(NamedTuple):
 
 
 @compiled
-def observe_all(
+def observe(
     first_key: int,
     ends: I64,
     frames: F64,
@@ -88,14 +88,14 @@ def observe_all(
     Args:
         first_key: index of the first scan's key pose; the others follow.
         ends: (n_scans,) where the features of each scan end among all.
-        frames: as for `observe`.
+        frames: (n_keys, 4) x, y [m], cosine and sine of the heading of each key pose in the map frame.
         features: of all scans; its ranges are not looked at.
         ranges: (n_scans, n_beams) of the scans.
-        store: as for `observe`, with room for the features of all scans.
+        store: the landmarks, changed in place, with room for the features of all scans.
         valid: (≥ n_valid + n_features,) the landmarks that have not expired, ascending, changed in place.
         n_valid: how many these are.
-        count: as for `observe`.
-        settings: as for `observe`.
+        count: number of landmarks so far.
+        settings: the configuration.
 
     Returns:
         The new number of landmarks, and of those that have not expired.
@@ -115,7 +115,13 @@ def observe_all(
             features.bearings,
             features.T_robot_laser,
         )
-        more = observe(first_key + scan, frames, observed, store, valid[:n_valid], count, settings)
+        key = first_key + scan
+        near, near_p, near_turn = nearby(key, frames, observed, store, valid[:n_valid], settings)
+        noise = observation_noise(observed, settings)
+        landmark_of, taken, explained = associate(observed, noise, store, near, near_p, near_turn, settings)
+        fuse(key, observed, noise, store, near, near_p, near_turn, landmark_of, settings)
+        judge(key, observed, store, near, near_p, near_turn, taken | explained, settings)
+        more = add(key, observed, store, count, landmark_of, settings)
         n_valid = drop_expired(valid, n_valid, store.expired_at)
         for new in range(count, more):
             valid[n_valid] = new
@@ -133,30 +139,6 @@ def drop_expired(valid: I64, n_valid: int, expired_at: I64) -> int:
             valid[kept] = valid[place]
             kept += 1
     return kept
-
-
-@compiled
-def observe(key: int, frames: F64, observed: Observed, store: Store, valid: I64, count: int, settings: Settings) -> int:
-    """Enter the features of one key scan into the map.
-
-    Args:
-        key: index of the key pose, a row of `frames`.
-        frames: (n_keys, 4) x, y [m], cosine and sine of the heading of each key pose in the map frame.
-        observed: the scan and its features.
-        store: the landmarks, changed in place, with room for all features.
-        valid: those that have not expired, ascending.
-        count: number of landmarks so far.
-        settings: the configuration.
-
-    Returns:
-        The new number of landmarks.
-    """
-    near, near_p, near_turn = nearby(key, frames, observed, store, valid, settings)
-    noise = observation_noise(observed, settings)
-    landmark_of, taken, explained = associate(observed, noise, store, near, near_p, near_turn, settings)
-    fuse(key, observed, noise, store, near, near_p, near_turn, landmark_of, settings)
-    judge(key, observed, store, near, near_p, near_turn, taken | explained, settings)
-    return add(key, observed, store, count, landmark_of, settings)
 
 
 @compiled

@@ -203,7 +203,7 @@ class FeatureMap:
         self._reserve(self._count + int(ends[-1]))
         valid = np.concatenate([self._valid, np.empty(ends[-1], np.int64)])
         settings = _kernel_settings(self.config, geometry.range_max)
-        self._count, n_valid = kernels.observe_all(
+        self._count, n_valid = kernels.observe(
             first_key, ends, self._frames, observed, ranges, self._store, valid, len(self._valid), self._count, settings
         )
         self._valid = valid[:n_valid]
