@@ -106,6 +106,35 @@ def test_odometry_carries_where_nothing_matches() -> None:
     np.testing.assert_allclose(poses, truth, atol=1e-3)
 
 
+class BlurredMatcher(TruthMatcher):
+    """At one scan it sees one direction only, and puts the robot elsewhere."""
+
+    blurred = 19  # a key scan
+    error = np.array([1.0, 0.0, 0.5])
+    weak_directions = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+
+    def match(
+        self,
+        reference: NDArray[np.float64],
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> RelativePose | NoMatch:
+        match = super().match(reference, scan, T_ref_guess, covariance_guess)
+        if isinstance(match, NoMatch) or _number(scan) != self.blurred:
+            return match
+        wrong, covariance = compose(match.T_ref_cur, self.error), np.diag([1e-6, 1.0, 1.0])
+        return replace(match, T_ref_cur=wrong, covariance=covariance, weak_directions=self.weak_directions)
+
+
+def test_a_match_that_sees_one_direction_only_does_not_overrule_odometry() -> None:
+    truth = _straight(40)
+    front_end = FrontEnd(BlurredMatcher(np.vstack([np.zeros(3), truth])), OdometryModel(), _CONFIG)
+    poses = _follow(front_end, truth)
+    np.testing.assert_allclose(poses, truth, atol=1e-3)
+    assert [key.index for key in front_end.keys if isinstance(key.match, NoMatch)] == [0, 18]
+
+
 def test_unmatched_key_scans_stay_out_of_the_reference_until_the_robot_is_lost() -> None:
     truth = _straight(60)
     front_end = FrontEnd(

@@ -57,6 +57,7 @@ _UNKNOWN_ODOMETRY = OdometryModel(
 """What a constant velocity says in a log without odometry."""
 
 _IMPLAUSIBLE = NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
+_SEES_TOO_LITTLE = NoMatch(reason="contradicts odometry, and observes next to nothing")
 
 
 class FrontEnd:
@@ -276,7 +277,15 @@ class FrontEnd:
         held = self._held(reference, scan, match.T_ref_cur, match.covariance)
         if held is not None:
             return held
+        if len(match.weak_directions) > 1 and self._contradicts(match):
+            return _SEES_TOO_LITTLE
         return match if self._is_plausible(reference, scan, self._T_track_robot, match.T_ref_cur) else _IMPLAUSIBLE
+
+    def _contradicts(self, match: RelativePose) -> bool:
+        """Whether a match contradicts odometry in what it does observe."""
+        expected = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
+        offset = between(match.T_ref_cur, expected)
+        return self._knows_motion and squared_norm(offset, self._motion.covariance + match.covariance) >= _CONTRADICTED
 
     def _anchor(self) -> int:
         """The key scan that stands for the reference: the newest in it."""
@@ -313,6 +322,8 @@ class FrontEnd:
     def _add_key(self, index: int, scan: Scan) -> None:
         match = self._match(scan)
         anchor = self._anchor()
+        if match is _SEES_TOO_LITTLE:
+            self._T_track_robot = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
         if not isinstance(match, NoMatch):
             T_track_match = match.T_ref_cur
             self._T_track_robot = self._fuse(match, self.keys[-1].T_track_robot)
