@@ -96,11 +96,13 @@ class _Examiner:
         return Exam(agreeing=[], against=0)
 
 
-def _relocalised(track: Track, places: Mapping[int, Sequence[Array]], monkeypatch: pytest.MonkeyPatch) -> Estimate:
+def _relocalised(
+    track: Track, places: Mapping[int, Sequence[Array]], monkeypatch: pytest.MonkeyPatch, strength: float = LOST
+) -> Estimate:
     monkeypatch.setattr(relocalisation, "alike_places", lambda *_: [(_EARLIER, key) for key in places])
     monkeypatch.setattr(relocalisation, "Examiner", _Examiner)
     before = Estimate(factors=_path(track), poses=_poses(track), attempts=[])
-    doubts = {_BREAK: Doubt(reason="nothing matched what was known before", strength=LOST)}
+    doubts = {_BREAK: Doubt(reason="nothing matched what was known before", strength=strength)}
     return relocalise(_Closer(track, places), track, before, doubts, LoopClosureConfig())
 
 
@@ -123,6 +125,17 @@ def test_the_set_that_agrees_picks_among_the_places_of_each(track: Track, monkey
     assert [attempt.key_new for attempt in accepted] == list(_AGAIN)
     key = _AGAIN[3]
     np.testing.assert_allclose(between(found.poses[_EARLIER], found.poses[key]), _moved(track, key, _HERE), atol=0.05)
+
+
+@pytest.mark.parametrize(("n_alone", "joins"), [(4, True), (3, False)])
+def test_a_path_that_was_not_lost_is_not_broken_by_what_fits_elsewhere_too(
+    track: Track, monkeypatch: pytest.MonkeyPatch, n_alone: int, joins: bool
+) -> None:
+    places = {k: [_moved(track, k, _HERE), _by_chance(k)] for k in _AGAIN}
+    for key in list(_AGAIN)[:n_alone]:
+        places[key] = places[key][:1]
+    found = _relocalised(track, places, monkeypatch, strength=2.0)
+    assert [at.outcome for at in found.breaks] == ["joined"] * joins
 
 
 def test_two_sets_about_as_strong_close_nothing_and_it_is_said(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -118,7 +118,7 @@ class _Relocalisation:
             hypothesis = about_one_step(closures, self._steps)
             if hypothesis is None or hypothesis.key in self._alike:  # where stronger ones are in doubt none decides
                 continue
-            if hypothesis.support >= self._config.place_confirmations:
+            if self._is_supported(hypothesis):
                 self._try(hypothesis, [Hypothesis(key=hypothesis.key, closures=other) for other in sets if other])
         for key, doubt in self._steps.doubts.items():
             if doubt.strength >= LOST:
@@ -145,6 +145,15 @@ class _Relocalisation:
         self._tried = [self._closer.match_anywhere(old, new, self._poses) for old, new in sorted(pairs)]
         claims = [claim for attempt in self._tried for claim in _claims(attempt)]
         return agreeing_sets(claims, self._factors, self._track, self._config.place_confirmations)
+
+    def _is_supported(self, hypothesis: Hypothesis) -> bool:
+        """Whether enough key scans fit one place only, or where the robot was lost anyway, this one among others."""
+        fewest, doubt = self._config.place_confirmations, self._steps.doubts.get(hypothesis.key)
+        sure = {(attempt.key_old, attempt.key_new) for attempt in self._tried if attempt.accepted}
+        alone = [c for c in hypothesis.closures if (c.key_old, c.key_new) in sure]
+        if Hypothesis(key=hypothesis.key, closures=alone).support >= fewest:
+            return True
+        return doubt is not None and doubt.strength >= LOST and hypothesis.support >= fewest
 
     def _settled(self, claims: Sequence[Attempt]) -> list[Attempt]:
         """Claims that agree, each matched where it was made; an ambiguous one that confirms the path says nothing."""
