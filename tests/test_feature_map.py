@@ -11,9 +11,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from frontends.scan import Scan, ScanGeometry
 from iceg.ice.features import CORNER, END_OF_WALL, INTERSECTION, Features
-from iceg.maps import _landmark_kernels as kernels
+from iceg.maps import _association_kernels as kernels
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
 from iceg.maps.feature_map import FeatureMap, Landmarks, build_feature_map
+from iceg.maps.landmark_arrays import Observed
 
 F64 = NDArray[np.float64]
 NAN = math.nan
@@ -437,7 +438,7 @@ def test_close_pairs_equal_their_slow_twin(seed: int, n_features: int, n_near: i
     positions, near = rng.uniform(-2, 2, (n_features, 2)), rng.uniform(-2, 2, (n_near, 2))
     rows = [(CORNER, x, y, 0.0, 1.5) for x, y in positions]
     features, scan = features_of(*rows), scan_of()
-    seen = kernels.Observed(
+    seen = Observed(
         features.kinds,
         np.ascontiguousarray(features.positions),
         np.ascontiguousarray(features.directions),

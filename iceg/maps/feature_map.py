@@ -13,6 +13,7 @@ from frontends.scan import Scan
 from iceg.ice.features import Features
 from iceg.maps import _landmark_kernels as kernels
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
+from iceg.maps.landmark_arrays import Observed, Settings, Store
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,7 +154,7 @@ class FeatureMap:
 
     def record(self, key_poses: NDArray[np.float64] | None = None) -> Landmarks:
         """All landmarks in the map frame, expired ones included; arguments as in `landmarks`."""
-        store = kernels.Store(**{name: getattr(self._store, name)[: self._count] for name in kernels.Store._fields})
+        store = Store(**{name: getattr(self._store, name)[: self._count] for name in Store._fields})
         frames = self._frames if key_poses is None else _frames(np.asarray(key_poses, dtype=np.float64))
         anchors = store.anchors
         if len(anchors) and anchors.max() >= len(frames):
@@ -193,7 +194,7 @@ class FeatureMap:
         geometry = key_scans[0].geometry
         table = {f.name: np.concatenate([getattr(one, f.name) for one in key_features]) for f in fields(Features)}
         ranges = np.stack([scan.ranges for scan in key_scans])
-        observed = kernels.Observed(
+        observed = Observed(
             **table,
             ranges=ranges[0],
             bearings=np.ascontiguousarray(geometry.bearings),
@@ -211,7 +212,7 @@ class FeatureMap:
     def _reserve(self, capacity: int) -> None:
         if capacity > len(self._store.kinds):
             longer = _empty_store(2 * capacity)
-            for name in kernels.Store._fields:
+            for name in Store._fields:
                 getattr(longer, name)[: self._count] = getattr(self._store, name)[: self._count]
             self._store = longer
 
@@ -243,8 +244,8 @@ def _frames(key_poses: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([key_poses[:, 0], key_poses[:, 1], np.cos(key_poses[:, 2]), np.sin(key_poses[:, 2])], axis=1)
 
 
-def _empty_store(capacity: int) -> kernels.Store:
-    return kernels.Store(
+def _empty_store(capacity: int) -> Store:
+    return Store(
         anchors=np.zeros(capacity, np.int64),
         kinds=np.zeros(capacity, np.int8),
         positions=np.zeros((capacity, 2)),
@@ -261,9 +262,9 @@ def _empty_store(capacity: int) -> kernels.Store:
     )
 
 
-def _kernel_settings(config: FeatureMapConfig, range_max: float) -> kernels.Settings:
+def _kernel_settings(config: FeatureMapConfig, range_max: float) -> Settings:
     true, false = config.detection_probability, config.false_detection_probability
-    return kernels.Settings(
+    return Settings(
         gate=config.gate,
         max_distance=config.max_distance,
         max_angle=config.max_angle,

@@ -1,0 +1,204 @@
+"""Compiled loops that tell which feature of a key scan is which landmark."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph._assign_kernels import assign
+from graph.compiled import compiled
+from iceg.maps.landmark_arrays import INTERSECTION, Observed, Settings, Store
+
+F64 = NDArray[np.float64]
+I64 = NDArray[np.int64]
+Bool = NDArray[np.bool_]
+
+
+@compiled
+def observation_noise(observed: Observed, settings: Settings) -> F64:
+    """(n_features, 3) entries xx, xy, yy of each feature's covariance, the error of the key pose included.
+
+    That error is a shift, and a turn that moves the feature across its line of sight.
+    """
+    noise = np.empty((len(observed.kinds), 3))
+    for f in range(len(observed.kinds)):
+        x, y = observed.positions[f, 0], observed.positions[f, 1]
+        covariance = observed.covariances[f]
+        noise[f, 0] = covariance[0, 0] + settings.pose_variance + settings.heading_variance * y * y
+        noise[f, 1] = covariance[0, 1] - settings.heading_variance * x * y
+        noise[f, 2] = covariance[1, 1] + settings.pose_variance + settings.heading_variance * x * x
+    return noise
+
+
+@compiled
+def associate(
+    observed: Observed, noise: F64, store: Store, near: I64, near_p: F64, near_turn: F64, settings: Settings
+) -> tuple[I64, Bool, Bool]:
+    """Give each real feature at most one landmark and each landmark at most one feature, cheapest pairs first.
+
+    Returns:
+        For each feature its place in `near` or -1, for each near landmark whether it has a feature, and whether a
+        feature without landmark lies close to it: a weak one, or one that failed a gate.
+    """
+    n_features, n_near = len(observed.kinds), len(near)
+    landmark_of = np.full(n_features, -1, np.int64)
+    taken = np.zeros(n_near, np.bool_)
+    close_feature, close_near = close_pairs(observed, near_p, settings.max_distance)
+    cost = pair_costs(close_feature, close_near, observed, noise, store, near, near_p, near_turn, settings)
+    for pair in ascending(cost):
+        f, j = close_feature[pair], close_near[pair]
+        if landmark_of[f] < 0 and not taken[j]:
+            landmark_of[f] = j
+            taken[j] = True
+    explained = np.zeros(n_near, np.bool_)
+    for pair in range(len(cost)):
+        explained[close_near[pair]] |= landmark_of[close_feature[pair]] < 0
+    return landmark_of, taken, explained
+
+
+@compiled
+def close_pairs(observed: Observed, near_p: F64, max_distance: float) -> tuple[I64, I64]:
+    """All pairs of a feature and a near landmark within max_distance [m]."""
+    order = ascending(observed.positions[:, 0].copy())
+    xs = np.empty(len(order))
+    for rank in range(len(order)):
+        xs[rank] = observed.positions[order[rank], 0]
+    pair_feature, pair_near = np.empty(256, np.int64), np.empty(256, np.int64)
+    n_pairs = 0
+    if len(order) == 0:
+        return pair_feature[:0], pair_near[:0]
+    lowest, highest = np.inf, -np.inf
+    for rank in range(len(order)):
+        y = observed.positions[order[rank], 1]
+        lowest, highest = min(lowest, y), max(highest, y)
+    for j in range(len(near_p)):
+        x, y = near_p[j, 0], near_p[j, 1]
+        outside = max(xs[0] - x, x - xs[len(xs) - 1], lowest - y, y - highest)
+        if outside > 0.0 and outside * outside > max_distance * max_distance:
+            continue  # as all that lies behind the robot
+        for rank in range(np.searchsorted(xs, x - max_distance), len(xs)):
+            dx = xs[rank] - x
+            if dx > max_distance:
+                break
+            dy = observed.positions[order[rank], 1] - y
+            if dx * dx + dy * dy > max_distance * max_distance:
+                continue
+            if n_pairs == len(pair_near):
+                pair_feature, pair_near = twice_as_long(pair_feature), twice_as_long(pair_near)
+            pair_feature[n_pairs], pair_near[n_pairs] = order[rank], j
+            n_pairs += 1
+    return pair_feature[:n_pairs], pair_near[:n_pairs]
+
+
+@compiled
+def ascending(values: F64) -> I64:
+    """Where the finite ones of a few values stand, smallest first; equal ones keep their order."""
+    order = np.empty(len(values), np.int64)
+    n = 0
+    for i in range(len(values)):
+        if not np.isfinite(values[i]):
+            continue
+        at = n
+        while at > 0 and values[order[at - 1]] > values[i]:
+            order[at] = order[at - 1]
+            at -= 1
+        order[at] = i
+        n += 1
+    return order[:n]
+
+
+@compiled
+def twice_as_long(numbers: I64) -> I64:
+    """A copy with room for as many more."""
+    longer = np.empty(2 * len(numbers), np.int64)
+    assign(longer[: len(numbers)], numbers)
+    return longer
+
+
+@compiled
+def pair_costs(
+    close_feature: I64,
+    close_near: I64,
+    observed: Observed,
+    noise: F64,
+    store: Store,
+    near: I64,
+    near_p: F64,
+    near_turn: F64,
+    settings: Settings,
+) -> F64:
+    """Squared normalised distance of each close pair in position and directions; infinite beyond a gate."""
+    positions, directions, variances = observed.positions, observed.directions, observed.direction_variances
+    covariances, known_directions = store.covariances, store.directions
+    known_variances = store.direction_variances
+    costs = np.full(len(close_feature), np.inf)
+    for pair in range(len(costs)):
+        f, j = close_feature[pair], close_near[pair]
+        k = near[j]
+        kind = observed.kinds[f]
+        if not observed.real[f] or not same_kind(kind, store.kinds[k]):
+            continue
+        turn = np.arctan2(near_turn[j, 1], near_turn[j, 0])
+        a0, a1 = directions[f, 0] - turn, directions[f, 1] - turn
+        w0, w1, d0, d1 = pair_directions(kind, a0, a1, known_directions[k, 0], known_directions[k, 1])
+        if (w0 < 0 and w1 < 0) or abs(d0) > settings.max_angle or abs(d1) > settings.max_angle:
+            continue
+        dx, dy = positions[f, 0] - near_p[j, 0], positions[f, 1] - near_p[j, 1]
+        pxx, pxy, pyy = rotated(
+            covariances[k, 0, 0], covariances[k, 0, 1], covariances[k, 1, 1], near_turn[j, 0], near_turn[j, 1]
+        )
+        sxx, sxy, syy = pxx + noise[f, 0], pxy + noise[f, 1], pyy + noise[f, 2]
+        cost = (syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy) / (sxx * syy - sxy * sxy)
+        if cost > settings.gate:
+            continue
+        variance = variances[f] + settings.heading_variance
+        if w0 >= 0:
+            cost += d0 * d0 / (variance + known_variances[k, w0])
+        if w1 >= 0:
+            cost += d1 * d1 / (variance + known_variances[k, w1])
+        costs[pair] = cost
+    return costs
+
+
+@compiled
+def rotated(xx: float, xy: float, yy: float, cos: float, sin: float) -> tuple[float, float, float]:
+    """R C Rᵀ of a symmetric C, entries xx, xy, yy."""
+    return (
+        cos * cos * xx - 2.0 * cos * sin * xy + sin * sin * yy,
+        cos * sin * (xx - yy) + (cos * cos - sin * sin) * xy,
+        sin * sin * xx + 2.0 * cos * sin * xy + cos * cos * yy,
+    )
+
+
+@compiled
+def wrap(angle: float) -> float:
+    """The same angle in [-π, π)."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+@compiled
+def wrap_line(angle: float) -> float:
+    """The same angle of a line without orientation in [-π/2, π/2)."""
+    return (angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi
+
+
+@compiled
+def same_kind(a: int, b: int) -> bool:
+    """Whether two kinds may be one landmark: equal, or a corner whose second wall was hidden from the other."""
+    return a == b or INTERSECTION not in (a, b)
+
+
+@compiled
+def pair_directions(kind: int, a0: float, a1: float, b0: float, b1: float) -> tuple[int, int, float, float]:
+    """How the walls of feature a and landmark b correspond: clockwise to clockwise, as one sees their open side.
+
+    Returns:
+        For each wall of a the wall of b it is (-1: none), and the difference a - b of each pair [rad] (0: none).
+    """
+    if kind == INTERSECTION:
+        # Extensions of walls have neither orientation nor a side.
+        straight0, straight1 = wrap_line(a0 - b0), wrap_line(a1 - b1)
+        crossed0, crossed1 = wrap_line(a0 - b1), wrap_line(a1 - b0)
+        if max(abs(straight0), abs(straight1)) <= max(abs(crossed0), abs(crossed1)):
+            return 0, 1, straight0, straight1
+        return 1, 0, crossed0, crossed1
+    both0, both1 = not (np.isnan(a0) or np.isnan(b0)), not (np.isnan(a1) or np.isnan(b1))
+    return (0 if both0 else -1, 1 if both1 else -1, wrap(a0 - b0) if both0 else 0.0, wrap(a1 - b1) if both1 else 0.0)
