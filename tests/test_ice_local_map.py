@@ -1,5 +1,7 @@
 """The local map: surfels, nearest fields, merged features, and what of it a scan sees."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -9,6 +11,7 @@ from iceg.ice import _agreement_kernels as kernels
 from iceg.ice.config import FeatureConfig, IceConfigError, LocalMapConfig
 from iceg.ice.features import CORNER, END_OF_WALL, FeatureRows
 from iceg.ice.local_map import LocalMap, box_around
+from iceg.ice.matcher import IceMatcher
 from iceg.ice.points import ScanPoints
 from iceg.ice.verification import Agreement, view
 
@@ -207,6 +210,25 @@ def test_agreements_add_up() -> None:
     assert (both.overlap, both.fit, both.view) == (0.8, 0.75, 0.75)
     assert (Agreement().overlap, Agreement().fit) == (0.0, 0.0)
     assert Agreement().view == 1.0, "where nothing is in view nothing is contradicted"
+
+
+def test_scans_placed_in_several_ways_are_judged_as_each_way_alone() -> None:
+    bearings = np.radians(np.arange(-90.0, 91.0))
+    geometry = ScanGeometry(bearings=bearings, range_min=0.0, range_max=20.0, T_robot_laser=np.zeros(3))
+    depth = (2.0 / np.maximum(np.cos(bearings), 0.1)).astype(np.float32)
+    scans = [Scan(ranges=depth, geometry=geometry), Scan(ranges=depth + np.float32(0.5), geometry=geometry)]
+    matcher = IceMatcher()
+    reference = matcher.prepare([scans[0]], np.zeros((1, 3)))
+    placements = np.random.default_rng(0).normal(0.0, [0.5, 0.5, 0.3], (6, 2, 3))
+    placements[0] = [[0.0, 0.0, 0.0], [-0.5, 0.0, 0.0]]
+    alone = [matcher.agreement_of_all(reference, scans, poses) for poses in placements]
+    assert matcher.agreements(reference, scans, placements) == alone
+    strict = matcher.agreements(reference, scans, placements, 0.5, 0.7)
+    fits = [one.overlap >= 0.5 and one.fit >= 0.7 for one in alone]
+    assert fits[0]
+    assert not all(fits)
+    for fit, one, other in zip(fits, alone, strict, strict=True):
+        assert other == (one if fit else replace(one, seen=0, contradicted=0))
 
 
 def test_settings_out_of_range_are_refused() -> None:

@@ -8,7 +8,14 @@ from numpy.typing import NDArray
 
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap, logmap
-from iceg.slam.odometry_noise import Differences, _non_negative_fit, _Paths, lasting_noise, odometry_noise
+from iceg.slam.odometry_noise import (
+    Differences,
+    _best_of_all_sets,
+    _non_negative_fit,
+    _Paths,
+    lasting_noise,
+    odometry_noise,
+)
 
 Array = NDArray[np.float64]
 _EVERY = 4
@@ -150,4 +157,19 @@ def test_the_variance_fit_is_non_negative_least_squares(seed: int) -> None:
 
     rng = np.random.default_rng(seed)
     rows, values = rng.uniform(0.0, 1.0, (40, 3)), rng.normal(size=40)
-    np.testing.assert_allclose(_non_negative_fit(rows, values), nnls(rows, values)[0], atol=1e-12)
+    expected = nnls(rows, values)[0]
+    np.testing.assert_allclose(_non_negative_fit(rows, values), expected, atol=1e-12)
+    np.testing.assert_allclose(_best_of_all_sets(rows.T @ rows, rows.T @ values), expected, atol=1e-12)
+
+
+def test_a_column_that_left_too_early_takes_part_again() -> None:
+    from scipy.optimize import nnls
+
+    def leaves_and_returns(rows: NDArray[np.float64], values: NDArray[np.float64]) -> bool:
+        best = nnls(rows, values)[0]
+        return bool(best[np.linalg.lstsq(rows, values)[0].argmin()] > 0.0 == best.min())
+
+    rng = np.random.default_rng(0)
+    tried = ((rng.normal(size=(8, 5)), rng.normal(size=8)) for _ in range(2000))
+    rows, values = next(one for one in tried if leaves_and_returns(*one))
+    np.testing.assert_allclose(_non_negative_fit(rows, values), nnls(rows, values)[0], atol=1e-9)

@@ -24,6 +24,7 @@ def compare(
     normals: F64,
     starts: I64,
     sweeps: Sweeps,
+    placements: F64,
     surfels: F64,
     nearest: I32,
     origin: F64,
@@ -32,14 +33,18 @@ def compare(
     limit: float,
     reach: float,
     margin: float,
-) -> tuple[int, int, int, int]:
-    """Compare scans at given poses with a reference.
+    least_overlap: float,
+    least_fit: float,
+    counts: I64,
+) -> None:
+    """Compare scans, placed in one or several ways, with a reference.
 
     Args:
         points: (n, 2) in the frames of their scans [m].
         normals: (n, 2); 0, 0 where unknown.
         starts: (m + 1,) scan k has the points from starts[k] to starts[k + 1].
-        sweeps: the beams of the same scans, and their poses.
+        sweeps: the beams of the same scans; where they were taken does not count.
+        placements: (p, m, 3) poses of the scans in each of the ways.
         surfels: (s, 4) of the reference.
         nearest: (ny, nx) of its field.
         origin: (2,) lower left corner of the field [m].
@@ -48,31 +53,42 @@ def compare(
         limit: a point no farther than this from its surfel's line agrees with it [m].
         reach: see `visible_agreement`.
         margin: …
-
-    Returns:
-        Points with a surfel, those that agree with it, surfels seen, surfels looked through.
+        least_overlap: where a smaller share of the points has a surfel …
+        least_fit: … or a smaller share of these agrees with it, no surfels are counted.
+        counts: (p, 4) output: points with a surfel, those that agree with it, surfels seen, surfels looked through.
     """
-    known, inliers, seen, contradicted = 0, 0, 0, 0
-    for scan in range(len(starts) - 1):
-        pose, first, last = sweeps.T_ref_robots[scan], starts[scan], starts[scan + 1]
-        some_known, some_inliers = _points_on_reference(
-            points[first:last], normals[first:last], pose, surfels, nearest, origin, cell, facing, limit
-        )
-        known += some_known
-        inliers += some_inliers
-        some_seen, some_contradicted = visible_agreement(
-            surfels,
-            pose,
-            sweeps.T_robot_lasers[scan],
-            sweeps.first_bearings[scan],
-            sweeps.resolutions[scan],
-            sweeps.ranges[sweeps.starts[scan] : sweeps.starts[scan + 1]],
-            reach,
-            margin,
-        )
-        seen += some_seen
-        contradicted += some_contradicted
-    return known, inliers, seen, contradicted
+    for way in range(len(placements)):
+        known, inliers, seen, contradicted = 0, 0, 0, 0
+        for scan in range(len(starts) - 1):
+            first, last = starts[scan], starts[scan + 1]
+            some_known, some_inliers = _points_on_reference(
+                points[first:last],
+                normals[first:last],
+                placements[way, scan],
+                surfels,
+                nearest,
+                origin,
+                cell,
+                facing,
+                limit,
+            )
+            known += some_known
+            inliers += some_inliers
+        if known >= least_overlap * starts[-1] and inliers >= least_fit * known:
+            for scan in range(len(starts) - 1):
+                some_seen, some_contradicted = visible_agreement(
+                    surfels,
+                    placements[way, scan],
+                    sweeps.T_robot_lasers[scan],
+                    sweeps.first_bearings[scan],
+                    sweeps.resolutions[scan],
+                    sweeps.ranges[sweeps.starts[scan] : sweeps.starts[scan + 1]],
+                    reach,
+                    margin,
+                )
+                seen += some_seen
+                contradicted += some_contradicted
+        counts[way, 0], counts[way, 1], counts[way, 2], counts[way, 3] = known, inliers, seen, contradicted
 
 
 @compiled

@@ -21,6 +21,7 @@ _ANGLE_FLOOR = 1e-3
 _PROMISING = 0.15
 # A window of ±π leaves out no heading, however π is rounded.
 _ROUNDING = 1e-9
+_DIAGONAL = sqrt(2.0)
 
 
 @compiled
@@ -167,10 +168,16 @@ def pair_hypotheses(
         The number of hypotheses.
     """
     count = 0
+    ref_distances = np.empty(len(ref_kinds))
+    for j in range(len(ref_kinds)):
+        ref_distances[j] = hypot(ref_rows[j, 0] - guess[0], ref_rows[j, 1] - guess[1])
+    farthest = _DIAGONAL * window_m + _ROUNDING
     for i in range(len(kinds)):
         x, y = rows[i, 0], rows[i, 1]
+        distance = hypot(x, y)
         for j in range(len(ref_kinds)):
-            if not _compatible(kinds[i], ref_kinds[j]):
+            # However the robot is turned, it is at least as far from the guess as these two distances differ.
+            if abs(ref_distances[j] - distance) > farthest or not _compatible(kinds[i], ref_kinds[j]):
                 continue
             turn = _turn_between(ref_rows[j, 2] - rows[i, 2], ref_rows[j, 3] - rows[i, 3], opening)
             if np.isnan(turn) or abs(_wrap(turn - guess[2])) > window_rad + _ROUNDING:

@@ -99,12 +99,40 @@ def agreement(
     Returns:
         The counts, of all scans together.
     """
+    return agreements(scans, scan_points, local_map, T_ref_scans[None], config)[0]
+
+
+def agreements(
+    scans: Sequence[Scan],
+    scan_points: Sequence[ScanPoints],
+    local_map: LocalMap,
+    placements: NDArray[np.float64],
+    config: RefinementConfig,
+    least_overlap: float = 0.0,
+    least_fit: float = 0.0,
+) -> list[Agreement]:
+    """Compare scans, placed in several ways, with a local map.
+
+    Args:
+        scans: one at least.
+        scan_points: their points.
+        local_map: the reference.
+        placements: (p, n, 3) the poses to judge.
+        config: what counts as agreeing.
+        least_overlap: the view is not judged of a placement with less overlap …
+        least_fit: … or less fit than this.
+
+    Returns:
+        The counts, of all scans together, of each placement.
+    """
     starts = starts_of(scan_points)
-    known, inliers, seen, contradicted = kernels.compare(
+    counts = np.empty((len(placements), 4), np.int64)
+    kernels.compare(
         joined([one.points for one in scan_points]),
         joined([one.normals for one in scan_points]),
         starts,
-        sweeps_of(scans, T_ref_scans),
+        sweeps_of(scans, placements[0]),
+        placements,
         local_map.surfels,
         local_map.fine.nearest,
         local_map.fine.origin,
@@ -113,8 +141,15 @@ def agreement(
         _AGREEING * config.scale,
         _NEAR,
         _MARGIN,
+        least_overlap,
+        least_fit,
+        counts,
     )
-    return Agreement(points=int(starts[-1]), known=known, inliers=inliers, seen=seen, contradicted=contradicted)
+    n_points = int(starts[-1])
+    return [
+        Agreement(points=n_points, known=known, inliers=inliers, seen=seen, contradicted=contradicted)
+        for known, inliers, seen, contradicted in counts.tolist()
+    ]
 
 
 def view(scan: Scan, local_map: LocalMap, T_ref_cur: NDArray[np.float64]) -> tuple[int, int]:

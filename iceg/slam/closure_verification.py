@@ -5,6 +5,7 @@ the earlier pass, too, at the poses that the closure implies for them, and a sea
 only.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -68,8 +69,8 @@ class ClosureVerifier:
         wide = self._match_wide(reference, candidate)
         if attempt.match is None or not attempt.accepted:
             return wide or attempt
-        here = self._place(reference, candidate.key_new, attempt.match.T_ref_cur)
-        return replace(attempt, places=(here[1], *(wide.places if wide is not None else ())))
+        here = self._places(reference, candidate.key_new, [attempt.match.T_ref_cur])
+        return replace(attempt, places=(*here, *(wide.places if wide is not None else ())))
 
     def match_anywhere(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> Attempt:
         """Match two key scans metres off and at any heading."""
@@ -105,7 +106,7 @@ class ClosureVerifier:
         found = self._matcher.match(reference.matched, scan, T_old_guess, np.diag(deviations**2))
         if isinstance(found, NoMatch):
             return replace(attempt, reason=found.reason)
-        support = self._support(reference, candidate.key_new, found.T_ref_cur)
+        support = self._supports(reference, candidate.key_new, found.T_ref_cur[None])[0]
         placement = placement_covariance(self._track, candidate.key_old)
         return replace(
             attempt,
@@ -123,8 +124,7 @@ class ClosureVerifier:
         found = self._matcher.alternatives(
             reference.matched, scan, candidate.T_old_new, np.diag(candidate.deviations**2)
         )
-        judged = [self._place(reference, candidate.key_new, T) for T in found]
-        fitting = sorted((place for is_fit, place in judged if is_fit), key=lambda place: place.misfit)
+        fitting = self._places(reference, candidate.key_new, found)
         if not fitting:
             return None
         attempt = self._match_at(reference, candidate, fitting[0].T_old_new, _EXACT_DEVIATIONS)
@@ -133,20 +133,44 @@ class ClosureVerifier:
             return replace(attempt, accepted=False, reason=f"{len(fitting)} places fit; {attempt.reason}")
         return attempt
 
-    def _place(self, reference: Reference, key_new: int, T_ref_new: NDArray[np.float64]) -> tuple[bool, Place]:
-        """Whether a key scan and its neighbours fit at a pose, and how well."""
-        support = self._support(reference, key_new, T_ref_new)
-        return self._is_supported(support), Place(T_old_new=T_ref_new, misfit=2.0 - support.fit - support.view)
+    def _places(self, reference: Reference, key_new: int, found: Sequence[NDArray[np.float64]]) -> list[Place]:
+        """Where a key scan and its neighbours fit, of several poses of it; the best first."""
+        if not found:
+            return []
+        config = self._config
+        supports = self._supports(reference, key_new, np.array(found), config.min_overlap, config.min_fit)
+        places = [
+            Place(T_old_new=T_ref_new, misfit=2.0 - support.fit - support.view)
+            for T_ref_new, support in zip(found, supports, strict=True)
+            if self._is_supported(support)
+        ]
+        return sorted(places, key=lambda place: place.misfit)
 
-    def _support(self, reference: Reference, key_new: int, T_ref_new: NDArray[np.float64]) -> Agreement:
-        """How a key scan and its neighbours agree with the reference at the poses a closure implies for them."""
+    def _supports(
+        self,
+        reference: Reference,
+        key_new: int,
+        T_ref_news: NDArray[np.float64],
+        least_overlap: float = 0.0,
+        least_fit: float = 0.0,
+    ) -> list[Agreement]:
+        """How a key scan and its neighbours agree with the reference where each of several closures puts them.
+
+        Args:
+            reference: the earlier pass.
+            key_new: the key scan.
+            T_ref_news: (p, 3) where the closures put it.
+            least_overlap: see `IceMatcher.agreements` …
+            least_fit: ….
+        """
         asked = [key_new + offset for offset in self._config.support_offsets]
         asked = [key for key in asked if 0 <= key < len(self._keys) and self.references.is_one_stretch(key, key_new)]
         if not asked:
-            return Agreement()
+            return [Agreement()] * len(T_ref_news)
         T_new_others = between(self._keys[key_new].T_track_robot, self._T_track_keys[asked])
         scans = [self._keys[key].scan for key in asked]
-        return self.judge.agreement_of_all(reference.judged, scans, compose(T_ref_new, T_new_others))
+        placements = compose(T_ref_news[:, None], T_new_others)
+        return self.judge.agreements(reference.judged, scans, placements, least_overlap, least_fit)
 
     def _is_supported(self, support: Agreement) -> bool:
         config = self._config

@@ -1,6 +1,7 @@
 """What this robot's odometry does wrong, learnt from the log's own matches: bias, time shift, laser mount, noise."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -148,9 +149,9 @@ class _Samples:
         return cls(
             starts=starts,
             ends=ends,
-            matched=np.array([_step(track, previous, key.anchor, match) for previous, key, match in pairs]),
+            matched=_steps(track, pairs),
             motions=between(odometry[starts], odometry[ends]),
-            variances=np.array([np.diag(match.covariance) for _, _, match in pairs]),
+            variances=np.array([match.covariance for _, _, match in pairs])[:, range(3), range(3)],
             distance=travelled[ends] - travelled[starts],
             turn=turned[ends] - turned[starts],
             speed_change=speed[ends] - speed[starts],
@@ -226,9 +227,12 @@ def _fit_moves(samples: _Samples, windows: _Samples) -> tuple[NDArray[np.float64
     return np.append(scaled[0], others), float(deviations[0]) * math.sqrt(_WINDOW)  # the windows overlap
 
 
-def _step(track: Track, previous: KeyScan, anchor: int, match: RelativePose) -> NDArray[np.float64]:
-    """The match as a step from the previous key scan."""
-    return between(previous.T_track_robot, compose(track.keys[anchor].T_track_robot, match.T_ref_cur))
+def _steps(track: Track, pairs: Sequence[tuple[KeyScan, KeyScan, RelativePose]]) -> NDArray[np.float64]:
+    """(n, 3) matches of later key scans as steps from earlier ones."""
+    T_track_earlier = np.array([earlier.T_track_robot for earlier, _, _ in pairs])
+    T_track_anchor = np.array([track.keys[later.anchor].T_track_robot for _, later, _ in pairs])
+    T_anchor_later = np.array([match.T_ref_cur for _, _, match in pairs])
+    return between(T_track_earlier, compose(T_track_anchor, T_anchor_later))
 
 
 def _is_seen(key: KeyScan) -> bool:

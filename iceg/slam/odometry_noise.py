@@ -26,6 +26,8 @@ _MOST_CLAIMED = 2.0
 """What cancels from step to step is the match's up to so many times the variance it claims; the rest is clocks."""
 _CLEAR = 10.0
 """F statistic from which on more coefficients explain more than chance would."""
+_LEVEL = 1e-9
+"""A sum of squares that falls by no more than this, relative to what it would without any fit, is at its least."""
 _LAGS = 16
 """Key scans over which errors of odometry may persist …"""
 _MOST_PERSISTENT = 4.0
@@ -285,15 +287,40 @@ def _expected(fitted: NDArray[np.float64], known: NDArray[np.float64]) -> NDArra
 
 
 def _non_negative_fit(rows: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Least squares with coefficients ≥ 0: the best of the fits on some of the columns; for a few of these."""
+    """Least squares with coefficients ≥ 0.
+
+    Columns leave, that with the most negative coefficient first, until none is negative. That is the best fit if none
+    of the columns left out would take part with a positive one; else it is looked for among all sets of columns.
+    """
     n = rows.shape[1]
     square, right = rows.T @ rows, rows.T @ values
+    columns, fit = list(range(n)), np.zeros(n)
+    while columns:
+        fit = _fit_on(columns, square, right)
+        if (fit >= 0.0).all():
+            break
+        columns.remove(int(fit.argmin()))
+    if not columns:
+        fit = np.zeros(n)
+    slopes = right - square @ fit
+    return fit if (slopes <= _LEVEL * np.abs(right)).all() else _best_of_all_sets(square, right)
+
+
+def _fit_on(columns: list[int], square: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) what solves the normal equations on some of the columns, 0 elsewhere."""
+    fit = np.zeros(len(right))
+    fit[columns] = np.linalg.lstsq(square[np.ix_(columns, columns)], right[columns])[0]
+    return fit
+
+
+def _best_of_all_sets(square: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The best of the fits on some of the columns without negative coefficients; for a few of these."""
+    n = len(right)
     best, least = np.zeros(n), 0.0
     for size in range(1, n + 1):
         for columns in map(list, combinations(range(n), size)):
-            fit = np.linalg.lstsq(square[np.ix_(columns, columns)], right[columns])[0]
-            gain = -float(fit @ right[columns])  # of the sum of squares, against no fit at all
+            fit = _fit_on(columns, square, right)
+            gain = -float(fit @ right)  # of the sum of squares, against no fit at all
             if gain < least and (fit >= 0.0).all():
-                best, least = np.zeros(n), gain
-                best[columns] = fit
+                best, least = fit, gain
     return best
