@@ -89,3 +89,12 @@ def test_a_robot_that_never_moves_says_nothing(log: Log) -> None:
     still = replace(log, ranges=log.ranges[:3], odometry=log.odometry[:3], stamps=log.stamps[:3])
     track = track_log(still, IceMatcher(), OdometryModel(), FrontEndConfig())
     assert laser_orientation(track, still.odometry).is_as_said
+
+
+def test_scans_that_see_nothing_do_not_count_as_matching_nothing(log: Log) -> None:
+    ranges = log.ranges.copy()
+    ranges[1::2] = ranges[:-1:2]  # read anew at every second scan only: half of them are not believed
+    result = run(replace(log, ranges=ranges), _QUICK)
+    said = " ".join(result.summary["warnings"])
+    assert "repeats itself" in said
+    assert "the laser looks there" not in said

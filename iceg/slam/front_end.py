@@ -56,6 +56,8 @@ _UNKNOWN_ODOMETRY = OdometryModel(
 )
 """What a constant velocity says in a log without odometry."""
 
+COVERED = NoMatch(reason="the laser is covered")
+"""What becomes of a scan that sees nothing."""
 _IMPLAUSIBLE = NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
 _SEES_TOO_LITTLE = NoMatch(reason="contradicts odometry, and observes next to nothing")
 
@@ -213,7 +215,7 @@ class FrontEnd:
     def _find(self, reference: Any, scan: Scan, guess: NDArray[np.float64]) -> NDArray[np.float64] | NoMatch:  # noqa: ANN401
         """Pose of a scan against one reference, in the track frame."""
         if self._is_blind:
-            return NoMatch(reason="the laser is covered")
+            return COVERED
         found = self._track(reference, scan, guess, self._motion.covariance)
         if isinstance(found, NoMatch):
             return found
@@ -269,7 +271,7 @@ class FrontEnd:
     def _match(self, scan: Scan) -> RelativePose | NoMatch:
         """Match with covariance from the tracked pose, expressed in the track frame."""
         if self._is_blind:
-            return NoMatch(reason="the laser is covered")
+            return COVERED
         reference = self._trial if self._on_trial else self._reference
         match = self._matcher.match(reference, scan, self._T_track_robot, self._motion.covariance)
         if isinstance(match, NoMatch):

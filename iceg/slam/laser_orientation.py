@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from frontends.scan import Log
 from graph.measurement import NoMatch
 from graph.se2 import between, compose, wrap_angle
+from iceg.slam.front_end import COVERED
 from iceg.slam.odometry_calibration import OdometryCalibration
 from iceg.slam.track import Track
 
@@ -163,8 +164,9 @@ def _heading(seen: NDArray[np.float64], claimed: NDArray[np.float64]) -> float:
 
 
 def _share_lost(track: Track) -> float:
-    """Share of the key scans that match nothing."""
-    return sum(isinstance(key.match, NoMatch) for key in track.keys[1:]) / max(1, len(track.keys) - 1)
+    """Share of the key scans that match nothing, of those that see something."""
+    matches = [key.match for key in track.keys[1:] if key.match != COVERED]
+    return sum(isinstance(match, NoMatch) for match in matches) / max(1, len(matches))
 
 
 def _direction(motions: NDArray[np.float64]) -> NDArray[np.float64]:
