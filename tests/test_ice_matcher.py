@@ -10,7 +10,7 @@ from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, logmap, wrap_angle
 from iceg.ice.config import HypothesisConfig, IceConfig, RefinementConfig
-from iceg.ice.hypotheses import SearchWindow
+from iceg.ice.hypotheses import SearchWindow, distinct, search_window
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.config import FrontEndConfig
@@ -233,6 +233,27 @@ def test_what_is_remembered_of_scans_is_bounded_and_nothing_depends_on_it(
         assert len(tight._observations) <= 5
         assert len(tight._scan_points) <= 5
     assert observation.features.rows.base is None, "no more is kept than there is"
+
+
+def test_alternatives_are_those_of_the_polish_of_every_leading_hypothesis(room: Simulation) -> None:
+    matcher, T_ref_map, covariance = IceMatcher(), np.zeros(3), np.diag([0.6, 0.6, 1.0]) ** 2
+    reference = reference_at(room, matcher, range(0, 12, 2), T_ref_map)
+    least = matcher.config.refinement.min_inliers
+    several = 0
+    for index in range(1, 60, 6):
+        scan, guess = room.log.scan(index), room.truth[index] + [0.5, -0.4, 0.6]
+        window = search_window(guess, covariance, matcher.config.hypotheses)
+        hypotheses, ranking = matcher.rank(reference, matcher.observe(scan), window)
+        polished = [matcher.refine(reference, scan, hypotheses[k]) for k in distinct(hypotheses, ranking.order, 10)]
+        n_points = len(matcher.observe(scan).points)
+        expected = [refined.T_ref_cur for refined in polished if refined.inliers >= least * n_points]
+        got = matcher.alternatives(reference, scan, guess, covariance)
+        several += len(got) > 1
+        for poses, others in ((got, expected), (expected, got)):
+            for T in poses:
+                offsets = np.array([between(T, other) for other in others])
+                assert (np.abs(offsets) < [0.25, 0.25, 0.1]).all(axis=1).any()
+    assert several >= 1, "the test must try ambiguous places, too"
 
 
 def test_headings_of_matches_stay_wrapped(room: Simulation) -> None:

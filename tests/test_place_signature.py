@@ -13,7 +13,7 @@ from graph.se2 import compose
 from iceg.ice.matcher import IceMatcher
 from iceg.slam import _signature_kernels as kernels
 from iceg.slam.config import FrontEndConfig
-from iceg.slam.place_signature import place_signatures
+from iceg.slam.place_signature import PlaceSignatures, place_signatures
 from iceg.slam.track import Track
 from iceg.slam.tracking import track_log
 
@@ -101,6 +101,16 @@ def test_a_place_is_most_like_itself_and_likeness_has_no_direction(seen: tuple[T
     likeness = signatures.likeness(everything)
     np.testing.assert_allclose(likeness, likeness.T, atol=1e-5)
     assert (likeness.argmax(axis=1) == everything).mean() > 0.95
+
+
+def test_likeness_in_blocks_is_the_product_of_the_signatures() -> None:
+    rng = np.random.default_rng(0)
+    for m, width in ((70, 1064), (40, 30_000)):
+        signatures = PlaceSignatures(keys=np.arange(m), rows=rng.normal(size=(m, width)).astype(np.float32))
+        queries = rng.permutation(m)[: m - 3]
+        np.testing.assert_allclose(
+            signatures.likeness(queries), signatures.rows[queries] @ signatures.rows.T, atol=1e-5 * width
+        )
 
 
 def test_stretches_are_compared_both_ways(seen: tuple[Track, NDArray[np.float64]]) -> None:

@@ -228,9 +228,18 @@ def distinct(hypotheses: F64, order: I64, separation_m: float, separation_rad: f
 
 @compiled
 def _likelihood(
-    points: F64, n_picks: int, pose: F64, distance2: F32, x0: float, y0: float, cell: float, k: float
+    points: F64,
+    n_picks: int,
+    pose: F64,
+    distance2: F32,
+    x0: float,
+    y0: float,
+    cell: float,
+    farthest2: float,
+    of_farthest: float,
+    k: float,
 ) -> float:
-    """Mean of exp(k·d²) over evenly picked points, d from the field."""
+    """Mean of exp(k·d²) over evenly picked points, d from the field; that of its largest is known."""
     ny, nx = distance2.shape
     stride = len(points) / n_picks
     c, s = cos(pose[2]) / cell, sin(pose[2]) / cell
@@ -241,7 +250,8 @@ def _likelihood(
         u = floor(x + c * points[i, 0] - s * points[i, 1])
         v = floor(y + s * points[i, 0] + c * points[i, 1])
         if 0 <= u < nx and 0 <= v < ny:
-            total += exp(k * distance2[v, u])
+            d2 = distance2[v, u]
+            total += exp(k * d2) if d2 < farthest2 else of_farthest
     return total / n_picks
 
 
@@ -254,6 +264,7 @@ def score_by_points(
     distance2: F32,
     origin: F64,
     cell: float,
+    radius2: float,
     sigma: float,
     scores: F64,
 ) -> None:
@@ -270,21 +281,25 @@ def score_by_points(
         distance2: (ny, nx) of the field [m²].
         origin: (2,) its lower left corner [m].
         cell: width of its cells [m].
+        radius2: its largest value, as it is stored [m²].
         sigma: σ [m].
         scores: (h,) output.
     """
     k = -0.5 / (sigma * sigma)
     x0, y0 = origin[0], origin[1]
+    of_farthest = exp(k * radius2)
     enough = -np.inf
     if n_first < n_picks:
         for h in range(len(hypotheses)):
-            scores[h] = _likelihood(points, n_first, hypotheses[h], distance2, x0, y0, cell, k)
+            scores[h] = _likelihood(points, n_first, hypotheses[h], distance2, x0, y0, cell, radius2, of_farthest, k)
             enough = max(enough, scores[h] - _PROMISING)
     lowest = np.inf
     for h in range(len(hypotheses)):
         if n_first >= n_picks or scores[h] >= enough:
             # Marked by 2 so that the last loop tells them from the others.
-            scores[h] = 2.0 + _likelihood(points, n_picks, hypotheses[h], distance2, x0, y0, cell, k)
+            scores[h] = 2.0 + _likelihood(
+                points, n_picks, hypotheses[h], distance2, x0, y0, cell, radius2, of_farthest, k
+            )
             lowest = min(lowest, scores[h] - 2.0)
     for h in range(len(hypotheses)):
         scores[h] = scores[h] - 2.0 if scores[h] >= 2.0 else min(scores[h], lowest)

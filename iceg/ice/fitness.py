@@ -70,6 +70,7 @@ def rank_by_points(
         field.distance2,
         field.origin,
         field.cell,
+        float(np.float32(field.radius * field.radius)),
         config.field_sigma,
         scores,
     )

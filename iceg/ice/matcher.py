@@ -38,6 +38,8 @@ _HYPOTHESIS_PRIOR = 1.0
 """Pull of the features that made a hypothesis, in points: along a corridor nothing else holds it."""
 _SEPARATION_M, _SEPARATION_RAD = 0.15, 0.06
 """Hypotheses nearer than this to a better one are not polished."""
+_HOPEFUL = 0.5
+"""Among alternatives one is polished whose points lie near the reference to this share of what is asked in the end."""
 _MET_M, _MET_RAD = 0.05, 0.02
 """Hypotheses this near to each other after the wide stage of their polish lead to the same pose."""
 _HOLD = 30.0
@@ -327,13 +329,26 @@ class IceMatcher:
         found = self._choose(reference, scan, inside)
         return found if best is None or found.support > _CLEARLY_MORE * best.support else best
 
-    def _polish(self, reference: LocalMap, scan: Scan, T_ref_starts: NDArray[np.float64]) -> list[Refined]:
-        """Polish hypotheses; those that meet on the way are polished once."""
+    def _polish(
+        self, reference: LocalMap, scan: Scan, T_ref_starts: NDArray[np.float64], least: float = 0.0
+    ) -> list[Refined]:
+        """Polish hypotheses; those that meet on the way are polished once.
+
+        Args:
+            reference: the local map.
+            scan: the new scan.
+            T_ref_starts: (n, 3) the hypotheses.
+            least: those are given up of whose points a smaller share lies near the reference after the wide stage.
+
+        Returns:
+            The others, polished.
+        """
         config = self.config.refinement
         if not config.enabled:
             return [self.refine(reference, scan, T_ref_start) for T_ref_start in T_ref_starts]
         points = self._points(scan)
-        near = np.array([approach(points, reference, start, config, _HYPOTHESIS_PRIOR) for start in T_ref_starts])
+        ways = [approach(points, reference, start, config, _HYPOTHESIS_PRIOR) for start in T_ref_starts]
+        near = np.array([pose for pose, share in ways if share >= least]).reshape(-1, 3)
         return [
             refine_on_points(points, reference, near[k], config, wide=False, prior_weight=_HYPOTHESIS_PRIOR)
             for k in distinct(near, np.arange(len(near)), len(near), _MET_M, _MET_RAD)
@@ -365,9 +380,12 @@ class IceMatcher:
             return []
         window = search_window(T_ref_guess, covariance_guess, self.config.hypotheses)
         hypotheses, ranking = self.rank(reference, self.observe(scan), window)
-        leading = distinct(hypotheses, ranking.order, self.config.hypotheses.alternatives)
-        least = self.config.refinement.min_inliers * len(self._points(scan))
-        polished = [self.refine(reference, scan, hypotheses[index]) for index in leading]
+        hopeful, min_inliers = ranking.order, self.config.refinement.min_inliers
+        if self.config.hypotheses.fitness == "points":
+            hopeful = hopeful[ranking.correlations[hopeful] >= _HOPEFUL * min_inliers]
+        leading = distinct(hypotheses, hopeful, self.config.hypotheses.alternatives)
+        polished = self._polish(reference, scan, hypotheses[leading], min_inliers)
+        least = min_inliers * len(self._points(scan))
         credible = sorted((r for r in polished if r.inliers >= least), key=lambda r: -r.inliers)
         poses = np.array([r.T_ref_cur for r in credible]).reshape(-1, 3)
         return [poses[index] for index in distinct(poses, np.arange(len(poses)), len(poses))]

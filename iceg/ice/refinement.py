@@ -64,7 +64,7 @@ def refine_on_points(
     Returns:
         The pose with its inliers.
     """
-    start = approach(scan_points, local_map, T_ref_start, config, prior_weight) if wide else T_ref_start
+    start = approach(scan_points, local_map, T_ref_start, config, prior_weight)[0] if wide else T_ref_start
     return _descend(
         scan_points,
         local_map.fine,
@@ -83,9 +83,15 @@ def approach(
     T_ref_start: NDArray[np.float64],
     config: RefinementConfig,
     prior_weight: float,
-) -> NDArray[np.float64]:
-    """The wide stage of `refine_on_points` alone: (3,) a pose from which the fine stage converges."""
-    return _descend(
+) -> tuple[NDArray[np.float64], float]:
+    """The wide stage of `refine_on_points` alone.
+
+    Returns:
+        (3,) a pose from which the fine stage converges, and the share of the points used that lie near the reference
+        there; how they face does not count.
+    """
+    every = max(1, len(scan_points) // _COARSE_POINTS)
+    refined = _descend(
         scan_points,
         local_map.coarse,
         local_map.surfels,
@@ -94,8 +100,9 @@ def approach(
         iterations=_COARSE_ITERATIONS,
         prior_weight=prior_weight,
         facing=_ANY_FACING,
-        every=max(1, len(scan_points) // _COARSE_POINTS),
-    ).T_ref_cur
+        every=every,
+    )
+    return refined.T_ref_cur, refined.inliers / max(1, -(-len(scan_points) // every))
 
 
 def evaluate_points(
