@@ -55,6 +55,8 @@ def count_pairs(kinds: I8, rows: F64, hits: F64, reach: float, cell: float, sect
     for i in range(len(kinds)):
         for j in range(i + 1, len(kinds)):
             dx, dy = rows[j, 0] - rows[i, 0], rows[j, 1] - rows[i, 1]
+            if abs(dx) >= reach or abs(dy) >= reach:
+                continue
             distance = hypot(dx, dy)
             if distance < _CLOSEST or distance >= reach:
                 continue
@@ -74,6 +76,7 @@ def count_distances(points: F64, cell: float, histogram: F64) -> None:
     """Add the distance of every pair of points, (n, 2) [m], to a histogram with cells of that width [m]."""
     for i in range(len(points)):
         for j in range(i + 1, len(points)):
-            k = int(hypot(points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]) / cell)
+            dx, dy = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]
+            k = int(sqrt(dx * dx + dy * dy) / cell)
             if k < len(histogram):
                 histogram[k] += 1.0

@@ -6,6 +6,7 @@ all its points (the shape distribution D2 of Osada et al., Shape distributions, 
 same when the place is turned or moved.
 """
 
+from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from graph.se2 import between, transform_points
 from iceg.ice import _hypothesis_kernels as hypothesis_kernels
 from iceg.ice.features import FeatureRows
-from iceg.ice.matcher import IceMatcher
+from iceg.ice.matcher import IceMatcher, Observation
 from iceg.slam import _signature_kernels as kernels
 from iceg.slam.track import KeyScan
 
@@ -26,6 +27,7 @@ _SEEN_TWICE = 2.0
 _FEATURES = 1500
 _POINT_EVERY = 3
 _POINT_REACH, _POINT_CELL = 8.0, 0.4
+_POINT_CELLS = 2 * int(_POINT_REACH / _POINT_CELL) + 3
 _DISTANCES, _DISTANCE_CELL = 40, 0.25
 _SHAPE_WEIGHT = 0.3
 _ROWS, _SINGLE = 16, 2**18
@@ -90,10 +92,14 @@ def place_signatures(keys: Sequence[KeyScan], matcher: IceMatcher, spacing: int)
     middles = np.arange(0, len(keys), spacing, dtype=np.int64)
     T_track_keys = np.array([key.T_track_robot for key in keys])
     words, shapes = np.zeros((len(middles), _BINS)), np.zeros((len(middles), _DISTANCES))
+    latest: deque[Observation] = deque(maxlen=2 * _HALF + 1)
+    seen = 0
     for row, middle in enumerate(middles.tolist()):
-        members = range(max(0, middle - _HALF), min(len(keys), middle + _HALF + 1))
-        T_middle_members = between(T_track_keys[middle], T_track_keys[members])
-        observations = [matcher.observe(keys[member].scan) for member in members]
+        first, end = max(0, middle - _HALF), min(len(keys), middle + _HALF + 1)
+        T_middle_members = between(T_track_keys[middle], T_track_keys[first:end])
+        latest.extend(matcher.observe(key.scan) for key in keys[max(seen, first) : end])
+        seen = end
+        observations = list(latest)[first - end :]
         _count_words([observation.features for observation in observations], T_middle_members, words[row])
         points = [observation.points.points for observation in observations[::_POINT_EVERY]]
         kernels.count_distances(_thinned(points, T_middle_members[::_POINT_EVERY]), _DISTANCE_CELL, shapes[row])
@@ -132,8 +138,10 @@ def _thinned(points: list[NDArray[np.float64]], T_middle_scans: NDArray[np.float
     placed = np.vstack([transform_points(T, p_robot) for T, p_robot in zip(T_middle_scans, points, strict=True)])
     near = placed[np.hypot(placed[:, 0], placed[:, 1]) < _POINT_REACH]
     cells = np.floor(near / _POINT_CELL).astype(np.int64)
-    _, first = np.unique(cells[:, 0] * 4096 + cells[:, 1], return_index=True)
-    return np.ascontiguousarray(near[first])
+    first = np.full(_POINT_CELLS * _POINT_CELLS, -1)
+    codes = cells[:, 0] * _POINT_CELLS + cells[:, 1] + _POINT_CELLS**2 // 2
+    first[codes[::-1]] = np.arange(len(near))[::-1]  # of several in a cell the one written last stays, the first
+    return near[first[first >= 0]]
 
 
 def _unit(rows: NDArray[np.float64]) -> NDArray[np.float64]:
