@@ -141,7 +141,7 @@ def _thinned(points: list[NDArray[np.float64]], T_middle_scans: NDArray[np.float
     first = np.full(_POINT_CELLS * _POINT_CELLS, -1)
     codes = cells[:, 0] * _POINT_CELLS + cells[:, 1] + _POINT_CELLS**2 // 2
     first[codes[::-1]] = np.arange(len(near))[::-1]  # of several in a cell the one written last stays, the first
-    return near[first[first >= 0]]
+    return np.asarray(near[first[first >= 0]], dtype=np.float64)
 
 
 def _unit(rows: NDArray[np.float64]) -> NDArray[np.float64]:
