@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from frontends.scan import Scan, ScanGeometry
 from iceg.ice.features import CORNER, END_OF_WALL, INTERSECTION, Features
 from iceg.maps import _association_kernels as kernels
+from iceg.maps import feature_map as feature_map_module
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
 from iceg.maps.feature_map import FeatureMap, Landmarks, build_feature_map
 from iceg.maps.landmark_arrays import Observed
@@ -485,7 +486,11 @@ def test_only_what_lies_within_the_field_of_view_is_missed(field_of_view: float)
     assert (missed[off_axis < 0.5 * field_of_view - 5.0] == 1).all()
 
 
-def test_key_scans_entered_together_make_the_map_they_make_one_by_one() -> None:
+@pytest.mark.parametrize("at_once", [2, 1000])
+def test_key_scans_entered_together_make_the_map_they_make_one_by_one(
+    monkeypatch: pytest.MonkeyPatch, at_once: int
+) -> None:
+    monkeypatch.setattr(feature_map_module, "_AT_ONCE", at_once)
     rng = np.random.default_rng(1)
     poses = np.column_stack([0.3 * np.arange(12), rng.normal(0.0, 0.1, 12), rng.normal(0.0, 0.05, 12)])
     world = [(CORNER, x, y, 0.3, 1.8) for x, y in rng.uniform(-1.0, 6.0, (40, 2))]

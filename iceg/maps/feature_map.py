@@ -15,6 +15,9 @@ from iceg.maps import _landmark_kernels as kernels
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
 from iceg.maps.landmark_arrays import Observed, Settings, Store
 
+_AT_ONCE = 1000
+"""So many key scans are entered by one call; their features need memory together."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Landmarks:
@@ -122,11 +125,12 @@ class FeatureMap:
         keys = zip(key_poses, key_features, key_scans, strict=True)
         first = 0
         for _, group in itertools.groupby(keys, key=lambda key: id(key[2].geometry)):
-            poses, features, scans = zip(*group, strict=True)
-            for key_index, T_map_key in enumerate(poses, first):
-                self._place(key_index, T_map_key)
-            self._enter(first, features, scans)
-            first += len(scans)
+            while some := list(itertools.islice(group, _AT_ONCE)):
+                poses, features, scans = zip(*some, strict=True)
+                for key_index, T_map_key in enumerate(poses, first):
+                    self._place(key_index, T_map_key)
+                self._enter(first, features, scans)
+                first += len(scans)
 
     def move(self, key_poses: NDArray[np.float64]) -> None:
         """Move the key poses, and with them their landmarks, before further observations.
