@@ -150,17 +150,6 @@ def test_marginals_do_not_depend_on_where_the_map_lies() -> None:
     )
 
 
-def test_the_cholesky_factor_by_panels() -> None:
-    root = np.random.default_rng(3).normal(size=(301, 301))
-    matrix = root @ root.T + np.eye(301)
-    factor = matrix.copy()
-    joint_covariance._to_cholesky_factor(factor)
-    np.testing.assert_allclose(factor, np.linalg.cholesky(matrix), atol=1e-10)
-    matrix[200, 200] = -1.0
-    with pytest.raises(np.linalg.LinAlgError):
-        joint_covariance._to_cholesky_factor(matrix)
-
-
 def test_the_inverse_of_a_triangle_by_halves() -> None:
     rng = np.random.default_rng(4)
     lower = np.tril(rng.normal(size=(301, 301))) + 20.0 * np.eye(301)

@@ -121,27 +121,15 @@ def _add_links(
 
 
 def _diagonal_of_inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 3, 3) blocks on the diagonal of the inverse of a (3n, 3n) matrix, which is used up."""
-    _to_cholesky_factor(matrix)
-    _invert_lower(matrix)
+    """(n, 3, 3) blocks on the diagonal of the inverse of a (3n, 3n) matrix."""
+    root = np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
+    _invert_lower(root)
     blocks = np.empty((len(matrix) // 3, 3, 3))
     for first in range(0, len(matrix), _TOGETHER):
-        columns = matrix[first:, first : first + _TOGETHER]
+        columns = root[first:, first : first + _TOGETHER]
         at = np.arange(columns.shape[1] // 3)
         blocks[first // 3 + at] = (columns.T @ columns).reshape(len(at), 3, len(at), 3)[at, :, at]
     return blocks
-
-
-def _to_cholesky_factor(matrix: NDArray[np.float64]) -> None:
-    """Turn a matrix into its lower Cholesky factor where it lies: large ones are not copied."""
-    for first in range(0, len(matrix), _SMALL):
-        end = first + _SMALL
-        panel = matrix[first:, first:end]
-        panel -= matrix[first:, :first] @ matrix[first:end, :first].T
-        top = np.linalg.cholesky(panel[:_SMALL])
-        panel[:_SMALL] = top
-        panel[_SMALL:] = panel[_SMALL:] @ np.linalg.inv(top).T
-        matrix[first:end, end:] = 0.0
 
 
 def _invert_lower(lower: NDArray[np.float64]) -> None:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from graph.se2 import between, transform_points
 from iceg.ice import _hypothesis_kernels as hypothesis_kernels
@@ -30,9 +31,6 @@ _POINT_REACH, _POINT_CELL = 8.0, 0.4
 _POINT_CELLS = 2 * int(_POINT_REACH / _POINT_CELL) + 3
 _DISTANCES, _DISTANCE_CELL = 40, 0.25
 _SHAPE_WEIGHT = 0.3
-_ROWS, _SINGLE = 16, 2**18
-"""Signatures are multiplied so many at once, in blocks of no more multiplications than this: for more, OpenBLAS wakes
-threads, which where other programs run costs many times the time of the product."""
 _STRETCH = 2
 """Places on either side that make up a stretch."""
 
@@ -51,14 +49,8 @@ class PlaceSignatures:
 
     def likeness(self, queries: NDArray[np.int64]) -> NDArray[np.float32]:
         """(q, m) how much each of these places, given by their row, looks like every place."""
-        asked, m = self.rows[queries], len(self.rows)
-        across = max(1, _SINGLE // (_ROWS * self.rows.shape[1]))
-        likeness = np.empty((len(asked), m), np.float32)
-        for i in range(0, len(asked), _ROWS):
-            for j in range(0, m, across):
-                ones, others = asked[i : i + _ROWS], self.rows[j : j + across]
-                np.matmul(ones, others.T, out=likeness[i : i + _ROWS, j : j + across])
-        return likeness
+        with threadpool_limits(1, user_api="blas"):  # waking threads takes longer than the product
+            return np.asarray(self.rows[queries] @ self.rows.T, dtype=np.float32)
 
     def likeness_along(self, ones: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.float32]:
         """(n,) how much stretches around pairs of places look alike, driven the same way or the opposite way."""
