@@ -58,15 +58,15 @@ def map_image(layers: MapLayers, *, box: Box, long_side: int = 2000, line_width:
     Args:
         layers: what to paint.
         box: x_min, x_max, y_min, y_max to show [m], on cell borders.
-        long_side: of the image [pixels], about: a cell gets a whole number of pixels where there is room for one.
-        line_width: of the trajectory [pixels]; other strokes and markers follow it.
+        long_side: of the image [pixels], about: half to all of it where a cell gets a pixel or more, else up to twice.
+        line_width: of the trajectory [pixels of an image of that size]; other strokes and markers follow it.
 
     Returns:
         (height, width, 3) red, green and blue, the y axis of the map upwards.
     """
     trajectory, landmarks = layers.trajectory, layers.landmarks
     shades = scaled(_shades_in(layers.grid, box), long_side)[::-1]
-    canvas = Canvas((shades.shape[0], shades.shape[1]), box, line_width)
+    canvas = Canvas((shades.shape[0], shades.shape[1]), box, line_width * max(shades.shape) / long_side)
     if landmarks is not None:
         _paint_landmarks(canvas, landmarks)
     if layers.closures is not None and trajectory is not None:
@@ -131,7 +131,8 @@ def scaled(image: NDArray[np.uint8], long_side: int) -> NDArray[np.uint8]:
 
     Args:
         image: (height, width) greys of the cells.
-        long_side: about as many pixels should the longer side get.
+        long_side: about as many pixels should the longer side get: as many whole ones a cell as fit, or up to twice as
+            many where one a cell does not.
 
     Returns:
         Greys of the pixels.
@@ -144,7 +145,7 @@ def scaled(image: NDArray[np.uint8], long_side: int) -> NDArray[np.uint8]:
         padded[: image.shape[0], : image.shape[1]] = image
         blocks = padded.reshape(rows // factor, factor, cols // factor, factor)
         return np.asarray(blocks.min(axis=(1, 3)), dtype=np.uint8)
-    factor = max(1, round(long_side / cells))
+    factor = max(1, long_side // cells)
     return image.repeat(factor, axis=0).repeat(factor, axis=1)
 
 
