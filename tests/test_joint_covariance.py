@@ -115,17 +115,29 @@ def test_matches_count_only_where_there_is_no_odometry() -> None:
 
 
 def test_long_runs_have_anchors(monkeypatch: pytest.MonkeyPatch) -> None:
-    poses = _path(24)
-    walls, starts = _walls(24, 12)
-    match = [Factor(kind="ice", i=i, j=i + 1, T_i_j=STEP, covariance=1e-5 * np.eye(3)) for i in range(23)]
+    poses = _path(60)
+    walls, starts = _walls(60, 12)
+    match = [Factor(kind="ice", i=i, j=i + 1, T_i_j=STEP, covariance=1e-5 * np.eye(3)) for i in range(59)]
     factors = [*_factors(poses), *match]
     exact = joint_covariances(factors, poses, starts, walls, PRECISION)
-    monkeypatch.setattr(joint_covariance, "_MOST_ANCHORS", 8)
+    monkeypatch.setattr(joint_covariance, "_MOST_ANCHORS", 22)
     coarse = joint_covariances(factors, poses, starts, walls, PRECISION)
     ratio = np.trace(coarse[1:], axis1=1, axis2=2) / np.trace(exact[1:], axis1=1, axis2=2)
-    assert 0.4 < ratio.min() < ratio.max() < 1.5
-    assert np.median(ratio) == pytest.approx(1.0, abs=0.3)
+    assert 0.8 < ratio.min() < ratio.max() < 1.25
+    assert np.median(ratio) == pytest.approx(1.0, abs=0.1)  # with the first four as one group it is 0.76
     assert (np.linalg.eigvalsh(coarse) > 0.0).all()
+
+
+def test_groups_leave_the_odometry_of_a_path_that_sees_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    poses = _path(41)
+    walls, starts = _walls(41, 6)
+    walls.weights[:] = 0.0
+    exact = joint_covariances(_factors(poses), poses, starts, walls, PRECISION)
+    monkeypatch.setattr(joint_covariance, "_MOST_ANCHORS", 15)
+    coarse = joint_covariances(_factors(poses), poses, starts, walls, PRECISION)
+    anchors = [*range(8), *range(8, 41, 5)]
+    np.testing.assert_allclose(coarse[:8], exact[:8], rtol=1e-6, atol=1e-12)
+    assert np.linalg.eigvalsh(coarse[anchors] - 0.999 * exact[anchors]).min() > -1e-9
 
 
 def test_marginals_do_not_depend_on_where_the_map_lies() -> None:

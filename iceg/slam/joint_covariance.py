@@ -17,6 +17,9 @@ from graph.se2 import adjoint, between, chain_covariance, compose_covariance
 from iceg.slam._joint_system_kernels import JointSystem, PointsOnLines, fill, normal_equations
 
 _MOST_ANCHORS = 500
+_FIRST_ALONE = 8
+"""So many key poses at the start stay unknowns of their own: what the first is off against the walls is in all others,
+and a rigid group would give it the points of the whole group (σ was half of what it is at 1,700 key poses)."""
 _SMALL = 64
 """Rows of a matrix that is not worth dividing."""
 _TOGETHER = 48
@@ -67,6 +70,8 @@ def joint_covariances(
     """Marginal covariances of the key poses from odometry and the points on shared walls.
 
     In long runs only every so many key poses are unknowns; the points of those between lie rigidly on the one before.
+    On runs of 900 to 7,400 key poses, the standard deviations are within 2 % of those without groups in the median, and
+    within 10 % for 99 of 100 key poses.
 
     Args:
         factors: of the graph; those of odometry count, and matches where there is none.
@@ -82,34 +87,45 @@ def joint_covariances(
         numpy.linalg.LinAlgError: neither points nor factors hold some pose.
     """
     k = len(poses)
-    every = -(-k // _MOST_ANCHORS)
-    anchors = np.arange(0, k, every)
+    anchors = _anchors(k)
     starts = np.append(key_starts[anchors], key_starts[-1])
     _, information = _of_points(poses[anchors], starts, walls, precision, filled=True)
     steps = _steps(factors, k)
-    _add_links(information, poses[: anchors[-1] + 1], steps[: anchors[-1]], every)
+    _add_links(information, poses, steps, anchors)
     information[:3, :3] += np.eye(3) / _HELD
     with threadpool_limits(1, user_api="blas"):  # whose sums would otherwise depend on the number of cores
         known = _diagonal_of_inverse(information)
-    if every == 1:
+    if len(anchors) == k:
         return known
     # The points of a group hold it as a whole; where each of its key poses lies in it, its own points and steps say.
-    of = np.arange(k) // every
     own, _ = _of_points(poses, key_starts, walls, precision)
     placement = np.linalg.inv(own + np.linalg.inv(steps[np.maximum(np.arange(k) - 1, 0)]))
-    placement[0] = 0.0
-    T_anchor_key = between(poses[anchors][of], poses)
-    share = np.where(of == 0, 1.0, 1.0 - 1.0 / every)[:, None, None]  # the first is held by no points
-    return compose_covariance(known[of], T_anchor_key, share * placement)
+    members = np.diff(np.append(anchors, k))
+    of = np.repeat(np.arange(len(anchors)), members)
+    share = (1.0 - 1.0 / members[of])[:, None, None]
+    return compose_covariance(known[of], between(poses[anchors][of], poses), share * placement)
+
+
+def _anchors(k: int) -> NDArray[np.int64]:
+    """Which of k key poses are unknowns: the first ones, and then every so many."""
+    if k <= _MOST_ANCHORS:
+        return np.arange(k)
+    every = -(-(k - _FIRST_ALONE) // (_MOST_ANCHORS - _FIRST_ALONE))
+    return np.append(np.arange(_FIRST_ALONE), np.arange(_FIRST_ALONE, k, every))
 
 
 def _add_links(
-    information: NDArray[np.float64], poses: NDArray[np.float64], steps: NDArray[np.float64], every: int
+    information: NDArray[np.float64], poses: NDArray[np.float64], steps: NDArray[np.float64], at: NDArray[np.int64]
 ) -> None:
-    """Tie each anchor to the next by the steps between them, (n, 3, 3) covariances; the last pose is an anchor."""
-    chains = between(poses[:-1], poses[1:]).reshape(-1, every, 3)
-    links = np.linalg.inv(chain_covariance(chains, steps.reshape(-1, every, 3, 3)))
-    anchors = poses[::every]
+    """Tie each anchor, one of the (k, 3) poses, to the next by the steps between them, (k - 1, 3, 3) covariances."""
+    anchors, lengths = poses[at], np.diff(at)
+    chains = np.empty((len(lengths), 3, 3))
+    for length in np.unique(lengths).tolist():
+        some = np.flatnonzero(lengths == length)
+        between_them = at[some, None] + np.arange(length)
+        motions = between(poses[between_them], poses[between_them + 1])
+        chains[some] = chain_covariance(motions, steps[between_them])
+    links = np.linalg.inv(chains)
     back = -adjoint(between(anchors[1:], anchors[:-1]))
     turned = np.swapaxes(back, 1, 2) @ links
     blocks = information.reshape(len(anchors), 3, len(anchors), 3)
