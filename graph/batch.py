@@ -175,11 +175,16 @@ def marginal_covariances(factors: Sequence[Factor], poses: NDArray[np.float64]) 
     return Problem.of(factors, len(poses)).marginal_covariances(np.array(poses, dtype=np.float64, order="C"))
 
 
-def check_determined(factors: Sequence[Factor], n_poses: int) -> None:
-    """Every pose hangs, over factors, on a prior.
+def check_determined(factors: Sequence[Factor], n_poses: int, ids: NDArray[np.int64] | None = None) -> None:
+    """Every pose is connected, over factors, to a prior.
+
+    Args:
+        factors: the records.
+        n_poses: number of key poses.
+        ids: (n_poses,) what messages call them; 0 … n−1 when left out.
 
     Raises:
-        GraphError: a factor joins a pose that is not there, or a pose hangs on nothing.
+        GraphError: a factor joins a pose that is not there, or a pose is connected to nothing.
     """
     if _hang_on_earlier(*_ends(factors), n_poses):
         return
@@ -187,15 +192,17 @@ def check_determined(factors: Sequence[Factor], n_poses: int) -> None:
     open_ends = [factor.j for factor in factors if factor.i is None]
     if not open_ends:
         raise GraphError(f"none of the {len(factors)} factors is a prior: nothing ties the poses to the map")
-    hanging = [False] * n_poses
+    connected = [False] * n_poses
     while open_ends:
         here = open_ends.pop()
-        if not hanging[here]:
-            hanging[here] = True
+        if not connected[here]:
+            connected[here] = True
             open_ends.extend(_other_end(factor, here) for factor in neighbours[here])
-    if not all(hanging):
+    if not all(connected):
+        first = connected.index(False)
         raise GraphError(
-            f"{hanging.count(False)} of {n_poses} poses hang on no prior, the first is pose {hanging.index(False)}"
+            f"{connected.count(False)} of {n_poses} poses are connected to no prior, the first is pose "
+            f"{first if ids is None else ids[first]}"
         )
 
 

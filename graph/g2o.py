@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.atomic import write_atomically
-from graph.errors import GraphError
+from graph.errors import GraphError, reason
 from graph.factors import Factor, FactorKind, KernelName, RobustKernel
 from graph.noise import information_of
 
@@ -28,7 +28,7 @@ _N_FIELDS = {"VERTEX_SE2": 5, "EDGE_SE2": 12, "EDGE_PRIOR_SE2": 11, "FIX": 2}
 
 
 class G2oError(GraphError):
-    """A g2o file that cannot be read; the message begins with path:line."""
+    """A g2o file that cannot be read or written; the message begins with the path, and the line where there is one."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +60,9 @@ def write_g2o(
         poses: (n, 3) T_map_robot.
         factors: the records, in order.
         ids: (n,) vertex ids; 0 … n−1 when left out.
+
+    Raises:
+        G2oError: the file cannot be written.
     """
     names = list(range(len(poses))) if ids is None else ids.tolist()
     lines = [
@@ -74,7 +77,10 @@ def write_g2o(
         seen = names[factor.j]
         head = f"EDGE_PRIOR_SE2 {seen}" if factor.i is None else f"EDGE_SE2 {names[factor.i]} {seen}"
         lines.append(f"{head} {' '.join(map(repr, edge))} # {_remark(factor)}")
-    write_atomically(Path(path), ("\n".join(lines) + "\n").encode())
+    try:
+        write_atomically(Path(path), ("\n".join(lines) + "\n").encode())
+    except OSError as err:
+        raise G2oError(f"{path}: cannot be written: {reason(err)}") from err
 
 
 def read_g2o(path: Path | str) -> G2oGraph:
@@ -95,7 +101,7 @@ def read_g2o(path: Path | str) -> G2oGraph:
             for number, line in enumerate(lines, start=1):
                 _read_line(contents, line, f"{file}:{number}")
     except OSError as err:
-        raise G2oError(f"{file}: {err.strerror}") from err
+        raise G2oError(f"{file}: cannot be read as a pose graph: {reason(err)}") from err
     except UnicodeDecodeError as err:
         raise G2oError(f"{file}: not a text file ({err.reason} at byte {err.start})") from err
     return _assembled(contents, file)

@@ -93,11 +93,11 @@ def optimize_g2o(graph: G2oGraph, options: OptimizeOptions | None = None) -> Opt
         The solution and what became of every closure.
 
     Raises:
-        GraphError: a vertex hangs on nothing, or the graph cannot be solved.
+        GraphError: a vertex is connected to nothing, or the graph cannot be solved.
     """
     settings = options or OptimizeOptions()
     n = len(graph.poses)
-    check_determined(graph.factors, n)
+    check_determined(graph.factors, n, graph.ids)
     agreeing = _pairwise_consistent(graph.factors, n) if settings.pcm else np.ones(len(graph.factors), dtype=bool)
     considered = [factor for factor, agrees in zip(graph.factors, agreeing, strict=True) if agrees]
     batch = BatchConfig(kernel=settings.kernel, kernel_width=settings.kernel_width, gnc=settings.gnc)

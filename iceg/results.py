@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import platform
 import shutil
 import signal
@@ -18,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.errors import IcegError
+from graph.errors import IcegError, reason
 from iceg.config import format_config
 from iceg.memory import peak_memory_mb
 from iceg.tables import read_csv_table
@@ -57,10 +58,16 @@ def check_directory(directory: Path, *, overwrite: bool) -> None:
         overwrite: whether earlier results may be replaced.
 
     Raises:
-        ResultsError: it is a file, or not empty although nothing may be overwritten.
+        ResultsError: it is a file or below one, cannot be written to, or is not empty although nothing may be
+            overwritten.
     """
-    if directory.exists() and not directory.is_dir():
-        raise ResultsError(f"{directory}: is a file, expected a folder for the results")
+    there = next(path for path in (directory, *directory.absolute().parents) if path.exists())
+    if not there.is_dir():
+        raise ResultsError(f"{directory}: {'' if there == directory else f'{there} '}is a file, expected a folder")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise ResultsError(
+            f"{directory}: found {there}, which must not be written to, expected a folder for the results"
+        )
     if not overwrite and directory.is_dir() and any(directory.iterdir()):
         raise ResultsError(f"{directory}: is not empty; choose another folder, or replace its results with --overwrite")
 
@@ -110,7 +117,7 @@ def write_folder(
             _write_text(staging / "summary.json", _format_summary({**_circumstances(), **summary, **taken}))
             _publish(staging, directory)
     except OSError as err:
-        raise ResultsError(f"{directory}: results cannot be written: {err}") from err
+        raise ResultsError(f"{directory}: results cannot be written: {reason(err)}") from err
 
 
 def read_covariances(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:

@@ -93,9 +93,17 @@ def read_ros_map(path: Path) -> OccupancyGrid:
         description = dict(line.split(": ", 1) for line in path.read_text(encoding="ascii").splitlines() if line)
         resolution = float(description["resolution"])
         origin = np.array([float(word) for word in description["origin"].strip("[]").split(",")[:2]])
-        grey = _read_pgm((path.parent / description["image"]).read_bytes())
-    except (OSError, ValueError, KeyError) as err:
+        image = path.parent / description["image"]
+    except KeyError as err:
+        raise ResultsError(
+            f"{path}: cannot be read as a map: found no {err}, expected 'image', 'resolution' and 'origin'"
+        ) from err
+    except (OSError, ValueError) as err:
         raise ResultsError(f"{path}: cannot be read as a map: {reason(err)}") from err
+    try:
+        grey = _read_pgm(image.read_bytes())
+    except (OSError, ValueError) as err:
+        raise ResultsError(f"{image}: cannot be read as a map: {reason(err)}") from err
     log_odds = np.zeros(grey.shape, dtype=np.float32)
     log_odds[grey < _DARK] = _CERTAIN_LOG_ODDS
     log_odds[grey > _BRIGHT] = -_CERTAIN_LOG_ODDS
@@ -124,15 +132,25 @@ def read_closures(path: Path) -> tuple[Closure, ...]:
     """
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            header, *rows = list(csv.reader(file)) or [[]]
+            reader = csv.reader(file)
+            header = next(reader, [])
+            if tuple(header) != CLOSURE_COLUMNS:
+                found, expected = ",".join(header), ",".join(CLOSURE_COLUMNS)
+                raise ResultsError(f"{path}:1: found the header '{found[:80]}', expected '{expected}'")
+            return tuple(_closure_at(row, f"{path}:{reader.line_num}") for row in reader)
     except (OSError, ValueError, csv.Error) as err:
         raise ResultsError(f"{path}: cannot be read as loop closures: {reason(err)}") from err
-    if tuple(header) != CLOSURE_COLUMNS:
-        raise ResultsError(f"{path}: found the header '{','.join(header)}', expected '{','.join(CLOSURE_COLUMNS)}'")
+
+
+def _closure_at(row: list[str], where: str) -> Closure:
+    if len(row) != len(CLOSURE_COLUMNS):
+        raise ResultsError(
+            f"{where}: found {len(row)} values, expected {len(CLOSURE_COLUMNS)}: {' '.join(CLOSURE_COLUMNS)}"
+        )
     try:
-        return tuple(_closure(dict(zip(CLOSURE_COLUMNS, row, strict=True))) for row in rows)
+        return _closure(dict(zip(CLOSURE_COLUMNS, row, strict=True)))
     except ValueError as err:
-        raise ResultsError(f"{path}: cannot be read as loop closures: {err}") from err
+        raise ResultsError(f"{where}: cannot be read as a loop closure: {err}") from err
 
 
 def _closure(row: dict[str, str]) -> Closure:

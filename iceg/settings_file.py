@@ -6,6 +6,7 @@ import difflib
 import functools
 import inspect
 import json
+import math
 import re
 import sys
 import textwrap
@@ -171,6 +172,8 @@ def _convert(value: object, hint: Any) -> tuple[bool, Any]:  # noqa: ANN401
         return True, float(value)
     if hint is Path and isinstance(value, str):
         return True, Path(value)
+    if isinstance(value, float) and math.isnan(value):
+        return False, None
     return isinstance(hint, type) and type(value) is hint, value
 
 

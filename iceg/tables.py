@@ -88,7 +88,20 @@ def parse_numbers(words: Sequence[str], columns: Sequence[str], where: str) -> l
     try:
         values = [float(word) for word in words]
     except ValueError as err:
-        raise TableError(f"{where}: {err}, {expected}") from err
+        raise TableError(f"{where}: found '{first_that_is_no_number(words)}', {expected}") from err
     if not np.isfinite(values).all():
-        raise TableError(f"{where}: found {' '.join(words)}, expected finite numbers")
+        raise TableError(f"{where}: found '{' '.join(words)}', expected finite numbers")
     return values
+
+
+def first_that_is_no_number(words: Sequence[str]) -> str:
+    """For messages: the first word that cannot be read as a number; there is one."""
+
+    def is_number(word: str) -> bool:
+        try:
+            float(word)
+        except ValueError:
+            return False
+        return True
+
+    return next(word for word in words if not is_number(word))

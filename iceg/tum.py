@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.errors import IcegError, reason
+from iceg.tables import first_that_is_no_number
 
 _LINE = "%.6f %.9f %.9f 0 0 0 %.12f %.12f\n"
 _N_COLUMNS = 8
@@ -88,9 +89,13 @@ def _parse_line(path: Path, number: int, row: list[str]) -> list[float]:
     try:
         values = [float(word) for word in row]
     except ValueError as err:
-        raise TrajectoryError(f"{path}:{number}: {err}, expected 't x y z qx qy qz qw'") from err
+        raise TrajectoryError(
+            f"{path}:{number}: found '{first_that_is_no_number(row)}', expected 't x y z qx qy qz qw'"
+        ) from err
     if len(values) != _N_COLUMNS:
         raise TrajectoryError(f"{path}:{number}: found {len(values)} numbers, expected 8: 't x y z qx qy qz qw'")
     if not np.isfinite(values).all() or not any(values[4:]):
-        raise TrajectoryError(f"{path}:{number}: found {' '.join(row)}, expected finite numbers and a unit quaternion")
+        raise TrajectoryError(
+            f"{path}:{number}: found '{' '.join(row)}', expected finite numbers and a unit quaternion"
+        )
     return values

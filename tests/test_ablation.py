@@ -86,8 +86,12 @@ def test_from_the_command_line(short_log: Path, tmp_path: Path, capsys: pytest.C
 
 
 def test_a_log_with_nothing_to_judge_it_by(tmp_path: Path) -> None:
+    log = tmp_path / "bare.clf.gz"
+    with pytest.raises(EvaluationError, match=r"bare\.clf\.gz: found no such file"):
+        logs_to_judge([log], None)
+    log.touch()
     with pytest.raises(EvaluationError, match=r"bare\.relations\.csv, bare\.truth\.csv, bare\.reference\.csv"):
-        logs_to_judge([tmp_path / "bare.clf.gz"], None)
+        logs_to_judge([log], None)
     with pytest.raises(EvaluationError, match="nothing is known"):
         ablation(BenchLog(name="bare", path=demo_log_path(), known=None))
 

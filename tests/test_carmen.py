@@ -1,8 +1,5 @@
 """CARMEN logs: every message, every kind of damage, and what is derived from a log."""
 
-import bz2
-import gzip
-import lzma
 import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -13,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from frontends.logs import READERS, LogError, read_log
+from frontends.logs import LogError, read_log
 from frontends.logs.carmen import read_carmen
 
 Pose = tuple[float, float, float]
@@ -464,36 +461,6 @@ def test_only_a_cut_line_is_a_log_without_scans(write: Write) -> None:
         read_carmen(write("FLASER 181 1.0 2.0", end=""))
 
 
-@pytest.mark.parametrize("compress", [bytes, gzip.compress, bz2.compress, lzma.compress])
-def test_compression_is_told_by_content_not_by_name(tmp_path: Path, compress: Callable[[bytes], bytes]) -> None:
-    text = "\n".join(flaser(room(181, k), stamp=k, robot=(k, 0.0, 0.0)) for k in range(900)) + "\n"
-    path = tmp_path / "robot.log"
-    path.write_bytes(compress(text.encode()))
-    log = read_log(path)
-    assert len(log) == 900
-    assert_array_equal(log.ranges[899], np.array(room(181, 899), dtype=np.float32))
-
-
-@pytest.mark.parametrize("compress", [gzip.compress, bz2.compress, lzma.compress])
-def test_compressed_log_that_was_cut_off(tmp_path: Path, compress: Callable[[bytes], bytes]) -> None:
-    text = "\n".join(flaser(room(181, k), stamp=k, robot=(k, 0.0, 0.0)) for k in range(2000)) + "\n"
-    path = tmp_path / "robot.clf"
-    whole = compress(text.encode())
-    path.write_bytes(whole[: len(whole) * 3 // 4])
-    log = read_carmen(path)
-    assert 500 < len(log) < 2000
-    assert any("compressed file is cut off" in warning for warning in log.warnings)
-
-
-def test_damaged_compressed_log_is_an_error(tmp_path: Path) -> None:
-    content = bytearray(gzip.compress(("\n".join(flaser(room(181, k)) for k in range(100)) + "\n").encode()))
-    content[200:260] = bytes(60)
-    path = tmp_path / "robot.clf.gz"
-    path.write_bytes(bytes(content))
-    with pytest.raises(LogError, match=r"its compressed content is damaged|:\d+: found"):
-        read_carmen(path)
-
-
 def test_line_ends_tabs_comments_and_unknown_messages(tmp_path: Path) -> None:
     line = flaser(room(181))
     lines = ["# header", "", "   ", line.replace(" ", "\t"), "  " + line, "NEWSENSOR 1 2 3", "SYNC a 1 h 1", "\t# note"]
@@ -502,15 +469,3 @@ def test_line_ends_tabs_comments_and_unknown_messages(tmp_path: Path) -> None:
     log = read_log(path)
     assert len(log) == 2
     assert log.message_counts == {"FLASER": 2, "NEWSENSOR": 1, "SYNC": 1}
-
-
-def test_formats_are_chosen_by_name_or_content(write: Write) -> None:
-    path = write("# CARMEN Logfile", flaser(room(181)))
-    assert len(read_log(path, log_format="carmen")) == 1
-    assert len(read_log(str(path))) == 1
-    assert "carmen" in READERS
-    with pytest.raises(LogError, match="no log format is called 'rosbag9': expected 'auto' or one of carmen"):
-        read_log(path, log_format="rosbag9")
-    path.write_text("time,x,y\n0,1,2\n")
-    with pytest.raises(LogError, match=r"found 'time,x,y.*expected a log of one of the formats carmen"):
-        read_log(path)

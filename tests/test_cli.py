@@ -267,6 +267,8 @@ def test_eval_of_a_run_folder_judges_its_covariances(tmp_path: Path, capsys: pyt
         (["info", "missing.clf"], 1, "missing.clf"),
         (["run", "missing.clf", "-o", "OUT"], 1, "missing.clf"),
         (["plot", "missing-folder"], 1, "missing-folder"),
+        (["run", "missing.clf", "-o", "BELOW_A_FILE"], 1, "truth.csv is a file, expected a folder"),
+        (["bench", "--parts", "recall", "-o", "BELOW_A_FILE"], 1, "truth.csv/out: Not a directory"),
     ],
 )
 def test_errors_are_one_clear_line(
@@ -278,6 +280,7 @@ def test_errors_are_one_clear_line(
         "TRAJECTORY": str(write_trajectory(tmp_path / "t.tum", walk(3))),
         "TRUTH": str(truth),
         "OUT": str(tmp_path / "out"),
+        "BELOW_A_FILE": str(truth / "out"),
     }
     assert main([places.get(word, word) for word in words]) == code
     captured = capsys.readouterr()

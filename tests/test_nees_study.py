@@ -1,6 +1,7 @@
 """The NEES study: right covariances pass, wrong ones do not, correlation inside a run changes nothing."""
 
 import csv
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 from graph.factors import Factor
 from graph.se2 import between, compose, expmap
 from iceg.cli import main
+from iceg.demo import demo_log_path
 from iceg.evaluation.bench.consistency import factor_consistency
 from iceg.evaluation.nees_study import (
     FIRST_SEED,
@@ -111,12 +113,14 @@ def test_the_command_prints_and_keeps_its_tables(tmp_path: Path, capsys: pytest.
     ("words", "code", "said"),
     [
         (["--runs", "0"], 2, "expected at least 1"),
-        (["nowhere.clf"], 1, "found no nowhere.truth.csv beside it"),
+        (["nowhere.clf"], 1, "nowhere.clf: cannot be read"),
+        (["LOG"], 1, "found no office.truth.csv beside it"),
         (["nowhere.clf", "--scenes", "room"], 2, "expected one of them"),
     ],
 )
 def test_misuse_is_named(
     words: list[str], code: int, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["nees", *words, "-o", str(tmp_path / "out")]) == code
+    log = shutil.copy(demo_log_path(), tmp_path)
+    assert main(["nees", *[word.replace("LOG", str(log)) for word in words], "-o", str(tmp_path / "out")]) == code
     assert said in " ".join(capsys.readouterr().err.split())

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from graph.errors import GraphError
 from graph.factors import Factor
 from graph.g2o import G2oGraph, read_g2o, write_g2o
 from graph.optimize_g2o import OptimizeOptions, format_report, optimize_g2o
@@ -81,7 +82,24 @@ def test_command_line_round_trip(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert again.ids.tolist() == graph.ids.tolist()
     assert len(again.factors) == len(graph.factors) - 1
     assert main(["optimize", str(tmp_path / "missing.g2o"), "-o", str(target)]) == 1
-    assert "missing.g2o" in capsys.readouterr().err
+    assert "missing.g2o: cannot be read as a pose graph" in capsys.readouterr().err
+
+
+def test_a_solution_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    graph, source = ring(with_false=False), tmp_path / "in.g2o"
+    write_g2o(source, graph.poses, graph.factors, graph.ids)
+    for target in (tmp_path, tmp_path / "nowhere" / "out.g2o", source / "out.g2o"):
+        assert main(["optimize", str(source), "-o", str(target)]) == 1
+        told = capsys.readouterr().err
+        assert told.startswith(f"iceg: {target}: cannot be written")
+        assert told.count("\n") == 1
+
+
+def test_vertices_that_hang_in_the_air_are_named_as_in_the_file() -> None:
+    graph = ring(with_false=False)
+    loose = replace(graph, factors=tuple(f for f in graph.factors if 40 not in (f.i, f.j)))
+    with pytest.raises(GraphError, match="1 of 48 poses are connected to no prior, the first is pose 180"):
+        optimize_g2o(loose)
 
 
 @pytest.mark.parametrize(("name", "optimum"), [("mit-weak-loops", 20.61)])

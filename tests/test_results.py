@@ -198,14 +198,14 @@ def test_results_can_be_written_from_another_thread(tmp_path: Path) -> None:
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_without_permission_is_named(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
-    with pytest.raises(ResultsError, match="cannot be written"):
-        write_results(make_result(), tmp_path / "out")
+    with pytest.raises(ResultsError, match="must not be written to"):
+        check_directory(tmp_path / "out", overwrite=False)
 
 
 def test_a_folder_below_a_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
-    with pytest.raises(ResultsError, match="cannot be written"):
-        write_results(make_result(), tmp_path / "file" / "out")
+    with pytest.raises(ResultsError, match=r"file/out: .*file is a file, expected a folder"):
+        check_directory(tmp_path / "file" / "out", overwrite=False)
 
 
 def test_a_broken_folder_is_named(tmp_path: Path) -> None:

@@ -127,7 +127,7 @@ def test_what_a_file_leaves_out_keeps_its_default() -> None:
         ("[stage.inner]\nmode = 'medium'", "stage.inner.mode: found 'medium', expected one of 'fast', 'slow'"),
         ("[stage.inner]\nmode = [1]", "stage.inner.mode: found [1], expected one of 'fast', 'slow'"),
         ("[stage.inner]\nwidth = -1", "stage.inner.width: width is -1.0 m, expected > 0"),
-        ("[stage.inner]\nmode = 'slow'\nwidth = nan", "stage.inner.width: width is nan m"),
+        ("[stage.inner]\nmode = 'slow'\nwidth = nan", "stage.inner.width: found nan, expected a number"),
         ("seed = ", "not valid TOML"),
     ],
 )
@@ -165,6 +165,11 @@ def test_files_are_read_and_missing_ones_named(tmp_path: Path) -> None:
 
 def test_infinities_are_kept() -> None:
     assert parse_settings(Stage, format_settings(Stage(limit=-math.inf)), "here").limit == -math.inf
+
+
+def test_what_is_not_a_number_is_no_number() -> None:
+    with pytest.raises(ConfigError, match=r"here: limit: found nan, expected a number"):
+        parse_settings(Stage, "limit = nan", "here")
 
 
 def test_a_missing_file_is_said_once(tmp_path: Path) -> None:

@@ -52,8 +52,9 @@ class MotionModel:
             value = getattr(self, setting.name)
             if not math.isfinite(value) or ("std" in setting.name and value < 0):
                 raise DpSlamError(f"dp_slam.motion.{setting.name} is out of range: {value}")
-        if not (self.floor > 0 and self.turn_floor > 0):
-            raise DpSlamError("dp_slam.motion: floor and turn_floor must be positive")
+        for name in ("floor", "turn_floor"):
+            if not getattr(self, name) > 0:
+                raise DpSlamError(f"dp_slam.motion.{name} must be positive, found {getattr(self, name)}")
 
 
 ATRV_JR = MotionModel(
@@ -115,7 +116,8 @@ class DpSlamConfig:
                 raise DpSlamError(f"dp_slam.{name} must not be negative, found {getattr(self, name)}")
         if not 1 <= self.particles <= self.samples:
             raise DpSlamError(f"dp_slam: need 1 <= particles <= samples, found {self.particles} and {self.samples}")
-        if not (self.passes >= 1 and self.max_beams >= 1 and self.max_cells >= 1):
-            raise DpSlamError("dp_slam: passes, max_beams and max_cells must be at least 1")
+        for name in ("passes", "max_beams", "max_cells"):
+            if not getattr(self, name) >= 1:
+                raise DpSlamError(f"dp_slam.{name} must be at least 1, found {getattr(self, name)}")
         if not 0 < self.floor < 1:
             raise DpSlamError(f"dp_slam.floor must lie in (0, 1), found {self.floor}")

@@ -59,11 +59,16 @@ def recognise(path: Path) -> str:
     Raises:
         LogError: the file is empty, cannot be read or is of no known format.
     """
-    head = TextLog(path).head()
+    log = TextLog(path)
+    head = log.head()
     if not head.strip():
-        raise LogError(f"{path}: the log is empty")
+        raise LogError(
+            f"{path}: the {'compressed file is cut off before its first line' if log.cut_off else 'log is empty'}"
+        )
     for name, reader in READERS.items():
         if reader.recognises(head):
             return name
-    shown = head[:60].decode("ascii", "backslashreplace").replace("\n", " ")
-    raise LogError(f"{path}: found '{shown}…', expected a log of one of the formats {', '.join(READERS)}")
+    first = head.lstrip().partition(b"\n")[0]
+    raise LogError(
+        f"{path}: found '{str(first[:60])[2:-1]}', expected a log of one of the formats {', '.join(READERS)}"
+    )

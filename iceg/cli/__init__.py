@@ -60,7 +60,7 @@ def _main(words: list[str]) -> int:
 
         print(f"iceg {__version__}")
         return 0
-    from graph.errors import IcegError
+    from graph.errors import IcegError, reason
     from iceg.cli.usage_error import UsageError
 
     try:
@@ -74,6 +74,10 @@ def _main(words: list[str]) -> int:
         return _complain(err, _USAGE)
     except IcegError as err:
         return _complain(err, _FAILED)
+    except BrokenPipeError:
+        raise
+    except OSError as err:  # a folder that must not be written to, a full disk
+        return _complain(f"{err.filename}: {reason(err)}" if err.filename else err, _FAILED)
     return 0
 
 
@@ -88,6 +92,6 @@ def _parse(words: list[str]) -> Callable[[], None]:
     return parse(words)
 
 
-def _complain(error: Exception, code: int) -> int:
+def _complain(error: Exception | str, code: int) -> int:
     print(f"iceg: {' '.join(str(error).split())}", file=sys.stderr)
     return code

@@ -63,10 +63,13 @@ def logs_to_judge(paths: Sequence[Path], data: Path | None) -> list[BenchLog]:
         data: folder of the public logs, looked at if no log is given.
 
     Raises:
-        EvaluationError: a log given has nothing to be judged by.
+        EvaluationError: a log given is not there or has nothing to be judged by.
     """
     if not paths:
         return [log for log in find_logs(data) if log.known is not None]
+    for path in paths:
+        if not path.is_file():
+            raise EvaluationError(f"{path}: found no such file, expected a log")
     return [BenchLog(name=_stem(path), path=path, known=_known_beside(path)) for path in paths]
 
 

@@ -100,14 +100,16 @@ def recorded(logs: Sequence[Path]) -> Iterator[Recording]:
     """Logs with their truth, `NAME.truth.csv`, beside them.
 
     Raises:
-        EvaluationError: there is none, or not one pose for each scan.
+        LogError: a log cannot be read.
+        EvaluationError: there is no truth, or not one pose for each scan.
     """
     for path in logs:
         name = path.name.partition(".")[0]
         truth = path.with_name(f"{name}.truth.csv")
+        log = read_log(path)
         if not truth.exists():
             raise EvaluationError(f"{path}: found no {truth.name} beside it, expected the true pose of every scan")
-        log, poses = read_log(path), read_truth_csv(truth)
+        poses = read_truth_csv(truth)
         check_one_row_per_scan(log.odometry, poses, truth)
         yield Recording(scene=name, seed=0, log=log, truth=poses)
 

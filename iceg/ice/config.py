@@ -41,9 +41,8 @@ class SegmentConfig:
     """Least standard deviation of a point across its line [m]."""
 
     def __post_init__(self) -> None:
-        _require(
-            self.gap > 0 and self.split > 0 and self.range_noise > 0, "segments: gap, split and range_noise must be > 0"
-        )
+        for name in ("gap", "split", "range_noise"):
+            _require(getattr(self, name) > 0, f"segments.{name} must be positive, found {getattr(self, name)}")
         _require(self.min_points >= 2, f"segments.min_points must be at least 2, found {self.min_points}")
 
 
@@ -141,7 +140,10 @@ class RefinementConfig:
     """A match needs at least this share of its points on the reference."""
 
     def __post_init__(self) -> None:
-        _require(0 < self.scale <= self.coarse_scale, "refinement.scale must be positive and at most coarse_scale")
+        _require(
+            0 < self.scale <= self.coarse_scale,
+            f"refinement: need 0 < scale <= coarse_scale, found {self.scale} and {self.coarse_scale}",
+        )
         _require(0 <= self.min_inliers <= 1, f"refinement.min_inliers must lie in [0, 1], found {self.min_inliers}")
 
 
@@ -163,7 +165,10 @@ class LocalMapConfig:
     """Neighbours up to this far on either side give a point its normal [m]."""
 
     def __post_init__(self) -> None:
-        _require(self.cell > 0 and self.coarse_cell >= self.cell, "local_map: need 0 < cell <= coarse_cell")
+        _require(
+            0 < self.cell <= self.coarse_cell,
+            f"local_map: need 0 < cell <= coarse_cell, found {self.cell} and {self.coarse_cell}",
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -144,10 +144,9 @@ class JointRefinementConfig:
     """Only every so many beams are used, so that there are no more points than this."""
 
     def __post_init__(self) -> None:
-        if not min(self.cell, self.half_length, self.half_width, self.scale, self.independence) > 0.0:
-            raise SlamConfigError(
-                "joint refinement: cell, half_length, half_width, scale and independence must be positive"
-            )
+        for name in ("cell", "half_length", "half_width", "scale", "independence"):
+            if not getattr(self, name) > 0.0:
+                raise SlamConfigError(f"joint refinement: {name} must be positive, found {getattr(self, name)}")
         if self.max_points < 1 or self.scans_per_key < 1:
             raise SlamConfigError(
                 f"joint refinement: max_points {self.max_points} and scans_per_key {self.scans_per_key} "
