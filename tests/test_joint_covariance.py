@@ -162,15 +162,6 @@ def test_marginals_do_not_depend_on_where_the_map_lies() -> None:
     )
 
 
-def test_the_inverse_of_a_triangle_by_halves() -> None:
-    rng = np.random.default_rng(4)
-    lower = np.tril(rng.normal(size=(301, 301))) + 20.0 * np.eye(301)
-    inverse = lower.copy()
-    joint_covariance._invert_lower(inverse)
-    np.testing.assert_allclose(inverse @ lower, np.eye(301), atol=1e-12)
-    assert not np.triu(inverse, 1).any()
-
-
 def test_the_number_of_cores_does_not_change_a_bit() -> None:
     poses = _path(400)
     walls, starts = _walls(400, 12)

@@ -15,15 +15,12 @@ from threadpoolctl import threadpool_limits
 from graph.factors import Factor
 from graph.se2 import adjoint, between, chain_covariance, compose_covariance
 from iceg.slam._joint_system_kernels import JointSystem, PointsOnLines, fill, normal_equations
+from iceg.slam.marginal_blocks import diagonal_of_inverse
 
 _MOST_ANCHORS = 500
 _FIRST_ALONE = 8
 """So many key poses at the start stay unknowns of their own: what the first is off against the walls is in all others,
 and a rigid group would give it the points of the whole group (σ was half of what it is at 1,700 key poses)."""
-_SMALL = 64
-"""Rows of a matrix that is not worth dividing."""
-_TOGETHER = 48
-"""Columns that are multiplied with each other at once, a multiple of 3."""
 _HELD = 1e-10
 """Variance of the first key pose, which the others are relative to [m², rad²]."""
 _SHARP = 1e6
@@ -94,7 +91,7 @@ def joint_covariances(
     _add_links(information, poses, steps, anchors)
     information[:3, :3] += np.eye(3) / _HELD
     with threadpool_limits(1, user_api="blas"):  # whose sums would otherwise depend on the number of cores
-        known = _diagonal_of_inverse(information)
+        known = diagonal_of_inverse(information)
     if len(anchors) == k:
         return known
     # The points of a group hold it as a whole; where each of its key poses lies in it, its own points and steps say.
@@ -134,31 +131,6 @@ def _add_links(
     blocks[first, :, last] += turned
     blocks[last, :, first] += np.swapaxes(turned, 1, 2)
     blocks[last, :, last] += links
-
-
-def _diagonal_of_inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n, 3, 3) blocks on the diagonal of the inverse of a (3n, 3n) matrix."""
-    root = np.asarray(np.linalg.cholesky(matrix), dtype=np.float64)
-    _invert_lower(root)
-    blocks = np.empty((len(matrix) // 3, 3, 3))
-    for first in range(0, len(matrix), _TOGETHER):
-        columns = root[first:, first : first + _TOGETHER]
-        at = np.arange(columns.shape[1] // 3)
-        blocks[first // 3 + at] = (columns.T @ columns).reshape(len(at), 3, len(at), 3)[at, :, at]
-    return blocks
-
-
-def _invert_lower(lower: NDArray[np.float64]) -> None:
-    """Turn a triangular matrix into its inverse, by halves: a quarter of the time of a full matrix's."""
-    n = len(lower)
-    if n <= _SMALL:
-        lower[:] = np.tril(np.linalg.inv(lower))
-        return
-    half = n // 2
-    first, last, below = lower[:half, :half], lower[half:, half:], lower[half:, :half]
-    _invert_lower(first)
-    _invert_lower(last)
-    np.matmul(-last, below @ first, out=below)
 
 
 def _of_points(
