@@ -122,6 +122,45 @@ def twin_add(
             seen[cell] = (stops + np.float32(hit and leave >= reading), np.float32(path + (leave - enter)))
 
 
+def twin_scores(
+    maps: list[Map],
+    lasers: NDArray[np.float64],
+    directions: NDArray[np.float64],
+    readings: NDArray[np.float64],
+    returned: NDArray[np.bool_],
+    config: DpSlamConfig,
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Log-likelihood of each sample in its map, and which samples are left when the worst were culled."""
+    cell = config.resolution
+    alive = np.ones(len(lasers), bool)
+    for quick in (True, False):
+        scores = np.zeros(len(lasers))
+        for first in range(config.passes):
+            for k in np.flatnonzero(alive):
+                for beam in range(first, len(readings), config.passes):
+                    if quick and not returned[beam]:
+                        continue
+                    reading = float(readings[beam])
+                    begin = max(0.0, reading - config.quick_before / cell) if quick else 0.0
+                    end = reading + config.quick_beyond / cell
+                    if not quick:
+                        end = min(reading + config.trace_margin / cell, config.max_range / cell)
+                    likelihood = twin_likelihood(
+                        maps[k],
+                        lasers[k],
+                        directions[beam],
+                        begin,
+                        end,
+                        reading,
+                        not returned[beam],
+                        config.prior_density * cell,
+                        config.range_variance / cell**2,
+                    )
+                    scores[k] += math.log(max(likelihood, config.floor))
+            alive &= scores >= scores[alive].max() - config.cull
+    return scores, alive
+
+
 def twin_dp_slam(log: Log, config: DpSlamConfig) -> tuple[NDArray[np.float64], Map, list[int]]:
     """The same filter with a whole map per particle, copied at each birth; and how many samples survive each scan."""
     rng = np.random.default_rng(config.seed)
@@ -152,33 +191,8 @@ def twin_dp_slam(log: Log, config: DpSlamConfig) -> tuple[NDArray[np.float64], M
         parents = np.repeat(np.arange(len(poses)), shares)
         step = between(log.odometry[index - 1], log.odometry[index])
         samples = compose(poses[parents], draw_motions(step, config.motion, rng.standard_normal((config.samples, 3))))
-        placed = lasers(samples)
-        alive = np.ones(config.samples, bool)
-        for quick in (True, False):
-            scores = np.zeros(config.samples)
-            for first in range(config.passes):
-                for k in np.flatnonzero(alive):
-                    for beam in range(first, len(readings), config.passes):
-                        if quick and not returned[beam]:
-                            continue
-                        reading = float(readings[beam])
-                        begin = max(0.0, reading - config.quick_before / cell) if quick else 0.0
-                        end = reading + config.quick_beyond / cell
-                        if not quick:
-                            end = min(reading + config.trace_margin / cell, config.max_range / cell)
-                        likelihood = twin_likelihood(
-                            maps[parents[k]],
-                            placed[k],
-                            directions[beam],
-                            begin,
-                            end,
-                            reading,
-                            not returned[beam],
-                            config.prior_density * cell,
-                            config.range_variance / cell**2,
-                        )
-                        scores[k] += math.log(max(likelihood, config.floor))
-                alive &= scores >= scores[alive].max() - config.cull
+        seen_by = [maps[parent] for parent in parents]
+        scores, alive = twin_scores(seen_by, lasers(samples), directions, readings, returned, config)
         survivors.append(int(alive.sum()))
         weights = np.where(alive, np.exp(scores - scores[alive].max()), 0.0)
         times = np.empty(config.samples, np.int64)

@@ -16,6 +16,7 @@ from iceg.maps import feature_map as feature_map_module
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
 from iceg.maps.feature_map import FeatureMap, Landmarks, build_feature_map
 from iceg.maps.landmark_arrays import Observed
+from tests.walls import distances
 
 F64 = NDArray[np.float64]
 NAN = math.nan
@@ -32,17 +33,7 @@ def laser(mount: ArrayLike = (0.0, 0.0, 0.0)) -> ScanGeometry:
 def scan_of(*walls: tuple[float, float, float, float], mount: ArrayLike = (0.0, 0.0, 0.0), reach: float = 20.0) -> Scan:
     """What the laser sees of walls (x, y, x, y), in the robot frame; NaN beyond reach."""
     geometry = laser(mount)
-    ranges = np.full(len(BEARINGS), np.inf)
-    for beam, (dx, dy) in enumerate(geometry.directions_robot):
-        for xa, ya, xb, yb in walls:
-            ex, ey = xb - xa, yb - ya
-            cross = dx * ey - dy * ex
-            if abs(cross) < 1e-12:
-                continue
-            ox, oy = xa - geometry.origin_robot[0], ya - geometry.origin_robot[1]
-            distance, along = (ox * ey - oy * ex) / cross, (ox * dy - oy * dx) / cross
-            if distance > 0 and 0 <= along <= 1:
-                ranges[beam] = min(ranges[beam], distance)
+    ranges = distances(np.array(walls).reshape(-1, 4), geometry.T_robot_laser, BEARINGS)
     return Scan(ranges=np.where(ranges < reach, ranges, np.nan).astype(np.float32), geometry=geometry)
 
 

@@ -287,7 +287,7 @@ def add_scan(
     """
     directions, readings, returned = scan
     # Out of the tuple once: each look-up of an array in it counts references, which costs as much as a cell.
-    heads, owners, places, in_cell, back, of_node, firsts, evidence, pool = observations
+    heads, owners, _, in_cell, _, _, _, evidence, _ = observations
     row_of, rowed, rows, facts, _, _, _, counts, nearest, _ = caches
     parents, _, order, leaves = tree
     node = leaves[particle]
@@ -312,20 +312,9 @@ def add_scan(
                 seen = rows[slot, particle]
                 own = seen
                 if seen < 0 or owners[seen] != node:
-                    own = pool[0]
-                    pool[0] = in_cell[own]
-                    pool[1] -= 1
-                    owners[own], places[own] = node, cell
-                    in_cell[own], of_node[own], back[own] = heads[cell], firsts[node], -1
-                    if heads[cell] >= 0:
-                        back[heads[cell]] = own
-                    heads[cell], firsts[node] = own, own
+                    own = _begin(cell, node, seen, prior_length, observations)
                     rows[slot, particle] = own
-                    if seen >= 0:
-                        evidence[own, 0], evidence[own, 1] = evidence[seen, 0], evidence[seen, 1]
-                    else:
-                        evidence[own, 0], evidence[own, 1] = 0.0, prior_length
-                        facts[slot, 0] += 1
+                    facts[slot, 0] += seen < 0
                 evidence[own, 1] += leave - t
                 if leave >= end and returned[beam]:
                     evidence[own, 0] += 1.0
@@ -337,6 +326,25 @@ def add_scan(
             else:
                 row += 1 if uy > 0.0 else -1
                 next_y += per_y
+
+
+@compiled
+def _begin(cell: int, node: int, inherited: int, prior_length: float, observations: Observations) -> int:
+    """Take an observation of a cell out of the pool for a node; it continues the ancestor's, -1 where there is none."""
+    heads, owners, places, in_cell, back, of_node, firsts, evidence, pool = observations
+    own = pool[0]
+    pool[0] = in_cell[own]
+    pool[1] -= 1
+    owners[own], places[own] = node, cell
+    in_cell[own], of_node[own], back[own] = heads[cell], firsts[node], -1
+    if heads[cell] >= 0:
+        back[heads[cell]] = own
+    heads[cell], firsts[node] = own, own
+    if inherited >= 0:
+        evidence[own, 0], evidence[own, 1] = evidence[inherited, 0], evidence[inherited, 1]
+    else:
+        evidence[own, 0], evidence[own, 1] = 0.0, prior_length
+    return int(own)
 
 
 @compiled

@@ -58,36 +58,12 @@ def compare(
         counts: (p, 4) output: points with a surfel, those that agree with it, surfels seen, surfels looked through.
     """
     for way in range(len(placements)):
-        known, inliers, seen, contradicted = 0, 0, 0, 0
-        for scan in range(len(starts) - 1):
-            first, last = starts[scan], starts[scan + 1]
-            some_known, some_inliers = _points_on_reference(
-                points[first:last],
-                normals[first:last],
-                placements[way, scan],
-                surfels,
-                nearest,
-                origin,
-                cell,
-                facing,
-                limit,
-            )
-            known += some_known
-            inliers += some_inliers
+        known, inliers = _points_on_reference(
+            points, normals, starts, placements[way], surfels, nearest, origin, cell, facing, limit
+        )
+        seen, contradicted = 0, 0
         if known >= least_overlap * starts[-1] and inliers >= least_fit * known:
-            for scan in range(len(starts) - 1):
-                some_seen, some_contradicted = visible_agreement(
-                    surfels,
-                    placements[way, scan],
-                    sweeps.T_robot_lasers[scan],
-                    sweeps.first_bearings[scan],
-                    sweeps.resolutions[scan],
-                    sweeps.ranges[sweeps.starts[scan] : sweeps.starts[scan + 1]],
-                    reach,
-                    margin,
-                )
-                seen += some_seen
-                contradicted += some_contradicted
+            seen, contradicted = _surfels_in_view(surfels, placements[way], sweeps, reach, margin)
         counts[way, 0], counts[way, 1], counts[way, 2], counts[way, 3] = known, inliers, seen, contradicted
 
 
@@ -95,7 +71,8 @@ def compare(
 def _points_on_reference(
     points: F64,
     normals: F64,
-    pose: F64,
+    starts: I64,
+    poses: F64,
     surfels: F64,
     nearest: I32,
     origin: F64,
@@ -103,20 +80,41 @@ def _points_on_reference(
     facing: float,
     limit: float,
 ) -> tuple[int, int]:
-    """How many points of a scan at a pose have a surfel, and how many of these agree with it, see `compare`."""
+    """How many points of scans at their poses have a surfel, and how many of these agree with it, see `compare`."""
     known, inliers = 0, 0
     x0, y0, cells_per_metre = origin[0], origin[1], 1.0 / cell
-    c, s = cos(pose[2]), sin(pose[2])
-    for i in range(len(points)):
-        x = pose[0] + (c * points[i, 0] - s * points[i, 1])
-        y = pose[1] + (s * points[i, 0] + c * points[i, 1])
-        nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
-        k = partner(x, y, nx, ny, surfels, nearest, x0, y0, cells_per_metre, facing)
-        if k >= 0:
-            r = surfels[k, 2] * (x - surfels[k, 0]) + surfels[k, 3] * (y - surfels[k, 1])
-            known += 1
-            inliers += r * r < limit * limit
+    for scan in range(len(poses)):
+        px, py, c, s = poses[scan, 0], poses[scan, 1], cos(poses[scan, 2]), sin(poses[scan, 2])
+        for i in range(starts[scan], starts[scan + 1]):
+            x = px + (c * points[i, 0] - s * points[i, 1])
+            y = py + (s * points[i, 0] + c * points[i, 1])
+            nx, ny = c * normals[i, 0] - s * normals[i, 1], s * normals[i, 0] + c * normals[i, 1]
+            k = partner(x, y, nx, ny, surfels, nearest, x0, y0, cells_per_metre, facing)
+            if k >= 0:
+                r = surfels[k, 2] * (x - surfels[k, 0]) + surfels[k, 3] * (y - surfels[k, 1])
+                known += 1
+                inliers += r * r < limit * limit
     return known, inliers
+
+
+@compiled
+def _surfels_in_view(surfels: F64, poses: F64, sweeps: Sweeps, reach: float, margin: float) -> tuple[int, int]:
+    """`visible_agreement` added up over scans at their poses."""
+    seen, contradicted = 0, 0
+    for scan in range(len(poses)):
+        some_seen, some_contradicted = visible_agreement(
+            surfels,
+            poses[scan],
+            sweeps.T_robot_lasers[scan],
+            sweeps.first_bearings[scan],
+            sweeps.resolutions[scan],
+            sweeps.ranges[sweeps.starts[scan] : sweeps.starts[scan + 1]],
+            reach,
+            margin,
+        )
+        seen += some_seen
+        contradicted += some_contradicted
+    return seen, contradicted
 
 
 @compiled

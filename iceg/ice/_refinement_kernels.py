@@ -109,17 +109,12 @@ def refine(
     inliers, used, squares, weights = 0, 0, 0.0, 0.0
     width = max(scale, first_scale)
     for _ in range(max(1, iterations)):
-        cells_at(columns.x, columns.y, pose, nearest.shape, origin, cell, pairs.rx, pairs.ry, pairs.cells)
-        look_up(pairs.cells, nearest, surfels, pairs.px, pairs.py, pairs.nx, pairs.ny)
-        _mark_facing(columns, pose[2], pairs)
-        _measure(pose, pairs)
+        _pair(columns, pose, surfels, nearest, origin, cell, pairs)
         used, inliers = _weigh(pairs, 1.0 / (width * width), 4.0 * scale * scale)
         squares, weights = _add_up(pairs, hessian, gradient)
         if used < _FEWEST or iterations == 0:
             break
-        for a in range(3):
-            gradient[a] += prior_weight * (pose[a] - start[a])
-        if not solve_step(hessian, gradient, prior_weight, step):
+        if not _pulled_step(hessian, gradient, prior_weight, pose, start, step):
             break
         pose += step
         moved, turned = max(abs(step[0]), abs(step[1])), abs(step[2])
@@ -189,6 +184,23 @@ def _room(n: int) -> Pairs:
         np.empty(n),
         np.empty(n),
     )
+
+
+@compiled
+def _pulled_step(hessian: F64, gradient: F64, prior_weight: float, pose: F64, start: F64, step: F64) -> bool:
+    """`solve_step` with a prior that pulls the pose towards the start."""
+    for a in range(3):
+        gradient[a] += prior_weight * (pose[a] - start[a])
+    return solve_step(hessian, gradient, prior_weight, step)
+
+
+@compiled
+def _pair(columns: Columns, pose: F64, surfels: F64, nearest: I32, origin: F64, cell: float, pairs: Pairs) -> None:
+    """Give each point, at a pose, its surfel, a weight of 1 where the two face the same way, and their distance."""
+    cells_at(columns.x, columns.y, pose, nearest.shape, origin, cell, pairs.rx, pairs.ry, pairs.cells)
+    look_up(pairs.cells, nearest, surfels, pairs.px, pairs.py, pairs.nx, pairs.ny)
+    _mark_facing(columns, pose[2], pairs)
+    _measure(pose, pairs)
 
 
 @compiled

@@ -78,11 +78,17 @@ def add_surfels(
                 sums[k, 3] += my
                 sums[k, 4] += 1.0
                 break
-    for k in range(n_surfels):
+    _average(sums[:n_surfels], surfels)
+    return n_surfels
+
+
+@compiled
+def _average(sums: F64, surfels: F64) -> None:
+    """Mean position and unit normal of each surfel, see `add_surfels`."""
+    for k in range(len(sums)):
         n, norm = sums[k, 4], hypot(sums[k, 2], sums[k, 3])
         surfels[k, 0], surfels[k, 1] = sums[k, 0] / n, sums[k, 1] / n
         surfels[k, 2], surfels[k, 3] = sums[k, 2] / norm, sums[k, 3] / norm
-    return n_surfels
 
 
 @compiled

@@ -107,17 +107,11 @@ def render_grid(
     T_map_laser = _laser_poses(trajectory[used], geometry)
     ranges = ranges[used]
     half_widths, touching = _half_widths(geometry, config.beam_width)
+    cone = _cone(config, touching=touching)
     bearings = np.ascontiguousarray(geometry.bearings, dtype=np.float64)
     box = kernels.extent(T_map_laser, ranges, bearings, half_widths, config.max_range, config.no_return_range)
     origin, shape = _frame(box, config)
     log_odds = np.zeros(shape, dtype=np.float32)
-    cone = kernels.Cone(
-        touching=touching,
-        max_range=config.max_range,
-        no_return_range=config.no_return_range,
-        cot_min_incidence=1.0 / math.tan(config.min_incidence),
-        free_margin=config.resolution,
-    )
     kernels.render(
         log_odds,
         float(origin[0]),
@@ -205,6 +199,16 @@ def write_ros_map(grid: OccupancyGrid, directory: Path, stem: str = "map") -> tu
 
 def _log_odds(probability: float) -> float:
     return math.log(probability / (1.0 - probability))
+
+
+def _cone(config: GridConfig, *, touching: bool) -> kernels.Cone:
+    return kernels.Cone(
+        touching=touching,
+        max_range=config.max_range,
+        no_return_range=config.no_return_range,
+        cot_min_incidence=1.0 / math.tan(config.min_incidence),
+        free_margin=config.resolution,
+    )
 
 
 def _evidence(config: GridConfig) -> kernels.Evidence:

@@ -36,7 +36,7 @@ from iceg.slam.manual_closures import (
 from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry_standstill import describe_dead, with_odometry_between_readings
 from iceg.slam.path_break import describe_break
-from iceg.slam.path_uncertainty import least_known
+from iceg.slam.path_uncertainty import LeastKnown, least_known
 from iceg.slam.place_votes import describe_vote
 from iceg.slam.progress import Progress, ProgressCallback
 from iceg.slam.repeated_scans import without_frozen_scans
@@ -122,8 +122,6 @@ def run(
     with clock.stage("grid"):
         grid, doubt = render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
-    worst = least_known(key_scans, covariances)
-    doubts = [sentence for sentence in (doubt, worst.warning()) if sentence is not None]
     return SlamResult(
         log=log,
         config=config,
@@ -136,8 +134,7 @@ def run(
         landmarks=landmarks,
         grid=grid,
         closures=_closures(track, solution) + manual_records(closures, track),
-        summary=_summary(log, track, solution, calibration, rounds, clock, doubts)
-        | {"least_known": {"scan": worst.scan, "position_std_m": round(worst.deviation, 4)}},
+        summary=_summary(log, track, solution, calibration, rounds, clock, least_known(key_scans, covariances), doubt),
     )
 
 
@@ -240,11 +237,13 @@ def _summary(
     calibration: OdometryCalibration,
     rounds: list[Round],
     clock: _StageClock,
-    doubts: list[str],
+    worst: LeastKnown,
+    grid_doubt: str | None,
 ) -> dict[str, Any]:
     factors = solution.graph.factors
     matches = [key.match for key in track.keys if isinstance(key.match, RelativePose)]
-    doubts = [*doubts, *(describe_dead(*stretch) for stretch in track.dead)]
+    doubts = [sentence for sentence in (grid_doubt, worst.warning()) if sentence is not None]
+    doubts += [describe_dead(*stretch) for stretch in track.dead]
     if rounds and rounds[-1].covariances_from == "graph":
         doubts.append("covariances of the key poses are those of the graph: the walls do not determine every pose")
     kinds = ("prior", "odometry", "ice", "stretch", "closure")
@@ -285,4 +284,5 @@ def _summary(
         },
         "seconds": clock.seconds,
         "cpu_seconds": clock.cpu_seconds,
+        "least_known": {"scan": worst.scan, "position_std_m": round(worst.deviation, 4)},
     }
