@@ -142,6 +142,7 @@ def test_surfaces_seen_from_behind_are_no_partners() -> None:
 symmetric = st.lists(st.floats(-100, 100), min_size=9, max_size=9).map(
     lambda v: np.array(v).reshape(3, 3) + np.array(v).reshape(3, 3).T
 )
+vector = st.lists(st.floats(-10, 10), min_size=3, max_size=3).map(np.array)
 
 
 @given(symmetric)
@@ -153,14 +154,14 @@ def test_principal_axes_against_numpy(matrix: F64) -> None:
     np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-10)
 
 
-@given(symmetric, st.lists(st.floats(-10, 10), min_size=3, max_size=3).map(np.array))
-def test_steps_solve_the_normal_equations(matrix: F64, gradient: F64) -> None:
+@given(symmetric, vector, vector, vector)
+def test_steps_solve_the_normal_equations(matrix: F64, gradient: F64, pose: F64, start: F64) -> None:
     positive = matrix @ matrix.T + np.eye(3)
     step = np.empty(3)
-    assert kernels.solve_step(positive, gradient, 0.5, step)
-    expected = np.linalg.solve(positive + 0.5 * np.eye(3), -gradient)
+    assert kernels.solve_step(positive, gradient, 0.5, pose, start, step)
+    expected = np.linalg.solve(positive + 0.5 * np.eye(3), -gradient - 0.5 * (pose - start))
     np.testing.assert_allclose(step, expected, rtol=1e-5, atol=1e-7)
-    assert not kernels.solve_step(np.zeros((3, 3)), gradient, 0.0, step)
+    assert not kernels.solve_step(np.zeros((3, 3)), gradient, 0.0, pose, start, step)
 
 
 @given(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05))

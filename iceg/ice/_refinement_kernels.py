@@ -47,18 +47,21 @@ def partner(
 
 
 @compiled
-def solve_step(h: F64, g: F64, damping: float, step: F64) -> bool:
-    """Solve (h + damping·1)·step = -g for a symmetric 3×3 h; return whether it has an inverse."""
-    h00, h11, h22 = h[0, 0] + damping, h[1, 1] + damping, h[2, 2] + damping
+def solve_step(h: F64, gradient: F64, pull: float, pose: F64, start: F64, step: F64) -> bool:
+    """Solve (h + pull·1)·step = -gradient - pull·(pose - start) for a symmetric 3×3 h; return whether it can be."""
+    g0 = gradient[0] + pull * (pose[0] - start[0])
+    g1 = gradient[1] + pull * (pose[1] - start[1])
+    g2 = gradient[2] + pull * (pose[2] - start[2])
+    h00, h11, h22 = h[0, 0] + pull, h[1, 1] + pull, h[2, 2] + pull
     h01, h02, h12 = h[0, 1], h[0, 2], h[1, 2]
     a00, a01, a02 = h11 * h22 - h12 * h12, h02 * h12 - h01 * h22, h01 * h12 - h02 * h11
     det = h00 * a00 + h01 * a01 + h02 * a02
     if abs(det) < 1e-12:
         return False
     a11, a12, a22 = h00 * h22 - h02 * h02, h01 * h02 - h00 * h12, h00 * h11 - h01 * h01
-    step[0] = -(a00 * g[0] + a01 * g[1] + a02 * g[2]) / det
-    step[1] = -(a01 * g[0] + a11 * g[1] + a12 * g[2]) / det
-    step[2] = -(a02 * g[0] + a12 * g[1] + a22 * g[2]) / det
+    step[0] = -(a00 * g0 + a01 * g1 + a02 * g2) / det
+    step[1] = -(a01 * g0 + a11 * g1 + a12 * g2) / det
+    step[2] = -(a02 * g0 + a12 * g1 + a22 * g2) / det
     return True
 
 
@@ -106,15 +109,15 @@ def refine(
     columns, pairs = _columns(points, normals, every, facing), _room(-(-len(points) // every))
     gradient, step = np.empty(3), np.empty(3)
     assign(pose, start)
-    inliers, used, squares, weights = 0, 0, 0.0, 0.0
-    width = max(scale, first_scale)
+    inliers, used, squares, weights, width = 0, 0, 0.0, 0.0, max(scale, first_scale)
     for _ in range(max(1, iterations)):
-        _pair(columns, pose, surfels, nearest, origin, cell, pairs)
+        cells_at(columns.x, columns.y, pose, nearest.shape, origin, cell, pairs.rx, pairs.ry, pairs.cells)
+        look_up(pairs.cells, nearest, surfels, pairs.px, pairs.py, pairs.nx, pairs.ny)
+        _mark_facing(columns, pose[2], pairs)
+        _measure(pose, pairs)
         used, inliers = _weigh(pairs, 1.0 / (width * width), 4.0 * scale * scale)
         squares, weights = _add_up(pairs, hessian, gradient)
-        if used < _FEWEST or iterations == 0:
-            break
-        if not _pulled_step(hessian, gradient, prior_weight, pose, start, step):
+        if used < _FEWEST or iterations == 0 or not solve_step(hessian, gradient, prior_weight, pose, start, step):
             break
         pose += step
         moved, turned = max(abs(step[0]), abs(step[1])), abs(step[2])
@@ -184,23 +187,6 @@ def _room(n: int) -> Pairs:
         np.empty(n),
         np.empty(n),
     )
-
-
-@compiled
-def _pulled_step(hessian: F64, gradient: F64, prior_weight: float, pose: F64, start: F64, step: F64) -> bool:
-    """`solve_step` with a prior that pulls the pose towards the start."""
-    for a in range(3):
-        gradient[a] += prior_weight * (pose[a] - start[a])
-    return solve_step(hessian, gradient, prior_weight, step)
-
-
-@compiled
-def _pair(columns: Columns, pose: F64, surfels: F64, nearest: I32, origin: F64, cell: float, pairs: Pairs) -> None:
-    """Give each point, at a pose, its surfel, a weight of 1 where the two face the same way, and their distance."""
-    cells_at(columns.x, columns.y, pose, nearest.shape, origin, cell, pairs.rx, pairs.ry, pairs.cells)
-    look_up(pairs.cells, nearest, surfels, pairs.px, pairs.py, pairs.nx, pairs.ny)
-    _mark_facing(columns, pose[2], pairs)
-    _measure(pose, pairs)
 
 
 @compiled
