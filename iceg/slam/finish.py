@@ -43,7 +43,7 @@ class Round:
         residual_before: root mean square distance of the points from the walls before a joint refinement [m] …
         residual: … and after it.
         covariances_from: whence the key poses' covariances are after a joint refinement: "walls" that scans share, or
-            the "graph" alone, where the points on walls do not determine every pose.
+            the "graph" alone, where the points on walls do not determine every pose, or claim more than is credible.
         seconds: spent.
     """
 

@@ -23,6 +23,7 @@ from iceg.slam._joint_system_kernels import product
 from iceg.slam.config import JointRefinementConfig
 from iceg.slam.joint_covariance import Walls, joint_covariances
 from iceg.slam.track import Track
+from iceg.slam.wall_claims import believed_covariances
 
 _LEAST_NOISE = 0.004
 """The residuals of points are never taken to be smaller than this [m]."""
@@ -49,7 +50,8 @@ class JointRefinement:
         residual: … and in the end [m].
         on_walls_before: share of the points on their piece of wall (mean Cauchy weight) at the start …
         on_walls: … and in the end.
-        covariances: (k, 3, 3) marginal covariances of the poses in the end, None if the points do not determine them.
+        covariances: (k, 3, 3) marginal covariances of the poses in the end, None if the points do not determine them or
+            claim more than is credible.
     """
 
     poses: NDArray[np.float64]
@@ -125,6 +127,9 @@ def refine_jointly(
     if last.on_walls < on_walls:
         refined = poses
         last = _walls(clouds, poses, config, part_of, room, pieces)
+    covariances = _covariances(factors, refined, clouds, last, config)
+    if covariances is not None:
+        covariances = believed_covariances(covariances, problem.marginal_covariances(poses))
     # As a whole the map may move, held by the prior alone: put the first pose back.
     refined = compose(compose(poses[0], inverse(refined[0])), refined) if steps else poses
     return JointRefinement(
@@ -137,7 +142,7 @@ def refine_jointly(
         residual=last.residual,
         on_walls_before=on_walls,
         on_walls=last.on_walls,
-        covariances=_covariances(factors, refined, clouds, last, config),
+        covariances=covariances,
     )
 
 

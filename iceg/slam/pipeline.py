@@ -245,7 +245,9 @@ def _summary(
     doubts = [sentence for sentence in (grid_doubt, worst.warning()) if sentence is not None]
     doubts += [describe_dead(*stretch) for stretch in track.dead]
     if rounds and rounds[-1].covariances_from == "graph":
-        doubts.append("covariances of the key poses are those of the graph: the walls do not determine every pose")
+        doubts.append(
+            "covariances of the key poses are those of the graph: the walls do not tell them, or not credibly"
+        )
     kinds = ("prior", "odometry", "ice", "stretch", "closure")
     return {
         "log": log.path.name,

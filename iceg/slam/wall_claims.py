@@ -1,0 +1,36 @@
+"""How much better than the graph the walls may know where the key poses are.
+
+The walls' covariances take it for certain which points lie on one wall. That was looked for within some centimetres
+of where the graph put the poses. Where the graph knows them far worse, as after a long way among people, or along
+corridors with few beams, points lie on the wrong piece of wall, the refinement cannot leave its place, and the claim is
+void. The graph's own covariances are too large where all is well (NEES 1.2; their standard deviations are up to 2.8
+times those of the walls, over 130 simulated runs) but hold where logs go wrong.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+_MOST = 3.0
+"""So many times smaller than the graph's may the walls' standard deviation be, in any direction."""
+
+
+def believed_covariances(walls: NDArray[np.float64], graph: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """The walls' covariances, nowhere far smaller than the graph's.
+
+    Args:
+        walls: (k, 3, 3) marginals of the key poses from the points on shared walls, relative to the first …
+        graph: … and from the factors of the graph.
+
+    Returns:
+        (k, 3, 3), or None where more than half of the positions would be known too well: nothing is believed then.
+    """
+    variances, least = (c[1:, 0, 0] + c[1:, 1, 1] for c in (walls, graph / _MOST**2))
+    if np.count_nonzero(variances < least) > 0.5 * len(least):
+        return None
+    believed = walls.copy()
+    root = np.linalg.cholesky(graph[1:])
+    whitened = np.linalg.solve(root, np.swapaxes(np.linalg.solve(root, walls[1:]), 1, 2))
+    shares, axes = np.linalg.eigh(0.5 * (whitened + np.swapaxes(whitened, 1, 2)))
+    lacking = root @ axes * np.sqrt(np.maximum(0.0, 1.0 / _MOST**2 - shares))[:, None, :]
+    believed[1:] += lacking @ np.swapaxes(lacking, 1, 2)
+    return believed
