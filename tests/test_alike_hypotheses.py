@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from frontends.simulator.simulation import simulate
 from graph.factors import Factor
-from graph.measurement import RelativePose
+from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
@@ -19,10 +19,11 @@ from iceg.slam.config import FrontEndConfig, LoopClosureConfig
 from iceg.slam.examination import Exam
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.path_break import LOST, Doubt
-from iceg.slam.place_hypothesis import Hypothesis
+from iceg.slam.place_hypothesis import Hypothesis, about_single_steps
 from iceg.slam.relocalisation import Estimate, relocalise
 from iceg.slam.track import Track
 from iceg.slam.tracking import track_log
+from iceg.slam.untied_steps import UntiedSteps
 
 Array = NDArray[np.float64]
 
@@ -167,6 +168,30 @@ def test_an_ambiguous_place_that_confirms_the_path_says_nothing(track: Track, mo
     assert sum(attempt.accepted for attempt in alone.attempts) == len(_AGAIN)
     found = _relocalised(track, {k: [_moved(track, k, as_it_is), _by_chance(k)] for k in _AGAIN}, monkeypatch)
     assert not any(attempt.accepted for attempt in found.attempts)
+
+
+def test_a_set_that_speaks_of_two_breaks_is_two_hypotheses(track: Track) -> None:
+    def claim(key_old: int, key_new: int) -> Attempt:
+        return Attempt(key_old=key_old, key_new=key_new, match=None, accepted=True, reason="scripted")
+
+    before = [claim(20 + k, 60 + k) for k in range(4)]
+    after = [claim(70 + k, 120 + k) for k in range(6)]
+    doubts = {key: Doubt(reason="nothing matched what was known before", strength=LOST) for key in (50, _BREAK)}
+    steps = UntiedSteps(track, _path(track), doubts, LoopClosureConfig())
+    found = about_single_steps([*before, *after], steps)
+    assert [(hypothesis.key, hypothesis.closures) for hypothesis in found] == [(_BREAK, after), (50, before)]
+
+
+def test_of_two_steps_that_odometry_contradicts_the_one_whose_match_explains_less_is_broken(track: Track) -> None:
+    scores = np.array([0.0 if isinstance(key.match, NoMatch) else key.match.score for key in track.keys])
+    keys = np.arange(80, 110)
+    worse, better = int(keys[scores[keys].argmin()]), int(keys[scores[keys].argmax()])
+    doubts = {worse: Doubt(reason="", strength=1.995), better: Doubt(reason="", strength=1.999)}
+    steps = UntiedSteps(track, _path(track), doubts, LoopClosureConfig())
+    closure = Attempt(key_old=70, key_new=120, match=None, accepted=True, reason="scripted")
+    (found,) = about_single_steps([closure], steps)
+    assert scores[worse] + 0.05 < scores[better]
+    assert found.key == worse
 
 
 def test_hypotheses_are_apart_by_how_far_they_put_the_same_scan(track: Track) -> None:

@@ -83,6 +83,33 @@ def test_a_robot_carried_to_a_known_place_is_found_there(
     assert any(f"before scan {found['scan']} " in said for said in result.summary["warnings"])
 
 
+def test_what_is_joined_first_decides_where_the_next_part_belongs(log: Log, truth: NDArray[np.float64]) -> None:
+    # Carried twice: while the first break was open, what follows the second fitted two places that are one.
+    parts = [(0, 295), (1311, 1614), (911, len(log))]
+    twice = _joined(_joined(_part(log, *parts[0]), _part(log, *parts[1])), _part(log, *parts[2]))
+    result = run(twice, _QUICK)
+    assert [found["outcome"] for found in result.summary["breaks"]] == ["joined", "joined"]
+    there = np.vstack([truth[first:last] for first, last in parts])
+    assert trajectory_errors(result.trajectory, there).ate_rmse < 0.15
+
+
+def test_a_robot_carried_while_its_odometry_jumps_is_found(log: Log, truth: NDArray[np.float64]) -> None:
+    carried = _carried(log, 929, 1136)
+    odometry = carried.odometry.copy()
+    odometry[929:] = compose(compose(odometry[928], np.array([-3.0, 4.0, 2.0])), between(odometry[929], odometry[929:]))
+    result = run(replace(carried, odometry=odometry), _QUICK)
+    (found,) = result.summary["breaks"]
+    assert (found["scan"], found["outcome"]) == (929, "joined")
+    assert "odometry jumped" in " ".join(result.summary["warnings"])
+    assert _rmse(result, truth, 929, 1136) < 0.15
+
+
+def test_a_break_near_the_beginning_is_told(log: Log) -> None:
+    result = run(_carried(log, 136, 262), _QUICK)
+    (found,) = result.summary["breaks"]
+    assert abs(found["scan"] - 136) <= 5
+
+
 def test_the_finish_keeps_what_was_joined(log: Log, truth: NDArray[np.float64]) -> None:
     result = run(_carried(log, 400, 900), replace(_QUICK, finish=FinishConfig()))
     assert _rmse(result, truth, 400, 900) < 0.03

@@ -40,7 +40,8 @@ KNOWN_SPACING = 3.0
 _CARRIED = 0.6
 """A match so far from odometry [m, or metres per metre driven if that is more] makes one wonder."""
 _UNMATCHED_DOUBT = 2.0
-"""How doubtful a step is whose scan matched nothing; one whose match contradicts odometry is between this and 1."""
+"""How doubtful a step is whose scan matched nothing, or that odometry made as no robot can; one whose match contradicts
+odometry is between this and 1."""
 _JUMP_DISTANCE2, _USUAL_DISTANCE2 = 25.0, 3.0
 """Squared Mahalanobis distance from which on odometry contradicts a match, and the one it is then widened to."""
 
@@ -341,12 +342,17 @@ def _relocalised(
 def _front_end_doubts(track: Track) -> dict[int, Doubt]:
     """Key poses whose scans matched nothing that was known."""
     lost, adrift = set(track.lost), set(track.adrift)
-    doubts = {}
+    jumps = np.searchsorted([scan.index for scan in track.keys], track.breaks).tolist()
+    doubts = {
+        key: Doubt(reason="the odometry jumped, and the laser did not see it", strength=_UNMATCHED_DOUBT)
+        for key in jumps
+        if key < len(track.keys)
+    }
     for key, scan in enumerate(track.keys):
         if scan.index in lost:
             doubts[key] = Doubt(reason="nothing matched what was known before", strength=LOST)
         elif scan.index in adrift:
             doubts[key] = Doubt(reason="neither odometry nor laser told the way there", strength=ADRIFT)
-        elif isinstance(scan.match, NoMatch):
+        elif key not in doubts and isinstance(scan.match, NoMatch):
             doubts[key] = Doubt(reason=scan.match.reason, strength=_UNMATCHED_DOUBT)
     return doubts

@@ -103,8 +103,17 @@ def agreeing_sets(
     return sorted(sets, key=len, reverse=True)
 
 
+def about_single_steps(closures: Sequence[Attempt], steps: UntiedSteps) -> list[Hypothesis]:
+    """What closures that agree say about single steps, that about the one that most of them span first."""
+    found, left = [], list(closures)
+    while (hypothesis := about_one_step(left, steps)) is not None:
+        found.append(hypothesis)
+        left = [closure for closure in left if not closure.key_old < hypothesis.key <= closure.key_new]
+    return found
+
+
 def about_one_step(closures: Sequence[Attempt], steps: UntiedSteps) -> Hypothesis | None:
-    """Those that span the same untied step: the most doubtful among the steps that most of them span.
+    """Those that span the same untied step: the most doubtful of the steps that most of them span.
 
     Not all need to: the reference of a closure may hold key scans from both sides of a break.
     """
@@ -116,7 +125,7 @@ def about_one_step(closures: Sequence[Attempt], steps: UntiedSteps) -> Hypothesi
     if not spans.any():
         return None
     spanned = np.flatnonzero(spans >= _MOST * spans.max()).tolist()
-    key = max(spanned, key=lambda step: (steps.doubt(step).strength, step))
+    key = max(spanned, key=lambda step: (steps.rank(step), step))
     return Hypothesis(key=key, closures=[c for c in closures if c.key_old < key <= c.key_new])
 
 

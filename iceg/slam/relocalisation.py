@@ -9,6 +9,7 @@ takes, too: placed as it says, do the scans agree with what else was seen there?
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from iceg.slam.config import LoopClosureConfig
 from iceg.slam.examination import Exam, Examiner
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.path_break import ADRIFT, LOST, REFUTED, Break, Doubt
-from iceg.slam.place_hypothesis import Hypothesis, about_one_step, agreeing_sets
+from iceg.slam.place_hypothesis import Hypothesis, about_single_steps, agreeing_sets
 from iceg.slam.place_votes import Vote, unsettled
 from iceg.slam.track import Track
 from iceg.slam.untied_steps import UntiedSteps
@@ -40,6 +41,10 @@ _EXACT = np.array([0.1, 0.1, 0.03])
 _UNKNOWN = np.diag([100.0, 100.0, np.pi]) ** 2
 """Covariance of a step on which the robot was carried [m², rad²]."""
 _BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
+
+
+_Outcome = Literal["open", "closed", "joined", "contradicted"]
+"""What became of a hypothesis: nothing yet, drift ended, two parts joined, or a path that it only contradicts."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,15 +119,31 @@ class _Relocalisation:
         if not self._steps.untied.any():
             return
         sets = [self._settled(claims) for claims in self._agreeing()[:_MOST_HYPOTHESES]]
-        for closures in sets:
-            hypothesis = about_one_step(closures, self._steps)
-            if hypothesis is None or hypothesis.key in self._alike:  # where stronger ones are in doubt none decides
-                continue
-            if self._is_supported(hypothesis):
-                self._try(hypothesis, [Hypothesis(key=hypothesis.key, closures=other) for other in sets if other])
+        while self._join_one(sets):  # what is joined may decide what was left open
+            pass
         for key, doubt in self._steps.doubts.items():
             if doubt.strength >= LOST:
                 self._part(key, doubt)
+
+    def _join_one(self, sets: list[list[Attempt]]) -> bool:
+        """Try what the sets claim, up to the first that joins two parts; whether one did.
+
+        Args:
+            sets: of closures that agree; those that were acted on leave them.
+        """
+        self._alike.clear()
+        for index in range(len(sets)):
+            for hypothesis in about_single_steps(sets[index], self._steps):
+                if hypothesis.key in self._alike or not self._is_supported(hypothesis):
+                    continue  # where stronger ones are in doubt none decides
+                others = [Hypothesis(key=hypothesis.key, closures=other) for other in sets if other]
+                outcome = self._try(hypothesis, others)
+                if outcome != "open":
+                    ends = {(closure.key_old, closure.key_new) for closure in hypothesis.closures}
+                    sets[:] = [[c for c in closures if (c.key_old, c.key_new) not in ends] for closures in sets]
+                if outcome == "joined":
+                    return True
+        return False
 
     def estimate(self) -> Estimate:
         """What was found, with a record of what looked alike in vain."""
@@ -172,25 +193,25 @@ class _Relocalisation:
                 settled.append(attempt)
         return settled
 
-    def _try(self, hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> None:
+    def _try(self, hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> _Outcome:
         """Examine a hypothesis, and where they differ the present estimate and others; act on what holds."""
         exam = self._examiner.of_hypothesis(hypothesis, self._poses)
         closures = _distinct([*exam.agreeing, *hypothesis.closures])
         is_confirmed = sum(is_near(closure, self._poses) for closure in closures) > 0.5 * len(closures)
         if not exam.is_passed:
-            return
+            return "open"
         if not (is_confirmed or exam.beats(self._examiner.of_estimate(hypothesis, self._poses))):
-            return
+            return "open"
         if not is_confirmed and (rival := self._rival(hypothesis, exam, others)) is not None:
             self._alike[hypothesis.key] = rival
-            return
+            return "open"
         doubt = self._steps.doubts.get(hypothesis.key)
         is_intact = doubt is None or doubt.strength < REFUTED
         if is_confirmed or hypothesis.is_drift(self._factors, self._poses, is_biased=is_intact):
             self._steps.doubts.pop(hypothesis.key, None)
             self._close(closures)
-        else:
-            self._break(hypothesis, exam, closures)
+            return "closed"
+        return self._break(hypothesis, exam, closures)
 
     def _rival(self, hypothesis: Hypothesis, exam: Exam, others: Sequence[Hypothesis]) -> Vote | None:
         """What speaks for another place of the same scans, if a hypothesis does not clearly beat it."""
@@ -210,12 +231,12 @@ class _Relocalisation:
                 )
         return None
 
-    def _break(self, hypothesis: Hypothesis, exam: Exam, closures: list[Attempt]) -> None:
+    def _break(self, hypothesis: Hypothesis, exam: Exam, closures: list[Attempt]) -> _Outcome:
         """Record a break; the parts are joined only where something else spoke against the path, too."""
         key = hypothesis.key
         doubt, is_known = self._steps.doubt(key), key in self._steps.doubts
         if not (is_known or exam.is_sure):
-            return
+            return "open"
         correction = hypothesis.correction(self._poses)
         moved = (compose(correction, self._poses[key]) - self._poses[key])[:2]
         self._breaks[key] = Break(
@@ -229,10 +250,12 @@ class _Relocalisation:
         self._steps.untied[key] = False
         if is_known:
             self._join(key, closures, correction)
+            return "joined"
+        return "contradicted"
 
     def _join(self, key: int, closures: list[Attempt], correction: NDArray[np.float64]) -> None:
         """Let the step to `key` go, move what follows to where the closures put it, and take out what contradicts."""
-        until = min((other for other in self._breaks if other > key), default=len(self._poses))
+        until = self._end_of_part(key)
         self._poses = self._poses.copy()
         self._poses[key:until] = compose(correction, self._poses[key:until])
         self._factors = [
@@ -241,6 +264,10 @@ class _Relocalisation:
         ]
         self._take_out(key, f"contradicted by {len(closures)} closures that agree", keep_near=True)
         self._close(closures)
+
+    def _end_of_part(self, key: int) -> int:
+        """The key pose of the first break found so far that comes after `key`, or the number of key poses."""
+        return min((other for other in self._breaks if other > key), default=len(self._poses))
 
     def _close(self, closures: list[Attempt]) -> None:
         """Let closures into the graph and solve it."""
@@ -257,7 +284,8 @@ class _Relocalisation:
         Where odometry told the way it is one witness more: a robot that was carried does not happen to come where
         several closures agree with the odometry that knows nothing of it.
         """
-        across = [a for a in self._attempts if a.accepted and a.key_old < key <= a.key_new]
+        end = self._end_of_part(key)
+        across = [a for a in self._attempts if a.accepted and a.key_old < key <= a.key_new < end]
         claimed = Hypothesis(key=key, closures=across)
         if claimed.support >= self._config.confirmations:
             exam = self._examiner.of_estimate(claimed, self._poses)

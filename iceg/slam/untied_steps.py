@@ -41,7 +41,7 @@ class UntiedSteps:
         self.doubts = {
             key: doubt
             for key, doubt in doubts.items()
-            if inner[key] and (spanned[key] < _VOUCHED or doubt.strength >= LOST)
+            if doubt.strength >= LOST or (inner[key] and spanned[key] < _VOUCHED)
         }
         """Those that closures have not settled."""
         scores = np.array([_score(key) for key in track.keys])
@@ -57,6 +57,14 @@ class UntiedSteps:
             return known
         score = _score(self._keys[key])
         return Doubt(reason=f"only {score:.0%} of the beams agreed with what was known before", strength=1.0 - score)
+
+    def rank(self, key: int) -> float:
+        """Compares the steps that may be broken: the highest is where a break is put.
+
+        A match that explains all of a scan knows better than an odometry that jumped or slipped.
+        """
+        unexplained = 1.0 - _score(self._keys[key])
+        return self.doubts[key].strength + unexplained if key in self.doubts else unexplained
 
     def tie(self, factors: Sequence[Factor]) -> None:
         """Leave out the steps that the closures of a graph span by now."""
