@@ -56,27 +56,36 @@ class ClosureVerifier:
     def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
         """Match a candidate close to the estimate; if nothing fits there, and the drift allows more, widely.
 
-        After much drift it is looked for widely in any case: what fits close to the estimate may fit elsewhere, too.
+        After much drift first widely, for the estimate is seldom close; what fits close to it is preferred, though what
+        else fits is told.
         """
         reference = self.references.around(candidate.key_old, poses)
+        if is_adrift(candidate) and (wide := self._match_wide(reference, candidate)) is not None:
+            return self._nearest(reference, candidate, wide)
         near = np.minimum(candidate.deviations, TRUSTED_DEVIATIONS)
         is_near = candidate.deviations[0] <= TRUSTED_DEVIATIONS[0]
         if is_near and (elsewhere := self._looks_elsewhere(reference, candidate)) is not None:
             return elsewhere
         attempt = self._match_at(reference, candidate, candidate.T_old_new, near)
-        if is_near or (attempt.accepted and not is_adrift(candidate)):
+        if is_near or attempt.accepted:
             return attempt
         wide = self._match_wide(reference, candidate)
+        return attempt if wide is None or wide.match is None else wide
+
+    def _nearest(self, reference: Reference, candidate: Candidate, wide: Attempt) -> Attempt:
+        """What a wide search found; where that is several places, the one close to the estimate, if it is one."""
+        if not wide.is_ambiguous:
+            return wide
+        attempt = self._match_at(reference, candidate, candidate.T_old_new, TRUSTED_DEVIATIONS)
         if attempt.match is None or not attempt.accepted:
-            return wide or attempt
+            return wide
         here = self._places(reference, candidate.key_new, [attempt.match.T_ref_cur])
-        return replace(attempt, places=(*here, *(wide.places if wide is not None else ())))
+        return replace(attempt, places=(*here, *wide.places))
 
     def match_anywhere(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> Attempt:
         """Match two key scans metres off and at any heading."""
         here = Candidate(key_old=key_old, key_new=key_new, T_old_new=np.zeros(3), deviations=_ANYWHERE_DEVIATIONS)
-        nothing = Attempt(key_old=key_old, key_new=key_new, match=None, accepted=False, reason="nothing fits")
-        return self._match_wide(self.references.around(key_old, poses), here) or nothing
+        return self._match_wide(self.references.around(key_old, poses), here) or _nothing_at(here)
 
     def _looks_elsewhere(self, reference: Reference, candidate: Candidate) -> Attempt | None:
         """Where the pose is known, a scan that hardly falls on the earlier pass there need not be matched."""
@@ -117,7 +126,10 @@ class ClosureVerifier:
         )
 
     def _match_wide(self, reference: Reference, candidate: Candidate) -> Attempt | None:
-        """Match in the whole window; what fits in several places is not believed in any."""
+        """Match in the whole window; what fits in several places is not believed in any.
+
+        None by a matcher that cannot say what else fits.
+        """
         if not isinstance(self._matcher, MapMatcher):
             return None
         scan = self._keys[candidate.key_new].scan
@@ -126,7 +138,7 @@ class ClosureVerifier:
         )
         fitting = self._places(reference, candidate.key_new, found)
         if not fitting:
-            return None
+            return _nothing_at(candidate)
         attempt = self._match_at(reference, candidate, fitting[0].T_old_new, _EXACT_DEVIATIONS)
         attempt = replace(attempt, places=tuple(fitting))
         if len(fitting) > 1:
@@ -177,6 +189,12 @@ class ClosureVerifier:
         return (
             support.overlap >= config.min_overlap and support.fit >= config.min_fit and support.view >= config.min_view
         )
+
+
+def _nothing_at(candidate: Candidate) -> Attempt:
+    return Attempt(
+        key_old=candidate.key_old, key_new=candidate.key_new, match=None, accepted=False, reason="nothing fits"
+    )
 
 
 def _describe(support: Agreement) -> str:
