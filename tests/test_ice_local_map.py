@@ -222,8 +222,8 @@ def test_scans_placed_in_several_ways_are_judged_as_each_way_alone() -> None:
     placements = np.random.default_rng(0).normal(0.0, [0.5, 0.5, 0.3], (6, 2, 3))
     placements[0] = [[0.0, 0.0, 0.0], [-0.5, 0.0, 0.0]]
     alone = [matcher.agreement_of_all(reference, scans, poses) for poses in placements]
-    assert matcher.agreements(reference, scans, placements) == alone
-    strict = matcher.agreements(reference, scans, placements, 0.5, 0.7)
+    assert matcher.agreements(reference, matcher.join(scans), placements) == alone
+    strict = matcher.agreements(reference, matcher.join(scans), placements, 0.5, 0.7)
     fits = [one.overlap >= 0.5 and one.fit >= 0.7 for one in alone]
     assert fits[0]
     assert not all(fits)

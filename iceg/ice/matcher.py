@@ -24,7 +24,7 @@ from iceg.ice.refinement import FACING, Refined, approach, evaluate_points, poli
 from iceg.ice.search import breed_hypotheses, evolve_hypotheses, grid_hypotheses
 from iceg.ice.segments import segment_rows, smoothed_on_segments
 from iceg.ice.tracking import Followed, Limits, Polish, Standing, follow_scans
-from iceg.ice.verification import Agreement, agreement, agreements, contradictions, view
+from iceg.ice.verification import Agreement, JoinedScans, agreement, agreements, contradictions, view
 
 _CLEARLY_MORE = 1.03
 _DENIED = 3.0
@@ -228,17 +228,20 @@ class IceMatcher:
         points = [self._points(scan) for scan in scans]
         return agreement(scans, points, reference, T_ref_scans, self.config.refinement)
 
+    def join(self, scans: Sequence[Scan]) -> JoinedScans:
+        """One scan or more, prepared for `agreements`."""
+        return JoinedScans.of(scans, [self._points(scan) for scan in scans])
+
     def agreements(
         self,
         reference: LocalMap,
-        scans: Sequence[Scan],
+        scans: JoinedScans,
         placements: NDArray[np.float64],
         least_overlap: float = 0.0,
         least_fit: float = 0.0,
     ) -> list[Agreement]:
         """The same of scans placed in several ways, (p, n, 3), for each; the view only of those that fit at all."""
-        points = [self._points(scan) for scan in scans]
-        return agreements(scans, points, reference, placements, self.config.refinement, least_overlap, least_fit)
+        return agreements(scans, reference, placements, self.config.refinement, least_overlap, least_fit)
 
     def _find(
         self,

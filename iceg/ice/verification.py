@@ -13,7 +13,7 @@ from iceg.ice.config import RefinementConfig
 from iceg.ice.local_map import LocalMap
 from iceg.ice.points import ScanPoints
 from iceg.ice.refinement import FACING
-from iceg.ice.sweeps import joined, starts_of, sweeps_of
+from iceg.ice.sweeps import Sweeps, joined, starts_of, sweeps_of
 
 _AGREEING = 2.0
 """A point within so many widths of its weight agrees with the reference."""
@@ -80,6 +80,33 @@ class Agreement:
         return self.inliers * (self.seen + _EVEN_ODDS) / (self.seen + self.contradicted + _EVEN_ODDS)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JoinedScans:
+    """The points and beams of several scans, for kernels that go through all of them at once.
+
+    Attributes:
+        points: (n, 2) in the frames of their scans [m].
+        normals: (n, 2); 0, 0 where unknown.
+        starts: (m + 1,) scan k has the points from starts[k] to starts[k + 1].
+        sweeps: the beams; where they were taken is not said.
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    starts: NDArray[np.int64]
+    sweeps: Sweeps
+
+    @classmethod
+    def of(cls, scans: Sequence[Scan], scan_points: Sequence[ScanPoints]) -> "JoinedScans":
+        """One scan or more, with the points of each."""
+        return cls(
+            points=joined([one.points for one in scan_points]),
+            normals=joined([one.normals for one in scan_points]),
+            starts=starts_of(scan_points),
+            sweeps=sweeps_of(scans, np.zeros((len(scans), 3))),
+        )
+
+
 def agreement(
     scans: Sequence[Scan],
     scan_points: Sequence[ScanPoints],
@@ -99,12 +126,11 @@ def agreement(
     Returns:
         The counts, of all scans together.
     """
-    return agreements(scans, scan_points, local_map, T_ref_scans[None], config)[0]
+    return agreements(JoinedScans.of(scans, scan_points), local_map, T_ref_scans[None], config)[0]
 
 
 def agreements(
-    scans: Sequence[Scan],
-    scan_points: Sequence[ScanPoints],
+    scans: JoinedScans,
     local_map: LocalMap,
     placements: NDArray[np.float64],
     config: RefinementConfig,
@@ -114,8 +140,7 @@ def agreements(
     """Compare scans, placed in several ways, with a local map.
 
     Args:
-        scans: one at least.
-        scan_points: their points.
+        scans: the scans.
         local_map: the reference.
         placements: (p, n, 3) the poses to judge.
         config: what counts as agreeing.
@@ -125,13 +150,12 @@ def agreements(
     Returns:
         The counts, of all scans together, of each placement.
     """
-    starts = starts_of(scan_points)
     counts = np.empty((len(placements), 4), np.int64)
     kernels.compare(
-        joined([one.points for one in scan_points]),
-        joined([one.normals for one in scan_points]),
-        starts,
-        sweeps_of(scans, placements[0]),
+        scans.points,
+        scans.normals,
+        scans.starts,
+        scans.sweeps,
         placements,
         local_map.surfels,
         local_map.fine.nearest,
@@ -145,7 +169,7 @@ def agreements(
         least_fit,
         counts,
     )
-    n_points = int(starts[-1])
+    n_points = len(scans.points)
     return [
         Agreement(points=n_points, known=known, inliers=inliers, seen=seen, contradicted=contradicted)
         for known, inliers, seen, contradicted in counts.tolist()

@@ -6,6 +6,7 @@ neighbours are in the same reference and would only say the same again.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,14 +78,14 @@ class EarlierPasses:
         config = self._config
         if not (config.enabled or config.revisits):
             return []
-        widest = float(self._search_deviations(drift.between(0, key_new, poses))[0])
+        spread = drift.spread(key_new, poses)
+        widest = float(self._search_deviations(spread.since(0))[0])
         is_adrift = widest > 2 * TRUSTED_DEVIATIONS[0]
         piece = 2 * config.reference_half if is_adrift else len(poses)
         near = self._nearest(key_new, poses, config.radius + 2.0 * widest, piece)
-        drifts = drift.between(np.array([key for _, key in near], dtype=np.int64), key_new, poses)
         found = []
-        for (distance, key), drifted in zip(near, drifts, strict=True):
-            deviations = self._search_deviations(drifted)
+        for distance, key in near:
+            deviations = self._search_deviations(spread.since(key))
             if distance < config.radius + 2.0 * deviations[0]:
                 found.append(Candidate.of(key, key_new, poses, deviations))
         return found[: config.max_pieces if is_adrift else config.max_passes]
@@ -128,15 +129,26 @@ class EarlierPasses:
         near = np.flatnonzero(far < reach)
         if not len(near):
             return []
-        passes = np.split(near, np.flatnonzero(np.diff(old[near]) > self._config.pass_gap) + 1)
-        pieces = [part for p in passes for part in np.array_split(p, -(-len(p) // piece))]
-        nearest = [int(p[far[p].argmin()]) for p in pieces]
+        old, far = old[near], far[near]
+        passes = [0, *(np.flatnonzero(np.diff(old) > self._config.pass_gap) + 1).tolist(), len(old)]
+        nearest = [
+            start + int(far[start:end].argmin())
+            for first, last in pairwise(passes)
+            for start, end in pairwise(_evenly(first, last, piece))
+        ]
         return sorted((float(far[k]), _anchor(int(old[k]), key_new)) for k in nearest)
 
     def _views(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(..., 2) what key poses look at."""
         ahead = np.stack([np.cos(poses[..., 2]), np.sin(poses[..., 2])], axis=-1)
         return poses[..., :2] + self._config.view_distance * ahead
+
+
+def _evenly(first: int, last: int, most: int) -> list[int]:
+    """Bounds of the fewest pieces of a range of no more than so many each, the longer ones first."""
+    count = -(-(last - first) // most)
+    size, longer = divmod(last - first, count)
+    return [first + k * size + min(k, longer) for k in range(count + 1)]
 
 
 def _anchor(key: int, key_new: int) -> int:

@@ -6,7 +6,7 @@ only.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from frontends.matcher import Matcher
 from graph.measurement import NoMatch
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
-from iceg.ice.verification import Agreement
+from iceg.ice.verification import Agreement, JoinedScans
 from iceg.slam.closure_attempt import Attempt, Place
 from iceg.slam.closure_candidates import TRUSTED_DEVIATIONS, Candidate, is_adrift
 from iceg.slam.closure_reference import Reference, References
@@ -31,6 +31,22 @@ _EXACT_DEVIATIONS = np.array([0.03, 0.03, 0.01])
 """Of a pose that a wide search has found already [m, m, rad]."""
 _ANYWHERE_DEVIATIONS = np.array([1.0, 1.0, np.pi / 3.0])
 """Two places that look alike are searched within three times this [m, m, rad]."""
+
+_REMEMBERED = 50
+"""Key scans whose neighbours are kept joined."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Witnesses:
+    """The key scans that are asked whether they agree with a closure.
+
+    Attributes:
+        scans: the one that is matched, and its neighbours.
+        T_new_scans: (m, 3) their poses in its frame.
+    """
+
+    scans: JoinedScans
+    T_new_scans: NDArray[np.float64]
 
 
 class ClosureVerifier:
@@ -51,6 +67,7 @@ class ClosureVerifier:
         self._config = config
         self.judge = matcher if isinstance(matcher, IceMatcher) else IceMatcher()
         """The matcher that verifies."""
+        self._witnesses: dict[int, _Witnesses | None] = {}
         self.references = References(matcher, self.judge, track, config.reference_half)
 
     def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
@@ -175,14 +192,26 @@ class ClosureVerifier:
             least_overlap: see `IceMatcher.agreements` …
             least_fit: ….
         """
+        witnesses = self._witnesses_of(key_new)
+        if witnesses is None:
+            return [Agreement()] * len(T_ref_news)
+        placements = compose(T_ref_news[:, None], witnesses.T_new_scans)
+        return self.judge.agreements(reference.judged, witnesses.scans, placements, least_overlap, least_fit)
+
+    def _witnesses_of(self, key_new: int) -> _Witnesses | None:
+        """A key scan and its neighbours, None where none is asked; joined once, since several passes are tried."""
+        if key_new in self._witnesses:
+            return self._witnesses[key_new]
         asked = [key_new + offset for offset in self._config.support_offsets]
         asked = [key for key in asked if 0 <= key < len(self._keys) and self.references.is_one_stretch(key, key_new)]
-        if not asked:
-            return [Agreement()] * len(T_ref_news)
-        T_new_others = between(self._keys[key_new].T_track_robot, self._T_track_keys[asked])
-        scans = [self._keys[key].scan for key in asked]
-        placements = compose(T_ref_news[:, None], T_new_others)
-        return self.judge.agreements(reference.judged, scans, placements, least_overlap, least_fit)
+        found = None
+        if asked:
+            T_new_scans = between(self._keys[key_new].T_track_robot, self._T_track_keys[asked])
+            found = _Witnesses(scans=self.judge.join([self._keys[key].scan for key in asked]), T_new_scans=T_new_scans)
+        if len(self._witnesses) >= _REMEMBERED:
+            del self._witnesses[next(iter(self._witnesses))]
+        self._witnesses[key_new] = found
+        return found
 
     def _is_supported(self, support: Agreement) -> bool:
         config = self._config

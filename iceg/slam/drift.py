@@ -1,7 +1,25 @@
 """How uncertain the path has become since the last loop closure: how wide a search for the next must be."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
+
+
+class Spread(NamedTuple):
+    """How uncertain a pose is relative to those before it.
+
+    Attributes:
+        last: the key pose of the last closure; relative to those before it is as uncertain as relative to it.
+        deviations: (n, 2) of position [m] and heading [rad], relative to `last` and those that follow it.
+    """
+
+    last: int
+    deviations: NDArray[np.float64]
+
+    def since(self, key_old: int) -> NDArray[np.float64]:
+        """(2,) relative to one of them."""
+        return np.asarray(self.deviations[max(key_old, self.last) - self.last], dtype=np.float64)
 
 
 class Drift:
@@ -21,19 +39,18 @@ class Drift:
         """A closure at `key` ends the drift of everything before it."""
         self._last_closure = key
 
-    def between(
-        self, keys_old: int | NDArray[np.int64], key_new: int, poses: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """Standard deviations of position [m] and heading [rad] of a pose relative to earlier ones.
+    def between(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(2,) standard deviations of position [m] and heading [rad] of a pose relative to an earlier one.
 
         Args:
-            keys_old: of the earlier, one or (n,) of them.
-            key_new: of the later.
+            key_old: the earlier.
+            key_new: the later.
             poses: (k, 3) of all up to it.
-
-        Returns:
-            (2,) or (n, 2).
         """
+        return self.spread(key_new, poses).since(key_old)
+
+    def spread(self, key_new: int, poses: NDArray[np.float64]) -> "Spread":
+        """The same relative to any earlier pose."""
         self._fuse()
         last = self._last_closure
         steps = slice(last + 1, key_new + 1)
@@ -42,7 +59,7 @@ class Drift:
         variances = np.zeros((max(0, key_new - last) + 1, 2))
         variances[:-1, 0] = np.cumsum((self._position[steps] + heading * lever2)[::-1])[::-1]
         variances[:-1, 1] = np.cumsum(heading[::-1])[::-1]
-        return np.asarray(np.sqrt(variances[np.maximum(keys_old, last) - last]), dtype=np.float64)
+        return Spread(last, np.sqrt(variances))
 
     def _fuse(self) -> None:
         """Take in the new steps, all at once."""
