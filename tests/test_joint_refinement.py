@@ -256,6 +256,16 @@ def test_a_room_seen_from_everywhere_straightens_the_path() -> None:
     np.testing.assert_allclose(refined.poses[0], start[0], atol=1e-9)
 
 
+def test_few_steps_bring_most_of_what_many_do() -> None:
+    truth = drive()
+    factors = chain(truth, (0.02, 0.02, 0.006))
+    start = optimize(factors, truth).poses
+    few = refine_jointly(factors, start, room_clouds(truth), JointRefinementConfig())
+    many = refine_jointly(factors, start, room_clouds(truth), JointRefinementConfig(steps=15, tolerance=1e-4))
+    assert few.steps < many.steps
+    assert worst(few.poses, many.poses) < 0.2 * worst(start, many.poses)
+
+
 def test_parts_that_nothing_ties_share_no_walls() -> None:
     truth = drive()
     factors = chain(truth, (0.03, 0.03, 0.01))

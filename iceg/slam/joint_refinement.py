@@ -31,9 +31,14 @@ _LINE_ROUNDS = 3
 _APART = 1e5
 _THINNEST = 4
 """Rather than keep less than one in so many beams, fewer scans take part."""
+_FARTHER = 1.5
+"""Steps are taken so much longer: a full one brings little more than half of what is left, because weights and lines
+follow the points."""
+_OTHER_PIECES = 0.5
+"""After steps longer than so many cells the points are grouped into pieces of wall anew."""
 _TOLERANCE, _MOST_PRODUCTS = 0.1, 60
-"""Conjugate gradients stop at this share of the first residual: a step brings no more than half of what is left anyway,
-because points change their walls; at most so many products are taken."""
+"""Conjugate gradients stop at this share of the first residual, since a step does not bring all anyway; at most so many
+products are taken."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,11 +122,13 @@ def refine_jointly(
     pieces, on_walls, residual = (walls.piece_of, len(walls.lines)), walls.on_walls, walls.residual
     refined, steps = poses, 0
     while steps < config.steps and len(walls.lines):
-        step = _step(clouds, walls, problem.linearized(refined), refined, config)
+        step = _FARTHER * _step(clouds, walls, problem.linearized(refined), refined, config)
         refined, steps = compose(refined, expmap(step)), steps + 1
-        if steps == config.steps or np.hypot(step[:, 0], step[:, 1]).mean() < config.tolerance:
+        moved = np.hypot(step[:, 0], step[:, 1]).mean()
+        if steps == config.steps or moved < config.tolerance:
             break
-        walls = _walls(clouds, refined, config, part_of, room)
+        grouped = (walls.piece_of, len(walls.lines)) if moved < _OTHER_PIECES * config.cell else None
+        walls = _walls(clouds, refined, config, part_of, room, grouped)
     # Judged on the pieces of the start: grouping anew changes the figures by chance.
     last = _walls(clouds, refined, config, part_of, room, pieces)
     if last.on_walls < on_walls:
