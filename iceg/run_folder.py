@@ -28,7 +28,6 @@ class RunFolder:
     """What the files of a run say.
 
     Attributes:
-        directory: where they are.
         trajectory: stamped T_map_robot of each scan.
         key_scans: (k,) scan index of each key pose.
         key_poses: (k, 3) T_map_robot.
@@ -38,7 +37,6 @@ class RunFolder:
         closures: loop closures tried.
     """
 
-    directory: Path
     trajectory: Trajectory
     key_scans: NDArray[np.int64]
     key_poses: NDArray[np.float64]
@@ -63,7 +61,6 @@ def read_run_folder(directory: Path) -> RunFolder:
         raise ResultsError(f"{directory}: lacks {', '.join(missing)}, expected a folder that 'iceg run' has written")
     key_scans, key_poses, covariances = read_covariances(directory / "covariances.csv")
     return RunFolder(
-        directory=directory,
         trajectory=read_tum(directory / "trajectory.tum"),
         key_scans=key_scans,
         key_poses=key_poses,

@@ -21,12 +21,10 @@ class UsableRange:
     Attributes:
         range_min: [m].
         range_max: [m].
-        no_return: the constant the log writes where nothing came back [m]; NaN when it has none.
     """
 
     range_min: float
     range_max: float
-    no_return: float
 
 
 def usable_range(
@@ -64,7 +62,7 @@ def usable_range(
         longest = _longest(positive, below=ceiling, cap=DEFAULT_RANGE_CAP if range_max is None else np.inf)
     else:
         longest = range_max
-    return UsableRange(range_min=shortest, range_max=max(longest, shortest), no_return=no_return)
+    return UsableRange(range_min=shortest, range_max=max(longest, shortest))
 
 
 def mask_no_returns(readings: NDArray[np.float32], usable: UsableRange) -> None:

@@ -180,7 +180,7 @@ def _usable(
         return usable_range(ranges, range_min=range_min, range_max=range_max)
     ranges[~(ranges < np.float32(stated_max))] = np.nan
     longest = stated_max if range_max is None else min(range_max, stated_max)
-    return UsableRange(range_min=range_min, range_max=max(longest, range_min), no_return=stated_max)
+    return UsableRange(range_min=range_min, range_max=max(longest, range_min))
 
 
 def _whole_limit(ranges: NDArray[np.float32]) -> float:
