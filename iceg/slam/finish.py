@@ -21,6 +21,7 @@ from iceg.slam.closure_record import with_earlier, without_contradicted
 from iceg.slam.config import FinishConfig, LoopClosureConfig
 from iceg.slam.joint_refinement import JointRefinement, key_clouds, refine_jointly
 from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.path_break import let_go
 from iceg.slam.rematch import match_again, second_look
 from iceg.slam.track import Track
 
@@ -124,12 +125,14 @@ def finish(
         if largest < config.tolerance:
             break
     attempts, loops = without_contradicted(graph.attempts, graph.loops, graph.poses)
-    measured, poses, covariances = [*graph.chain, *loops], graph.poses, None
-    factors = measured
+    solved, poses, covariances = [*graph.chain, *loops], graph.poses, None
+    # Only now: while poses moved, odometry kept parts in their place that nothing else ties.
+    factors = measured = let_go(solved, solution.breaks, track)
     if config.joint.enabled:
         if isinstance(matcher, IceMatcher):  # what halves of scans say of ICE they say of the points
             config = _doubting(config, track.match_doubt)
-        factors, refined, done = _joint(measured, poses, track, config, scan_of, parts, clock)
+        refined, done = _joint(solved, measured, poses, track, config, scan_of, parts, clock)
+        factors = _carried(measured, poses, refined.poses)
         poses, covariances = refined.poses, refined.covariances
         rounds.append(replace(done, closures=len(loops)))
     return Finished(
@@ -241,19 +244,19 @@ def _doubting(config: FinishConfig, doubt: float) -> FinishConfig:
 
 def _joint(
     factors: list[Factor],
+    believed: list[Factor],
     poses: NDArray[np.float64],
     track: Track,
     config: FinishConfig,
     scan_of: Callable[[int], Scan] | None,
     parts: Sequence[int],
     clock: _Clock,
-) -> tuple[list[Factor], JointRefinement, Round]:
-    """Refine poses and map together; the factors go along, so that the graph's optimum is the refined trajectory."""
-    refined = refine_jointly(factors, poses, key_clouds(track, scan_of, config.joint), config.joint, parts)
-    carried = _carried(factors, poses, refined.poses)
+) -> tuple[JointRefinement, Round]:
+    """Refine poses and map together."""
+    clouds = key_clouds(track, scan_of, config.joint)
+    refined = refine_jointly(factors, poses, clouds, config.joint, parts, None if believed == factors else believed)
     largest, mean = _moves(poses, refined.poses)
     return (
-        carried,
         refined,
         Round(
             stage="joint",
@@ -271,7 +274,7 @@ def _joint(
 
 
 def _carried(factors: list[Factor], before: NDArray[np.float64], after: NDArray[np.float64]) -> list[Factor]:
-    """The factors with the residuals at the new poses that they had at the old ones."""
+    """The factors with the residuals at the new poses that they had at the old ones: there lies the graph's optimum."""
     # A prior, which has no first pose, stays as it is.
     i = np.array([factor.j if factor.i is None else factor.i for factor in factors])
     j = np.array([factor.j for factor in factors])

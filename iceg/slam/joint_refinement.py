@@ -102,6 +102,7 @@ def refine_jointly(
     clouds: Clouds,
     config: JointRefinementConfig,
     parts: Sequence[int] = (),
+    believed: Sequence[Factor] | None = None,
 ) -> JointRefinement:
     """Gauss-Newton on the distances of all points from the walls they share, plus the graph's factors.
 
@@ -111,6 +112,7 @@ def refine_jointly(
         clouds: the points of each.
         config: pieces of wall and steps.
         parts: key poses at which a part begins that nothing ties to what was before: it shares no walls with it.
+        believed: the factors with the covariances that those of the poses rest on, if they are others.
 
     Returns:
         The refined poses, the first where it was; all as given if the points lie no better on the walls then.
@@ -134,9 +136,10 @@ def refine_jointly(
     if last.on_walls < on_walls:
         refined = poses
         last = _walls(clouds, poses, config, part_of, room, pieces)
-    covariances = _covariances(factors, refined, clouds, last, config)
+    covariances = _covariances(factors if believed is None else believed, refined, clouds, last, config)
     if covariances is not None:
-        covariances = believed_covariances(covariances, problem.marginal_covariances(poses))
+        known = problem if believed is None else Problem.of(believed, len(poses))
+        covariances = believed_covariances(covariances, known.marginal_covariances(poses))
     # As a whole the map may move, held by the prior alone: put the first pose back.
     refined = compose(compose(poses[0], inverse(refined[0])), refined) if steps else poses
     return JointRefinement(

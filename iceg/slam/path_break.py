@@ -1,8 +1,13 @@
 """Where the path from scan to scan may be broken, and what became of the suspicion."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
+from graph.factors import Factor
+from graph.measurement import NoMatch
 from iceg.slam.track import Track
 
 Outcome = Literal["joined", "apart", "contradicted", "credible"]
@@ -13,6 +18,9 @@ LOST = 3.0
 """Strength of a doubt from which on nothing was known when the robot went on …"""
 ADRIFT = 4.0
 """… and not even odometry told the way."""
+
+UNKNOWN_STEP = np.diag([100.0, 100.0, np.pi]) ** 2
+"""Covariance of a step on which the robot was carried [m², rad²]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +56,33 @@ class Break:
     reason: str
     closures: int = 0
     moved: float = 0.0
+
+
+def let_go(factors: Sequence[Factor], breaks: Sequence[Break], track: Track) -> list[Factor]:
+    """The factors of a graph, odometry telling nothing where it alone holds what a sudden loss has torn apart.
+
+    Where the laser knew its way until the key scan before, and nothing fits the next one, the robot may have been
+    carried anywhere. Where it saw little before, too, odometry has led for a while: on logs made worse on purpose it
+    told the truth in each of thirty such places, but not in four of thirteen sudden losses.
+
+    Args:
+        factors: of the graph.
+        breaks: of the path; those that are "apart" matter.
+        track: key scans and their matches.
+    """
+    torn = {found.key for found in breaks if found.outcome == "apart" and _is_sudden(track, found.key)}
+    return [
+        replace(factor, covariance=UNKNOWN_STEP)
+        if factor.kind == "odometry" and factor.j in torn and factor.i == factor.j - 1
+        else factor
+        for factor in factors
+    ]
+
+
+def _is_sudden(track: Track, key: int) -> bool:
+    """Whether the scan of a key pose matches nothing, and that before it was well matched, or is the first one."""
+    before, here = track.keys[key - 1].match, track.keys[key].match
+    return isinstance(here, NoMatch) and (key == 1 or (not isinstance(before, NoMatch) and before.is_fully_observed))
 
 
 def describe_break(found: Break, track: Track) -> str:

@@ -35,7 +35,7 @@ from iceg.slam.manual_closures import (
 )
 from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry_standstill import describe_dead, with_odometry_between_readings
-from iceg.slam.path_break import describe_break
+from iceg.slam.path_break import describe_break, let_go
 from iceg.slam.path_uncertainty import LeastKnown, least_known
 from iceg.slam.place_votes import describe_vote
 from iceg.slam.progress import Progress, ProgressCallback
@@ -194,7 +194,10 @@ def _finish(
     Its closures join the record; those it dropped stay in it with the reason.
     """
     if not config.finish.enabled or len(track.keys) < 2:
-        return solution, list(solution.graph.factors), [], None
+        factors = let_go(solution.graph.factors, solution.breaks, track)
+        if factors != list(solution.graph.factors):
+            solution = replace(solution, graph=PoseGraph.from_factors(factors, solution.poses, config.graph))
+        return solution, factors, [], None
     finished = finish(solution, track, matcher, config.loops, config.finish, kept=by_hand, scan_of=log.scan)
     graph = PoseGraph.from_factors(finished.factors, finished.poses, config.graph)
     return (

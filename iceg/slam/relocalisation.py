@@ -23,7 +23,7 @@ from iceg.slam.closure_candidates import Candidate
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.examination import Exam, Examiner
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.path_break import ADRIFT, LOST, REFUTED, Break, Doubt
+from iceg.slam.path_break import ADRIFT, LOST, REFUTED, UNKNOWN_STEP, Break, Doubt
 from iceg.slam.place_hypothesis import Hypothesis, about_single_steps, agreeing_sets
 from iceg.slam.place_votes import Vote, unsettled
 from iceg.slam.track import Track
@@ -38,8 +38,6 @@ _AS_STRONG = 0.5
 """Another is weighed that has this share of the key scans of a hypothesis."""
 _EXACT = np.array([0.1, 0.1, 0.03])
 """How well a place that a search found is known [m, m, rad]."""
-_UNKNOWN = np.diag([100.0, 100.0, np.pi]) ** 2
-"""Covariance of a step on which the robot was carried [m², rad²]."""
 _BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
 
 
@@ -259,7 +257,7 @@ class _Relocalisation:
         self._poses = self._poses.copy()
         self._poses[key:until] = compose(correction, self._poses[key:until])
         self._factors = [
-            replace(factor, covariance=_UNKNOWN) if _spans(factor, key) and factor.kind != "closure" else factor
+            replace(factor, covariance=UNKNOWN_STEP) if _spans(factor, key) and factor.kind != "closure" else factor
             for factor in self._factors
         ]
         self._take_out(key, f"contradicted by {len(closures)} closures that agree", keep_near=True)
