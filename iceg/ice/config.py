@@ -154,7 +154,7 @@ class LocalMapConfig:
     cell: float = 0.1
     """Reference points in one cell that face the same way are averaged to one surfel [m]."""
     reach: float = 25.0
-    """Points farther than this from the newest key pose are left out [m]."""
+    """Points farther than this from the newest key pose are left out [m], unless its scan sees much beyond."""
     fine_radius: float = 0.4
     """Farthest correspondence of the fine stage [m]."""
     coarse_cell: float = 0.2

@@ -17,6 +17,8 @@ from iceg.ice.points import ScanPoints
 from iceg.ice.sweeps import Sweeps, joined, starts_of, sweeps_of
 
 _FEATURE_CAPACITY = 1500
+_FEW_BEYOND = 0.25
+"""Share of the points of a scan that the usual reach may leave out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,7 +101,8 @@ class LocalMap:
             T_ref_scan: (3,) its pose.
             margin: where the box must grow at all, it grows by so much more [m].
         """
-        lower, upper = box_around([scan_points.points], T_ref_scan[None], self._config.reach, 0.0)
+        points = scan_points.points
+        lower, upper = box_around([points], T_ref_scan[None], reach_of(points, self._config.reach), 0.0)
         (rows, columns), cell = self.fine.nearest.shape, self.fine.cell
         (left, bottom), (right, top) = self.fine.origin.tolist(), upper.tolist()
         end = np.array((left + cell * columns, bottom + cell * rows))
@@ -197,6 +200,21 @@ class LocalMap:
             sums, surfels = np.empty((capacity, 5)), np.empty((capacity, 4))
             sums[:n], surfels[:n] = self._sums[:n], self._surfels[:n]
             self._sums, self._surfels = sums, surfels
+
+
+def reach_of(points: NDArray[np.float64], usual: float) -> float:
+    """How far a local map reaches around a scan [m].
+
+    Args:
+        points: (n, 2) of the scan, robot frame [m].
+        usual: the least [m].
+
+    Returns:
+        The usual reach; where that would leave out too much, as in halls and outdoors, as far as the scan sees.
+    """
+    squares = points[:, 0] ** 2 + points[:, 1] ** 2
+    beyond = int(np.count_nonzero(squares > usual * usual))
+    return usual if beyond <= _FEW_BEYOND * len(points) else float(np.sqrt(squares.max()))
 
 
 def box_around(
