@@ -16,6 +16,7 @@ from iceg.slam.config import FrontEndConfig, KeyScanConfig
 from iceg.slam.front_end import FrontEnd
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.tracking import track_log
+from tests.walls import see
 
 _GEOMETRY = ScanGeometry(bearings=np.linspace(-1.5, 1.5, 31), range_min=0.1, range_max=20.0)
 _CONFIG = FrontEndConfig(key_scans=KeyScanConfig(distance=0.55, angle=0.5))
@@ -271,6 +272,22 @@ def test_a_sudden_step_is_believed_where_the_scan_matches(
         pose = front_end.add(i, _scan(i + 1), step, is_sudden=i == 20)
     assert front_end.breaks == breaks
     np.testing.assert_allclose(pose, truth[-1], atol=1e-3)
+
+
+@pytest.mark.parametrize("turn", [np.pi / 2, -np.pi / 2])
+def test_a_turn_where_corridors_cross_is_believed_though_all_of_them_look_alike(turn: float) -> None:
+    arm = np.array([[1.0, 1.0, 30.0, 1.0], [1.0, -1.0, 30.0, -1.0]])
+    quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    arms = [(arm.reshape(2, 2, 2) @ np.linalg.matrix_power(quarter, k)).reshape(2, 4) for k in range(4)]
+    drive = np.column_stack([np.arange(-12.0, 0.5), np.zeros(13), np.zeros(13)])
+    truth = np.vstack([drive, compose(np.array([0.0, 0.0, turn]), np.array([0.3, 0.0, 0.0]))])
+    front_end = FrontEnd(IceMatcher(), OdometryModel(), FrontEndConfig())
+    steps = between(truth[:-1], truth[1:])
+    for index, (step, T) in enumerate(zip([np.zeros(3), *steps], truth, strict=True)):
+        is_last = index == len(steps)
+        pose = front_end.add(index, see(np.vstack(arms), T, seed=index), step, is_sudden=is_last)
+    np.testing.assert_allclose(pose, between(truth[0], truth[-1]), atol=0.05)
+    assert not front_end.breaks
 
 
 def test_where_odometry_is_dead_the_velocity_goes_on_and_the_way_is_unknown() -> None:

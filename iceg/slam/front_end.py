@@ -32,6 +32,10 @@ _JUMP_DISTANCE, _JUMP_TURN, _JUMP_SIGMAS = 0.3, 0.26, 4.0
 """A match farther from odometry than this [m, rad] and than so many standard deviations is a jump …"""
 _JUMP_FIT, _JUMP_VIEW = 0.75, 0.75
 """… and needs this share of beams on the reference, and of the reference in view seen."""
+_TURNING_STEP = 2.0
+"""A step that is no longer than so many of the one before is sudden, if it is, for its turn."""
+_KNOWN, _AGREED = 0.3, 0.8
+"""A scan is explained if this share of its beams is on known ground and agrees with it to this share, both ways."""
 _CONTRADICTED = 25.0
 """Squared Mahalanobis distance from which on a match contradicts odometry: one near odometry is preferred …"""
 _LEAST_SHARE, _SHARE_PER_DISTANCE2 = 0.75, 1.0 / 800.0
@@ -163,16 +167,33 @@ class FrontEnd:
     def _goes_on(self, scan: Scan, step: NDArray[np.float64]) -> bool:
         """Whether a scan does not say that the robot made the step odometry claims, rather than going on as before.
 
-        It says so by where it matches best, from either guess; if it matches nowhere it says nothing.
+        It says so by where it matches best, from either guess; if it matches nowhere it says nothing. A turn that
+        explains the scan is believed though going on explains more: where corridors cross, all of them look alike.
         """
         usual = between(*self._newest_step)
         guesses = [compose(self._T_track_robot, T) for T in (usual, step)]
-        found = [(self._evidence(scan, T), T) for T in (self._find(self._reference, scan, g) for g in guesses)]
-        _, best = max(found, key=lambda pose: pose[0])
-        if isinstance(best, NoMatch):
-            return True
-        to_usual, to_step = (sum(_apart(best, guess)) for guess in guesses)
-        return to_usual <= to_step
+        found = [self._found_after(scan, T, guess) for T, guess in zip((usual, step), guesses, strict=True)]
+        if _is_turn(step, usual) and not isinstance(found[1], NoMatch) and self._explains(scan, found[1]):
+            return _is_nearer(found[1], *guesses)
+        best = max(found, key=lambda pose: self._evidence(scan, pose))
+        return isinstance(best, NoMatch) or _is_nearer(best, *guesses)
+
+    def _found_after(
+        self, scan: Scan, step: NDArray[np.float64], guess: NDArray[np.float64]
+    ) -> NDArray[np.float64] | NoMatch:
+        """Pose of a scan if the robot made a step that leads to `guess`."""
+        motion = self._motion
+        self._motion = self._odometry.extend(motion, step)
+        found = self._find(self._reference, scan, guess)
+        self._motion = motion
+        return found
+
+    def _explains(self, scan: Scan, found: NDArray[np.float64]) -> bool:
+        """Whether scan and reference agree both ways at a pose, though much may be new."""
+        if self._map_matcher is None:
+            return False
+        support = self._map_matcher.agreement(self._reference, scan, found)
+        return support.overlap >= _KNOWN and min(support.fit, support.view) >= _AGREED
 
     def _evidence(self, scan: Scan, found: NDArray[np.float64] | NoMatch) -> float:
         """How much of a scan the reference explains at a pose."""
@@ -401,6 +422,16 @@ def _apart(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> tuple[floa
     """Distance [m] and angle [rad] between two poses; plain floats, for the loop over scans."""
     (x, y, heading), (x_c, y_c, heading_c) = T_a_b.tolist(), T_a_c.tolist()
     return math.hypot(x_c - x, y_c - y), abs(wrap_angle(heading_c - heading))
+
+
+def _is_turn(step: NDArray[np.float64], usual: NDArray[np.float64]) -> bool:
+    """Whether a step that stands out does so by its turn: a robot may turn on the spot from one scan to the next."""
+    return math.hypot(*step[:2]) <= max(_JUMP_DISTANCE, _TURNING_STEP * math.hypot(*usual[:2]))
+
+
+def _is_nearer(pose: NDArray[np.float64], one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+    """Whether a pose is no farther from one than from another."""
+    return sum(_apart(pose, one)) <= sum(_apart(pose, other))
 
 
 def _are_one_optimum(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> bool:
