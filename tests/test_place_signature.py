@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from frontends.simulator.simulation import simulate
 from graph.odometry import OdometryModel
-from graph.se2 import compose
+from graph.se2 import compose, transform_points
 from iceg.ice.matcher import IceMatcher
 from iceg.slam import _signature_kernels as kernels
 from iceg.slam.config import FrontEndConfig
@@ -80,10 +80,20 @@ def test_pairs_are_counted_as_the_slow_way_counts_them() -> None:
 
 
 def test_distances_are_counted_as_numpy_counts_them() -> None:
-    points = np.random.default_rng(4).uniform(-3, 3, (40, 2))
-    apart = np.hypot(*(points[:, None] - points[None, :]).transpose(2, 0, 1))[np.triu_indices(40, 1)]
+    rng = np.random.default_rng(4)
+    points, starts = rng.uniform(-3, 3, (400, 2)), np.array([0, 150, 150, 400])
+    poses = np.array([[0.5, -0.2, 0.3], [0.0, 0.0, 0.0], [-1.0, 2.0, 2.5]])
+    placed = np.vstack([transform_points(poses[k], points[starts[k] : starts[k + 1]]) for k in range(3)])
+    first = {
+        tuple(cell): point
+        for cell, point in zip(np.floor(placed[::-1] / 0.4).tolist(), placed[::-1], strict=True)
+        if np.hypot(*point) < 4.0
+    }
+    thinned = np.array(list(first.values()))
+    assert 50 < len(thinned) < 300
+    apart = np.hypot(*(thinned[:, None] - thinned[None, :]).transpose(2, 0, 1))[np.triu_indices(len(thinned), 1)]
     histogram = np.zeros(20)
-    kernels.count_distances(points, 0.25, histogram)
+    kernels.count_distances(points, starts, poses, 4.0, 0.4, 0.25, histogram)
     np.testing.assert_array_equal(histogram, np.histogram(apart[apart < 5.0], bins=20, range=(0.0, 5.0))[0])
 
 

@@ -22,6 +22,8 @@ _PROMISING = 0.15
 # A window of ±π leaves out no heading, however π is rounded.
 _ROUNDING = 1e-9
 _DIAGONAL = sqrt(2.0)
+_TOGETHER = 32
+"""Features whose places are compared at once."""
 
 
 @compiled
@@ -77,6 +79,9 @@ def merge_features(
     Returns:
         Its new number of features.
     """
+    xs, ys = np.empty(len(map_kinds)), np.empty(len(map_kinds))
+    for k in range(m):
+        xs[k], ys[k] = map_rows[k, 0], map_rows[k, 1]
     for scan in range(len(poses)):
         heading = poses[scan, 2]
         c, s = cos(heading), sin(heading)
@@ -84,10 +89,11 @@ def merge_features(
             row = rows[i]
             x = poses[scan, 0] + c * row[0] - s * row[1]
             y = poses[scan, 1] + s * row[0] + c * row[1]
-            found = _equal_feature(kinds[i], row, x, y, heading, radius, map_kinds, map_rows, m)
+            found = _equal_feature(kinds[i], row, x, y, heading, radius, map_kinds, map_rows, xs[:m], ys[:m])
             if found >= 0:
                 _merge_into(map_rows[found], row, x, y, heading, hits[found])
                 hits[found] += 1.0
+                xs[found], ys[found] = map_rows[found, 0], map_rows[found, 1]
             elif m < len(map_kinds):
                 map_kinds[m] = kinds[i]
                 assign(map_rows[m], row)
@@ -95,20 +101,29 @@ def merge_features(
                 map_rows[m, 2], map_rows[m, 3] = row[2] + heading, row[3] + heading
                 map_rows[m, 4], map_rows[m, 5], map_rows[m, 6] = _turned_covariance(row, c, s)
                 hits[m] = 1.0
+                xs[m], ys[m] = x, y
                 m += 1
     return m
 
 
 @compiled
 def _equal_feature(
-    kind: int, row: F64, x: float, y: float, turn: float, radius: float, map_kinds: I8, map_rows: F64, m: int
+    kind: int, row: F64, x: float, y: float, turn: float, radius: float, map_kinds: I8, map_rows: F64, xs: F64, ys: F64
 ) -> int:
-    """The first of m features of the map that may be a feature moved to x, y; -1 if none."""
-    for k in range(m):
-        if map_kinds[k] != kind or abs(map_rows[k, 0] - x) > radius or abs(map_rows[k, 1] - y) > radius:
+    """The first feature of the map, at xs and ys, that may be a feature moved to x, y; -1 if none."""
+    for first in range(0, len(xs), _TOGETHER):
+        # Several at once and without branches, for hardly any is near.
+        near = 0
+        some_x, some_y = xs[first : first + _TOGETHER], ys[first : first + _TOGETHER]
+        for k in range(some_x.size):
+            near += (abs(some_x[k] - x) <= radius) & (abs(some_y[k] - y) <= radius)
+        if near == 0:
             continue
-        if _same_directions(row, turn, map_rows[k]):
-            return k
+        for k in range(first, first + some_x.size):
+            if map_kinds[k] != kind or abs(xs[k] - x) > radius or abs(ys[k] - y) > radius:
+                continue
+            if _same_directions(row, turn, map_rows[k]):
+                return k
     return -1
 
 

@@ -31,12 +31,29 @@ class Ranking:
     Attributes:
         counts: (n,) coinciding features, all 0 when ranked by points.
         correlations: (n,) in [0, 1], larger is better.
-        order: (n,) indices from best to worst: largest count first, then best correlation (paper, section III.C.3).
+        is_count_first: the largest count is the best, whatever its correlation (paper, section III.C.3).
     """
 
     counts: NDArray[np.int64]
     correlations: NDArray[np.float64]
-    order: NDArray[np.int64]
+    is_count_first: bool = False
+
+    @property
+    def order(self) -> NDArray[np.int64]:
+        """(n,) indices from best to worst."""
+        return self.at_least(-np.inf)
+
+    @property
+    def best(self) -> int:
+        """Index of the best."""
+        return int(self.order[0] if self.is_count_first else self.correlations.argmax())
+
+    def at_least(self, correlation: float) -> NDArray[np.int64]:
+        """Indices of those with this correlation or a larger one, from best to worst."""
+        found = np.flatnonzero(self.correlations >= correlation)
+        worse = -self.correlations[found]
+        by_rank = np.lexsort((worse, -self.counts[found])) if self.is_count_first else np.argsort(worse, kind="stable")
+        return found[by_rank]
 
 
 def rank_by_points(
@@ -74,8 +91,7 @@ def rank_by_points(
         config.field_sigma,
         scores,
     )
-    order = np.argsort(-scores, kind="stable")
-    return Ranking(counts=np.zeros(len(hypotheses), np.int64), correlations=scores, order=order)
+    return Ranking(counts=np.zeros(len(hypotheses), np.int64), correlations=scores)
 
 
 def rank_by_features(
@@ -99,5 +115,4 @@ def rank_by_features(
     kernels.score_by_features(
         features.kinds, features.rows, reference.kinds, reference.rows, hypotheses, paper, counts, scores
     )
-    order = np.lexsort((-scores, -counts)) if paper else np.argsort(-scores, kind="stable")
-    return Ranking(counts=counts, correlations=scores, order=order.astype(np.int64))
+    return Ranking(counts=counts, correlations=scores, is_count_first=paper)

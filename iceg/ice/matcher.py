@@ -323,8 +323,7 @@ class IceMatcher:
         observation = self.observe(scan)
         config = self.config.hypotheses
         hypotheses, ranking = self.rank(reference, observation, window)
-        least = config.lead * ranking.correlations[ranking.order[0]]
-        leading = ranking.order[ranking.correlations[ranking.order] >= least]
+        leading = ranking.at_least(config.lead * float(ranking.correlations[ranking.best]))
         chosen = distinct(hypotheses, leading, config.candidates, _SEPARATION_M, _SEPARATION_RAD)
         polished = self._polish(reference, scan, hypotheses[chosen])
         inside = [refined for refined in polished if window.contains(refined.T_ref_cur)]
@@ -384,9 +383,9 @@ class IceMatcher:
             return []
         window = search_window(T_ref_guess, covariance_guess, self.config.hypotheses)
         hypotheses, ranking = self.rank(reference, self.observe(scan), window)
-        hopeful, min_inliers = ranking.order, self.config.refinement.min_inliers
-        if self.config.hypotheses.fitness == "points":
-            hopeful = hopeful[ranking.correlations[hopeful] >= _HOPEFUL * min_inliers]
+        min_inliers = self.config.refinement.min_inliers
+        least_hopeful = _HOPEFUL * min_inliers if self.config.hypotheses.fitness == "points" else 0.0
+        hopeful = ranking.at_least(least_hopeful)
         leading = distinct(hypotheses, hopeful, self.config.hypotheses.alternatives)
         polished = self._polish(reference, scan, hypotheses[leading], min_inliers)
         least = min_inliers * len(self._points(scan))

@@ -5,10 +5,11 @@ from math import atan2, cos, floor, hypot, pi, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import ZERO, compiled
 
 F64 = NDArray[np.float64]
 I8 = NDArray[np.int8]
+I64 = NDArray[np.int64]
 
 _KINDS = 3
 _MULTIPLIER = 2654435761  # Knuth's multiplicative hash
@@ -72,11 +73,39 @@ def count_pairs(kinds: I8, rows: F64, hits: F64, reach: float, cell: float, sect
 
 
 @compiled
-def count_distances(points: F64, cell: float, histogram: F64) -> None:
-    """Add the distance of every pair of points, (n, 2) [m], to a histogram with cells of that width [m]."""
-    for i in range(len(points)):
-        for j in range(i + 1, len(points)):
-            dx, dy = points[i, 0] - points[j, 0], points[i, 1] - points[j, 1]
+def count_distances(
+    points: F64, starts: I64, poses: F64, reach: float, thinning: float, cell: float, histogram: F64
+) -> None:
+    """Add the distance of every pair of points near the middle of a place, thinned, to a histogram.
+
+    Args:
+        points: (n, 2) in the frames of their scans [m].
+        starts: (m + 1,) scan k has the points from starts[k] to starts[k + 1].
+        poses: (m, 3) pose of each scan as seen from the middle.
+        reach: points farther from the middle are left out [m].
+        thinning: of the others the first in each cell of this width counts [m].
+        cell: width of the cells of the histogram [m].
+        histogram: changed in place.
+    """
+    half = int(reach / thinning) + 1
+    taken = np.zeros((2 * half + 1, 2 * half + 1), np.bool_)
+    xs, ys = np.empty(taken.size), np.empty(taken.size)
+    count = ZERO
+    for scan in range(len(poses)):
+        px, py, c, s = poses[scan, 0], poses[scan, 1], cos(poses[scan, 2]), sin(poses[scan, 2])
+        for i in range(starts[scan], starts[scan + 1]):
+            x = px + c * points[i, 0] - s * points[i, 1]
+            y = py + s * points[i, 0] + c * points[i, 1]
+            if hypot(x, y) >= reach:
+                continue
+            u, v = floor(x / thinning) + half, floor(y / thinning) + half
+            if not taken[v, u]:
+                taken[v, u] = True
+                xs[count], ys[count] = x, y
+                count += 1
+    for i in range(count):
+        for j in range(i + 1, count):
+            dx, dy = xs[i] - xs[j], ys[i] - ys[j]
             k = int(sqrt(dx * dx + dy * dy) / cell)
             if k < len(histogram):
                 histogram[k] += 1.0

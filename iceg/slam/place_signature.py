@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from graph.se2 import between, transform_points
+from graph.se2 import between
 from iceg.ice import _hypothesis_kernels as hypothesis_kernels
 from iceg.ice.features import FeatureRows
 from iceg.ice.matcher import IceMatcher, Observation
+from iceg.ice.sweeps import joined, starts_of
 from iceg.slam import _signature_kernels as kernels
 from iceg.slam.track import KeyScan
 
@@ -28,7 +29,6 @@ _SEEN_TWICE = 2.0
 _FEATURES = 1500
 _POINT_EVERY = 3
 _POINT_REACH, _POINT_CELL = 8.0, 0.4
-_POINT_CELLS = 2 * int(_POINT_REACH / _POINT_CELL) + 3
 _DISTANCES, _DISTANCE_CELL = 40, 0.25
 _SHAPE_WEIGHT = 0.3
 _STRETCH = 2
@@ -94,7 +94,15 @@ def place_signatures(keys: Sequence[KeyScan], matcher: IceMatcher, spacing: int)
         observations = list(latest)[first - end :]
         _count_words([observation.features for observation in observations], T_middle_members, words[row])
         points = [observation.points.points for observation in observations[::_POINT_EVERY]]
-        kernels.count_distances(_thinned(points, T_middle_members[::_POINT_EVERY]), _DISTANCE_CELL, shapes[row])
+        kernels.count_distances(
+            joined(points),
+            starts_of(points),
+            T_middle_members[::_POINT_EVERY],
+            _POINT_REACH,
+            _POINT_CELL,
+            _DISTANCE_CELL,
+            shapes[row],
+        )
     rarity = np.log(len(middles) / np.maximum(1, np.count_nonzero(words, axis=0)))
     looks = _unit(np.sqrt(words) * rarity)
     shape = np.sqrt(shapes)
@@ -108,9 +116,9 @@ def _count_words(
     """Count the pairs among the features that several scans of the place saw."""
     kinds, rows, hits = np.empty(_FEATURES, np.int8), np.empty((_FEATURES, 10)), np.empty(_FEATURES)
     n = hypothesis_kernels.merge_features(
-        np.concatenate([of_scan.kinds for of_scan in features]),
-        np.concatenate([of_scan.rows for of_scan in features]),
-        np.cumsum([0, *(len(of_scan.kinds) for of_scan in features)]),
+        joined([of_scan.kinds for of_scan in features]),
+        joined([of_scan.rows for of_scan in features]),
+        starts_of([of_scan.kinds for of_scan in features]),
         T_middle_members,
         _MERGE_RADIUS,
         kinds,
@@ -123,17 +131,6 @@ def _count_words(
 
 
 _MERGE_RADIUS = 0.25
-
-
-def _thinned(points: list[NDArray[np.float64]], T_middle_scans: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Points near the middle, about one for each cell."""
-    placed = np.vstack([transform_points(T, p_robot) for T, p_robot in zip(T_middle_scans, points, strict=True)])
-    near = placed[np.hypot(placed[:, 0], placed[:, 1]) < _POINT_REACH]
-    cells = np.floor(near / _POINT_CELL).astype(np.int64)
-    first = np.full(_POINT_CELLS * _POINT_CELLS, -1)
-    codes = cells[:, 0] * _POINT_CELLS + cells[:, 1] + _POINT_CELLS**2 // 2
-    first[codes[::-1]] = np.arange(len(near))[::-1]  # of several in a cell the one written last stays, the first
-    return np.asarray(near[first[first >= 0]], dtype=np.float64)
 
 
 def _unit(rows: NDArray[np.float64]) -> NDArray[np.float64]:
