@@ -96,6 +96,16 @@ def test_a_log_with_nothing_to_judge_it_by(tmp_path: Path) -> None:
         ablation(BenchLog(name="bare", path=demo_log_path(), known=None))
 
 
+def test_a_folder_of_logs_that_is_none_is_no_empty_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for words, code, said in (
+        (["--data", str(tmp_path / "nowhere")], 1, "nowhere: is no folder"),
+        ([str(demo_log_path()), "--data", str(tmp_path)], 2, "found logs and --data"),
+    ):
+        assert main(["ablation", *words, "-o", str(tmp_path / "out")]) == code
+        assert said in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
 def test_other_covariances_the_same_measurements(office: SlamResult) -> None:
     factors = office.graph.factors
     assert with_covariances(factors, "calibrated") == list(factors)

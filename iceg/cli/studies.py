@@ -1,6 +1,5 @@
 """Commands that measure: methods against each other, what each part buys, covariances against the truth."""
 
-import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,12 +66,10 @@ class Bench:
             self._experiment(self.file)
 
     def _real_logs(self) -> None:
-        from iceg.evaluation.bench.real_logs import PARTS, folder_of_logs, real_log_tables
+        from iceg.evaluation.bench.real_logs import PARTS, real_log_tables
         from iceg.evaluation.bench.tables import format_markdown
 
-        data = folder_of_logs(self.data)
-        if data is None:
-            print("No folder of public logs (--data, or ICEG_DATA): the embedded log only.")
+        data = _public_logs(self.data)
         for name, rows in real_log_tables(data, self.output, self.parts or PARTS):
             print(f"\n{name.replace('-', ' ').capitalize()}\n{format_markdown(rows)}", flush=True)
 
@@ -132,16 +129,18 @@ class Ablation:
         from iceg.evaluation.bench.tables import format_markdown
         from iceg.show.progress import compile_note
 
-        data = self.data or (Path(os.environ["ICEG_DATA"]) if os.environ.get("ICEG_DATA") else None)
+        if self.logs and self.data is not None:
+            raise UsageError("found logs and --data, expected one of them")
+        logs = logs_to_judge(self.logs, None if self.logs else _public_logs(self.data))
         if self.faults:
             from iceg.evaluation.robustness import write_faults
 
             with compile_note():
-                rows = list(write_faults(logs_to_judge(self.logs, data), self.output))
+                rows = list(write_faults(logs, self.output))
             print(f"\n{format_markdown(rows)}", flush=True)
             return
         with compile_note():
-            for name, rows in write_tables(logs_to_judge(self.logs, data), self.output):
+            for name, rows in write_tables(logs, self.output):
                 print(f"\n{name.capitalize()}\n{format_markdown(rows)}", flush=True)
 
 
@@ -183,6 +182,16 @@ class Nees:
                 print(f"{one.scene} {one.seed}: {means}", flush=True)
         print(f"\n{format_markdown(summarise(judged))}")
         print(f"Tables and picture are in {self.output}: nees.csv, nees-runs.csv and nees.png")
+
+
+def _public_logs(given: Path | None) -> Path | None:
+    """The folder of public logs; says so where there is none."""
+    from iceg.evaluation.bench.logs import folder_of_logs
+
+    data = folder_of_logs(given)
+    if data is None:
+        print("No folder of public logs (--data, or ICEG_DATA): the embedded log only.")
+    return data
 
 
 def _tell_outcome(outcome: "Outcome", done: int, of: int) -> None:

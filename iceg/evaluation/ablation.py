@@ -14,7 +14,7 @@ from graph.factors import Factor
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.config import Config
-from iceg.evaluation.bench.logs import BenchLog, find_logs
+from iceg.evaluation.bench.logs import BenchLog, find_logs, possible_beside
 from iceg.evaluation.bench.tables import Row, write_csv
 from iceg.evaluation.cross_validation import cross_validation
 from iceg.evaluation.errors import EvaluationError
@@ -70,7 +70,10 @@ def logs_to_judge(paths: Sequence[Path], data: Path | None) -> list[BenchLog]:
     for path in paths:
         if not path.is_file():
             raise EvaluationError(f"{path}: found no such file, expected a log")
-    return [BenchLog(name=_stem(path), path=path, known=_known_beside(path)) for path in paths]
+    logs = [BenchLog.at(path) for path in paths]
+    for log in logs:
+        _known(log)
+    return logs
 
 
 def ablation(log: BenchLog) -> Ablation:
@@ -144,7 +147,6 @@ def calibrated_odometry(result: SlamResult) -> NDArray[np.float64]:
 
 
 _ALL: tuple[Covariances, ...] = get_args(Covariances)
-_ENDINGS = ("relations.csv", "truth.csv", "reference.csv")
 
 
 def _solved_with(choice: Covariances, result: SlamResult, judge: Judge) -> Row:
@@ -176,9 +178,7 @@ def _errors(figures: dict[str, float]) -> Row:
 
 
 def _judge(log: BenchLog) -> Judge:
-    known = log.known
-    if known is None:
-        raise EvaluationError(f"{log.path}: nothing is known about it, expected one of {_expected(log.path)} beside it")
+    known = _known(log)
     if known.name.endswith("relations.csv"):
         relations = read_relations_csv(known)
         return lambda T_map_robot: relations_report(T_map_robot, relations)
@@ -196,17 +196,8 @@ def _against_truth(T_map_robot: NDArray[np.float64], truth: NDArray[np.float64],
     return trajectory_report(trajectory_errors(T_map_robot, truth))
 
 
-def _known_beside(path: Path) -> Path:
-    for ending in _ENDINGS:
-        known = path.with_name(f"{_stem(path)}.{ending}")
-        if known.exists():
-            return known
-    raise EvaluationError(f"{path}: nothing is known about it, expected one of {_expected(path)} beside it")
-
-
-def _expected(path: Path) -> str:
-    return ", ".join(f"{_stem(path)}.{ending}" for ending in _ENDINGS)
-
-
-def _stem(path: Path) -> str:
-    return path.name.split(".")[0]
+def _known(log: BenchLog) -> Path:
+    if log.known is None:
+        expected = ", ".join(path.name for path in possible_beside(log.path))
+        raise EvaluationError(f"{log.path}: nothing is known about it, expected one of {expected} beside it")
+    return log.known

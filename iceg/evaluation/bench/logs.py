@@ -1,10 +1,12 @@
 """The logs of the benchmark and what each is judged by."""
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from iceg.demo import demo_log_path, demo_truth_path
+from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.judge import reference_report, relations_csv_report, truth_report
 
 Judge = Callable[[Path, Path], dict[str, float]]
@@ -31,6 +33,12 @@ class BenchLog:
     path: Path
     known: Path | None
 
+    @classmethod
+    def at(cls, path: Path) -> "BenchLog":
+        """The log at a path, judged by the best that lies beside it."""
+        known = next(iter(known_beside(path).values()), None)
+        return cls(name=_stem(path), path=path, known=None if known is None else Path(known))
+
     @property
     def relations(self) -> Path | None:
         """The benchmark's relations, where there are any."""
@@ -50,12 +58,27 @@ def known_beside(log: Path) -> dict[str, str]:
     Returns:
         Kind and path of the first of relations, truth and reference that exists; empty when there is none.
     """
-    name = log.name.partition(".")[0]
-    for ending, _ in _JUDGES:
-        file = log.with_name(f"{name}.{ending}")
+    for file in possible_beside(log):
         if file.exists():
-            return {ending.partition(".")[0]: str(file)}
+            return {file.name.split(".")[-2]: str(file)}
     return {}
+
+
+def possible_beside(log: Path) -> list[Path]:
+    """The files that may tell something about a log, the best first."""
+    return [log.with_name(f"{_stem(log)}.{ending}") for ending, _ in _JUDGES]
+
+
+def folder_of_logs(given: Path | None) -> Path | None:
+    """The folder of public logs: the one given, else the one that `ICEG_DATA` names; None when that is not there.
+
+    Raises:
+        EvaluationError: the one given is no folder.
+    """
+    if given is not None and not given.is_dir():
+        raise EvaluationError(f"{given}: is no folder, expected one with public logs")
+    named = given or (Path(os.environ["ICEG_DATA"]) if os.environ.get("ICEG_DATA") else None)
+    return named if named is not None and named.is_dir() else None
 
 
 def find_logs(data: Path | None) -> list[BenchLog]:
@@ -71,9 +94,10 @@ def find_logs(data: Path | None) -> list[BenchLog]:
     logs = [BenchLog(name="office (embedded)", path=demo_log_path(), known=demo_truth_path())]
     if data is None:
         return logs
-    for name in _PUBLIC:
-        path = data / f"{name}.clf.gz"
-        if path.exists():
-            known = next(iter(known_beside(path).values()), None)
-            logs.append(BenchLog(name=name, path=path, known=None if known is None else Path(known)))
-    return logs
+    public = [data / f"{name}.clf.gz" for name in _PUBLIC]
+    return [*logs, *(BenchLog.at(path) for path in public if path.exists())]
+
+
+def _stem(log: Path) -> str:
+    """The name of a log without its endings, which may be several."""
+    return log.name.partition(".")[0]

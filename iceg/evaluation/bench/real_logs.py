@@ -1,6 +1,5 @@
 """Accuracy and speed of ICE on the embedded log and on the public ones at hand: the tables of the README."""
 
-import os
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -10,7 +9,6 @@ import numpy as np
 
 from iceg.evaluation.bench.logs import BenchLog, find_logs
 from iceg.evaluation.bench.tables import Row, write_csv
-from iceg.evaluation.errors import EvaluationError
 
 Part = Literal["runs", "recall", "consistency", "ablation", "growth"]
 PARTS: tuple[Part, ...] = ("runs", "recall", "consistency", "ablation")
@@ -43,18 +41,6 @@ def real_log_tables(data: Path | None, output: Path, parts: Sequence[Part] = PAR
             if rows:
                 write_csv(rows, output / f"{name}.csv")
                 yield name, rows
-
-
-def folder_of_logs(given: Path | None) -> Path | None:
-    """The folder of public logs: the one given, else the one that `ICEG_DATA` names; None when that is not there.
-
-    Raises:
-        EvaluationError: the one given is no folder.
-    """
-    if given is not None and not given.is_dir():
-        raise EvaluationError(f"{given}: is no folder, expected one with public logs")
-    named = given or (Path(os.environ["ICEG_DATA"]) if os.environ.get("ICEG_DATA") else None)
-    return named if named is not None and named.is_dir() else None
 
 
 def _runs(logs: list[BenchLog], output: Path) -> Iterator[tuple[str, list[Row]]]:
