@@ -1,7 +1,7 @@
 """Scans and logs as arrays: what every reader returns and every matcher takes."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -150,3 +150,13 @@ class Log:
     def scan(self, index: int) -> Scan:
         """The scan at `index`, counted from 0 in file order."""
         return Scan(ranges=self.ranges[index], geometry=self.geometry)
+
+    def select(self, scans: slice | NDArray[np.int64]) -> "Log":
+        """The log of some of the scans, in the order of their indices (m,), which may repeat; of a slice no copies."""
+        return replace(
+            self,
+            ranges=self.ranges[scans],
+            odometry=self.odometry[scans],
+            stamps=self.stamps[scans],
+            truth=None if self.truth is None else self.truth[scans],
+        )

@@ -18,6 +18,7 @@ from iceg.cli import main
 from iceg.cli.parsing import parse
 from iceg.cli.run import DpSlam
 from iceg.dp_slam_results import DP_SLAM_FILES
+from iceg.evaluation.paper import first_scans
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.results import RESULT_FILES, ResultsError
 from iceg.run_folder import read_ros_map, read_run_folder
@@ -30,14 +31,7 @@ FEW = ("--particles", "10", "--samples", "60", "--resolution", "0.06")
 
 @pytest.fixture(scope="module")
 def simulation() -> Simulation:
-    whole = simulate("room", seed=3)
-    log = replace(
-        whole.log,
-        ranges=whole.log.ranges[:N_SCANS],
-        odometry=whole.log.odometry[:N_SCANS],
-        stamps=whole.log.stamps[:N_SCANS],
-    )
-    return replace(whole, log=log, truth=whole.truth[:N_SCANS])
+    return first_scans(simulate("room", seed=3), N_SCANS)
 
 
 @pytest.fixture(scope="module")

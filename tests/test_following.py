@@ -70,8 +70,7 @@ class ScanByScan:
 @pytest.fixture(scope="module")
 def office() -> Log:
     """The beginning of a simulated office."""
-    log = simulate("office", seed=3).log
-    return replace(log, ranges=log.ranges[:600], odometry=log.odometry[:600], stamps=log.stamps[:600])
+    return simulate("office", seed=3).log.select(slice(600))
 
 
 def _covered(log: Log) -> Log:

@@ -1,6 +1,5 @@
 """`iceg run --matcher NAME`: every matcher of the literature in the same pipeline, on the first metres of a room."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -13,6 +12,7 @@ from frontends.matchers import MATCHERS
 from frontends.simulator.simulation import Simulation, simulate
 from iceg.cli import main
 from iceg.config import Config, ConfigError, MatcherName, parse_config, read_config
+from iceg.evaluation.paper import first_scans
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.results import RESULT_FILES
 from iceg.run_folder import read_run_folder
@@ -24,14 +24,7 @@ NAMES: tuple[MatcherName, ...] = get_args(MatcherName)
 
 @pytest.fixture(scope="module")
 def simulation() -> Simulation:
-    whole = simulate("room", seed=3)
-    log = replace(
-        whole.log,
-        ranges=whole.log.ranges[:N_SCANS],
-        odometry=whole.log.odometry[:N_SCANS],
-        stamps=whole.log.stamps[:N_SCANS],
-    )
-    return replace(whole, log=log, truth=whole.truth[:N_SCANS])
+    return first_scans(simulate("room", seed=3), N_SCANS)
 
 
 @pytest.fixture(scope="module")

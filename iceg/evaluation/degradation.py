@@ -38,9 +38,7 @@ Degradation = Callable[[Log], Degraded]
 
 def select(log: Log, scans: NDArray[np.int64]) -> Degraded:
     """Only these scans, in this order; a scan may come more than once."""
-    truth = None if log.truth is None else log.truth[scans]
-    kept = replace(log, ranges=log.ranges[scans], odometry=log.odometry[scans], stamps=log.stamps[scans], truth=truth)
-    return Degraded(log=kept, scans=scans)
+    return Degraded(log=log.select(scans), scans=scans)
 
 
 def every(log: Log, n: int) -> Degraded:

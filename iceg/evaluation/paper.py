@@ -109,9 +109,7 @@ class AxisErrors:
 
 def first_scans(simulation: Simulation, n: int | None) -> Simulation:
     """The first n scans of a simulation; all of them for None."""
-    log = simulation.log
-    part = replace(log, ranges=log.ranges[:n], odometry=log.odometry[:n], stamps=log.stamps[:n])
-    return replace(simulation, log=part, truth=simulation.truth[:n])
+    return replace(simulation, log=simulation.log.select(slice(n)), truth=simulation.truth[:n])
 
 
 def time_run(simulation: Simulation, config: Config | None = None) -> TimedRun:

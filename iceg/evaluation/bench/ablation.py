@@ -21,8 +21,7 @@ THINNING = 5
 
 def thinned(log: Log, phase: int, step: int = THINNING) -> Log:
     """Every `step`-th scan of a log, starting with scan `phase`: the robot moves that much more between scans."""
-    kept = slice(phase, None, step)
-    return replace(log, ranges=log.ranges[kept], odometry=log.odometry[kept], stamps=log.stamps[kept])
+    return log.select(slice(phase, None, step))
 
 
 def thinned_relations(relations: Relations, phase: int, step: int = THINNING) -> Relations:

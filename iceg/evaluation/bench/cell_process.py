@@ -120,10 +120,8 @@ def _honesty(estimate: Estimate, truth: NDArray[np.float64]) -> Figures:
 
 def _load_kernels(method: Method, log: Log) -> None:
     """Run the first scans, so that compiling kernels, or loading compiled ones, is not timed."""
-    first = slice(_WARM_UP_SCANS)
-    start = replace(log, ranges=log.ranges[first], odometry=log.odometry[first], stamps=log.stamps[first], truth=None)
     with suppress(IcegError):
-        method.run(start)
+        method.run(log.select(slice(_WARM_UP_SCANS)))
 
 
 def main() -> int:
