@@ -242,6 +242,7 @@ def chained_poses(factors: Sequence[Factor], n_poses: int) -> NDArray[np.float64
 
 _WORTH_WEIGHING = 100.0  # times the gate
 _WIDER = 6.0
+"""Φ of the robust start over that of the solution: a closure that drift has put far off must still pull."""
 
 
 def _n_poses(factors: Sequence[Factor]) -> int:

@@ -13,10 +13,14 @@ from numpy.typing import NDArray
 from graph.problem import Problem
 
 _FIRST_MU = 0.01
+"""Least first μ: a single gross residual would ask for many more rounds."""
 _MU_FACTOR = 1.4
+"""Growth of μ from round to round (Yang et al. 2020)."""
 _MOST_ROUNDS = 60
 _STEPS_PER_ROUND = 2
+"""Gauss-Newton steps between two changes of the weights."""
 _MOST_REVISIONS = 4
+"""In the end, how often the inliers are chosen anew and solved for again."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

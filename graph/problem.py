@@ -24,6 +24,7 @@ _KERNELS: dict[KernelName, int] = {
 }
 _FIRST_DAMPING, _MOST_DAMPING = 1e-6, 1e6
 _DAMPING_FACTOR = 10.0
+"""How much more, or less, the normal equations are damped after a step that failed, or succeeded."""
 _EQUAL_ERRORS = 1e-12  # a step may raise the error by rounding
 
 

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from graph.problem import Problem
 
 _BATCHES = 16
+"""Parts in which the graph grows along the path …"""
 _STEPS_PER_BATCH = 4
+"""… and most steps after each."""
 _MOST_ROUNDS = 6
 _FAR_WHILE_GROWING, _FAR_IN_THE_END = 1e4, 1e2
 

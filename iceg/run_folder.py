@@ -20,6 +20,7 @@ from iceg.tum import Trajectory, read_tum
 
 _FILES = ("trajectory.tum", "covariances.csv", "closures.csv", "features.geojson", "map.yaml")
 _CERTAIN_LOG_ODDS = 3.0
+"""What a black or white cell of map.pgm is read as."""
 _DARK, _BRIGHT = 0.35 * 255, 0.804 * 255  # map_server's thresholds on 1 - grey / 255
 
 

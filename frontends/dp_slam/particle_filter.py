@@ -22,6 +22,7 @@ from frontends.scan import Log
 from graph.se2 import between, compose
 
 _CERTAIN = 0.98
+"""Probabilities of the grid are kept this far from certainty when they become log-odds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,13 +10,19 @@ from graph.se2 import wrap_angle
 Handedness = Literal["left", "right", "unknown"]
 
 _TURN = (np.radians(4.0), np.radians(40.0))
+"""Turns between two scans that tell: more than the noise, less than the view [rad]."""
 _MOVE = 0.5  # m: between the two scans
 _AHEAD = 12  # scans
 _PAIRS = 400
+"""Most pairs of scans looked at."""
 _LEAST_BEAMS = 20
+"""Fewest readings that two scans must share to be compared."""
 _LEAST_VOTES = 4
+"""Fewest pairs that must tell left from right …"""
 _MAJORITY = 0.8
+"""… and the share of them that must agree."""
 _CLEARLY = 0.7
+"""A pair votes where one sign leaves less than this share of the difference that the other leaves."""
 
 
 def handedness(

@@ -11,6 +11,7 @@ from graph.se2 import between, wrap_angle
 _SAME_PLACE = 0.02  # m: what rounding and the time between the two poses leave
 _SAME_HEADING = math.radians(1.0)
 _MOST_SCANS = 0.9
+"""Share of the scans whose two recorded poses must tell the same mount."""
 
 
 def find(

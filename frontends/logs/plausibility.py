@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 _STILL = 1e-6  # m or rad: odometry that moves less over a whole log does not move
 _CHANGED = 0.1  # m: median change of the readings that the robot's standing still does not explain
 _SAMPLES = 32
+"""Scans compared, spread over the log."""
 
 
 def choose_stamps(both: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[str]]:

@@ -27,6 +27,7 @@ __all__ = ["is_usarsim", "read_usarsim", "write_usarsim"]
 
 _ODOMETRY = ("odometry", "ins")
 _LIMIT_REPEATS = 5
+"""A greatest reading, in whole metres, that comes at least so often is the limit of the laser."""
 _RECOGNISED = re.compile(rb"^\s*(SEN|CONF|GEO|STA|NFO|RES)\s*\{", re.IGNORECASE | re.MULTILINE)
 
 

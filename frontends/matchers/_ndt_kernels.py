@@ -12,6 +12,7 @@ MEAN_X, MEAN_Y, INV_XX, INV_XY, INV_YY, VALID = range(6)
 
 _FARTHEST = 30.0  # squared Mahalanobis distance beyond which exp(-d²/2) is as good as zero
 _HALVINGS = 6
+"""How often a step that lowers the score is halved before it is given up."""
 
 
 @compiled

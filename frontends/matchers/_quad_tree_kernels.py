@@ -8,7 +8,9 @@ from numpy.typing import NDArray
 from graph.compiled import compiled
 
 _BUCKET = 6
+"""A node of more points than this is split …"""
 _MAX_DEPTH = 24
+"""… down to here: equal points cannot be told apart."""
 
 
 class Nodes(NamedTuple):

@@ -16,6 +16,7 @@ from graph.measurement import NoMatch, RelativePose
 from graph.se2 import between, compose, inverse
 
 _FEWEST_POINTS = 10
+"""Fewest returns of either scan."""
 
 
 class PlacedPoints(Protocol):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from frontends.simulator.world import SimulatorError
 
 LEG_RADIUS = 0.06
+"""Of a person [m]."""
 _STRIDE = 1.4  # m: from a step of one foot to the next step of the same
 _REACH = 0.25  # m: how far a foot gets ahead of the body
 _HIP = 0.1  # m: from the middle of the body to a leg

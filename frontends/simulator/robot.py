@@ -12,7 +12,9 @@ from frontends.simulator.world import SimulatorError
 from graph.se2 import between, wrap_angle
 
 _TICK = 0.02
+"""Time step of the simulation [s]."""
 _ARRIVED = 0.08
+"""A waypoint nearer than this is reached [m]."""
 _ALIGNED = math.radians(2)
 _TURN_ON_THE_SPOT = math.radians(25)
 _PATIENCE = 600.0

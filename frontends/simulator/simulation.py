@@ -15,7 +15,9 @@ from frontends.simulator.world import SimulatorError
 from graph.se2 import compose, wrap_angle
 
 _CLEARANCE = 0.3
+"""Pairs of scans are taken no nearer to a wall than this [m] …"""
 _TRIES_PER_PAIR = 200
+"""… from at most so many random places for each pair asked for."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,6 +26,7 @@ SUCCESS_M, SUCCESS_RAD = 0.15, radians(3.0)
 _CERTAINLY_OUTSIDE = 16.27
 """99.9 % of the chi-square distribution with three degrees of freedom."""
 _LEAST_SIGMA_M, _LEAST_SIGMA_RAD = 0.05, radians(2.0)
+"""Least standard deviation of the guess that a matcher is told."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

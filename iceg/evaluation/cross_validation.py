@@ -31,6 +31,7 @@ from iceg.evaluation.consistency import Consistency, consistency
 
 KINDS: tuple[FactorKind, ...] = ("odometry", "ice", "stretch", "closure")
 _LEAST_REDUNDANCY = 1e-3
+"""A factor with less is checked by nothing else."""
 FADED = 0.5
 """A factor that its robust kernel leaves no more weight than this is out of force."""
 

@@ -19,8 +19,11 @@ from iceg.slam.track import Track
 SEPARATE_PASSES = 200
 """Two scans more than this far apart in the log count as two passes."""
 _HALF = 8
+"""Key scans to either side that make up the reference."""
 _RECALL_M, _RECALL_RAD = 0.3, radians(6.0)
+"""A hypothesis this near to the true pose is right."""
 _SUCCESS_M, _SUCCESS_RAD = 0.15, radians(3.0)
+"""A match this near to the true pose has succeeded."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

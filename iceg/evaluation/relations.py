@@ -19,6 +19,7 @@ ErrorForm = Literal["metric", "cartographer"]
 _CSV_COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad", "certain")
 _STAMP_COLUMNS = ("stamp_i", "stamp_j", "x", "y", "z", "roll", "pitch", "yaw")
 _STAMP_TOLERANCE_S = 0.02
+"""A stamp farther than this from that of any scan names none for certain."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,6 +18,7 @@ from iceg.slam.pipeline import SlamResult, run
 
 _CONFIG = Config(grid=GridConfig(resolution=0.5))
 _RUINED_M, _RUINED_FACTOR = 0.3, 5.0
+"""A run is ruined whose error exceeds this [m] and so many times that without the fault."""
 
 
 def write_faults(logs: Sequence[BenchLog], output: Path, faults: Sequence[str] = ()) -> Iterator[Row]:

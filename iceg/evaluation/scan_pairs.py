@@ -17,6 +17,7 @@ from iceg.evaluation.relations import Relations
 SEPARATE_PASSES = 200
 """Two scans more than this far apart in the log count as two passes."""
 _SEEN_BY_BOTH_M = 0.3
+"""A point this near to one of the other scan is seen by both."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,7 +15,9 @@ I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 
 _NEAREST_JUDGED = 0.3
+"""Surfels nearer to the laser than this are not judged [m] …"""
 _FLATTEST = 0.25
+"""… nor those seen at a flatter angle than this (cosine between beam and normal)."""
 
 
 @compiled

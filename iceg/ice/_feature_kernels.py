@@ -25,10 +25,15 @@ FEATURE_COLUMNS = 10
 
 _CORNER, _END_OF_WALL, _INTERSECTION = 0, 1, 2
 _SPACINGS = 4.0
+"""A cluster ends where points are farther apart than the gap and so many beam spacings …"""
 _MISSING_BEAMS = 3
+"""… or where the next return lies more than so many beams on."""
 _OVERLAP = 0.2
+"""Two segments that run past their intersection by more than this do not meet there [m]."""
 _BEHIND = 0.3
+"""The end of a wall is real where the next point lies this much farther away [m]."""
 _FLOOR = 1e-5
+"""Added to the variance of a feature's position [m²]."""
 
 
 @compiled

@@ -15,10 +15,15 @@ I64 = NDArray[np.int64]
 
 _CORNER = 0
 _SAME_DIRECTION = 0.3
+"""Directions of paired features differ by no more than this after the turn of the hypothesis [rad]."""
 _SAME_ANGLE = 0.35
+"""The same for features that coincide [rad]."""
 _POSITION_FLOOR = 4e-4
+"""Added to the variances of two features that are compared: of their positions [m²] …"""
 _ANGLE_FLOOR = 1e-3
+"""… and of their directions [rad²]."""
 _PROMISING = 0.15
+"""A hypothesis is scored on all points if its score on few comes this near to the best."""
 # A window of ±π leaves out no heading, however π is rounded.
 _ROUNDING = 1e-9
 _DIAGONAL = sqrt(2.0)

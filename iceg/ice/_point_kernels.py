@@ -23,10 +23,13 @@ Bool = NDArray[np.bool_]
 _SPACINGS = 3.0
 _WIDEST_GAP = 0.6
 _MOST_NEIGHBOURS = 12
+"""Most neighbours on either side that give a point its normal."""
 _THICKEST = 0.1
+"""Neighbours are a line where their variance across is at most this share of that along."""
 _LINE = 2  # steps from the first to the last point of a surface that may be a line
 _LINES_ENOUGH = 0.5  # share of the points on lines from which on what is slim does not count
 _STRETCH = 4
+"""Beams to either side that span the chord across which the second difference of a point is taken."""
 
 
 @compiled

@@ -18,9 +18,13 @@ F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
 
 _SHRINK = 0.6
+"""Factor from step to step by which the Cauchy weight narrows."""
 _FEWEST = 5
+"""A fit needs at least so many points with a partner."""
 _STILL_M, _STILL_RAD = 2e-4, 1e-4
+"""A step shorter than this is the last [m, rad]."""
 _NEARLY_M, _NEARLY_RAD = 0.02, 0.01
+"""After a step shorter than this the weights are narrow at once [m, rad]."""
 
 
 @compiled

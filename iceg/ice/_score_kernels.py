@@ -15,7 +15,9 @@ F64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
 _FEWEST_ON_SURFACES = 10
+"""Points without a normal are left out where at least so many have one."""
 _LAGS = 12
+"""Residuals of beams no farther apart than this may be correlated."""
 _TELLING = 10.0
 """So many points must hold a direction for their own residuals to count as much as those of all."""
 

@@ -18,7 +18,9 @@ I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 
 _SAME_FACING = 0.6
+"""A point joins the surfel of its cell whose mean normal and its own have at least this cosine."""
 _CROWDED = 0.3
+"""Squared distance, in cells, within which a surfel makes a newer one needless."""
 
 
 @compiled

@@ -16,7 +16,9 @@ Bool = NDArray[np.bool_]
 UNSEEN, SEEN, SEEN_THROUGH = 0, 1, 2
 
 _NEAREST = 0.3
+"""What is nearer to the laser than this is not judged [m] …"""
 _FLATTEST = 0.05
+"""… nor what is seen at a flatter angle than this (cosine between beam and normal)."""
 
 
 @compiled

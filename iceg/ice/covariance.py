@@ -18,6 +18,7 @@ _SIDE = 5
 _SPACING = 1.25
 """Grid spacing in standard deviations of the flattened Hessian's Gaussian."""
 _MIN_STEP = 5e-4
+"""Smallest spacing of the score grid [m, rad]."""
 _TEMPERATURE = 6.0
 """The scores are taken this much flatter and their second moment is divided by it: the costs are rough on the scale
 of the peak itself (correspondences change), and a single low one must not pass for certainty."""

@@ -14,6 +14,7 @@ from iceg.ice.segments import segment_rows
 CORNER, END_OF_WALL, INTERSECTION = 0, 1, 2
 KIND_NAMES = ("corner", "end_of_wall", "intersection")
 _CAPACITY = 250
+"""Most features of one scan."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

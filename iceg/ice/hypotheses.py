@@ -11,6 +11,7 @@ from iceg.ice.config import HypothesisConfig
 from iceg.ice.features import FeatureRows
 
 _CAPACITY = 6000
+"""Most hypotheses of one match."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

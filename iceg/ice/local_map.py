@@ -17,6 +17,7 @@ from iceg.ice.points import ScanPoints
 from iceg.ice.sweeps import Sweeps, joined, starts_of, sweeps_of
 
 _FEATURE_CAPACITY = 1500
+"""Most features of a local map; further ones are left out."""
 _FEW_BEYOND = 0.25
 """Share of the points of a scan that the usual reach may leave out."""
 

@@ -27,9 +27,11 @@ from iceg.ice.tracking import Followed, Limits, Polish, Standing, follow_scans
 from iceg.ice.verification import Agreement, JoinedScans, agreement, agreements, contradictions, view
 
 _CLEARLY_MORE = 1.03
+"""A hypothesis must have so many times the support of the polished guess to be preferred to it."""
 _DENIED = 3.0
 """One beam that contradicts the reference outweighs this many points that agree with it."""
 _FEWEST_POINTS = 15
+"""Fewest returns of a scan that is matched."""
 _NEW_GROUND, _OLD_GROUND = 0.3, 0.8
 """A scan that sees much new needs this share of its beams on the map, which must agree to this share both ways."""
 _ROOM_TO_GROW = 4.0

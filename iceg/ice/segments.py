@@ -11,6 +11,7 @@ from iceg.ice.config import SegmentConfig
 from iceg.ice.points import ScanPoints, extract_points
 
 _CAPACITY = 120
+"""Most segments of one scan."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,7 +18,9 @@ from iceg.ice.sweeps import Sweeps, joined, starts_of, sweeps_of
 _AGREEING = 2.0
 """A point within so many widths of its weight agrees with the reference."""
 _NEAR = 8.0
+"""Surfels within this of the laser are judged by its beams [m] …"""
 _MARGIN = 0.2
+"""… each of which sees a surfel if it ends within this of it [m]."""
 _REACH = 20.0
 """Surfaces farther than this from a laser contradict nothing: its heading is not known that well [m]."""
 _ACROSS = 0.15

@@ -14,7 +14,9 @@ I64 = NDArray[np.int64]
 _KINDS = 3
 _MULTIPLIER = 2654435761  # Knuth's multiplicative hash
 _CLOSEST = 0.3
+"""Features closer to each other than this are no pair [m]."""
 _MOST_HITS = 4.0
+"""A feature that more scans saw counts no more than this."""
 
 
 @compiled

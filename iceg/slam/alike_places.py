@@ -12,6 +12,7 @@ from iceg.slam.place_signature import PlaceSignatures, place_signatures
 from iceg.slam.track import Track
 
 _PLACES_AT_ONCE = 512
+"""Rows of the matrix of likeness that are held in memory."""
 _SAME_PASS = 3
 """Places so few rows apart are one pass."""
 

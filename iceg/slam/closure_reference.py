@@ -13,6 +13,7 @@ from iceg.ice.matcher import IceMatcher
 from iceg.slam.track import Track
 
 _KEPT = 6
+"""References kept: the key scans of a pass ask for the same ones."""
 _STILL = 0.01
 """A reference is built anew when its scans have moved by more than this against each other [m, rad]."""
 

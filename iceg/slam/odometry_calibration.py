@@ -18,7 +18,9 @@ from iceg.slam.track import KeyScan, Track
 _HEADING_PRIOR = np.array([0.05, 0.05, 0.7])
 _TRANSLATION_PRIOR = np.array([0.05, 0.03, 0.7, 0.2, 0.1])
 _ROBUST_ROUNDS = 15
+"""Rounds of iteratively reweighted least squares."""
 _FEWEST_KEYS = 20
+"""Fewest matched key scans to calibrate from."""
 _WINDOW = 5
 """Key scans over which moves are compared: noise in the steps of odometry makes a scale fitted to them too small."""
 _TURNING = 0.3

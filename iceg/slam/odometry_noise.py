@@ -22,6 +22,7 @@ from iceg.slam.match_errors import OWN
 _OUTLIER = 3.0
 """Standard deviations beyond which a difference counts as being so far and no farther."""
 _FIT_ROUNDS = 10
+"""Rounds in which the weights follow the fitted variances."""
 _MOST_CLAIMED = 2.0
 """What cancels from step to step is the match's up to so many times the variance it claims; the rest is clocks."""
 _CLEAR = 10.0

@@ -14,9 +14,11 @@ from iceg.slam.repeated_scans import is_repeated
 _SELDOM = 0.5
 """Where more of the moves than this follow upon a standstill, odometry is read more seldom than the laser."""
 _FEWEST_MOVES = 20
+"""Fewest moves that tell how often the odometry is read."""
 _ENDS = 3
 """Scans at either end of a standstill that may show the robot's move already, or still: two clocks."""
 _SAMPLES = 64
+"""Scans of a standstill that are compared with its beginning."""
 _CHANGED, _CHANGED_FACTOR = 0.1, 3.0
 """Change of the readings [m], and how many times that from one scan to the next, that only a move explains …"""
 _UNCHANGED = 0.25

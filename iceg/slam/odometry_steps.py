@@ -6,7 +6,9 @@ from numpy.typing import NDArray
 from graph.se2 import between
 
 _DISTANCE, _TURN, _FACTOR = 1.0, 0.8, 3.0
+"""A step stands out that is longer than this [m, rad] and so many times as fast as nearly all …"""
 _NEARLY_ALL = 0.99
+"""… which is this share of the steps."""
 _STILL = 1e-9
 """A step shorter than this is none [m, rad]: the same reading again."""
 

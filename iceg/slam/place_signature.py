@@ -25,12 +25,20 @@ from iceg.slam.track import KeyScan
 _HALF = 5
 """Key scans on either side that make up the place."""
 _BINS, _REACH, _CELL, _SECTORS = 1024, 6.0, 0.4, 6
+"""Words, hashed into so many bins, are pairs of features within a reach [m]: both kinds, the distance in cells [m], and
+the sectors of both directions against the line between them."""
 _SEEN_TWICE = 2.0
+"""Only features that so many scans of the place saw make words."""
 _FEATURES = 1500
+"""Most features of one place."""
 _POINT_EVERY = 3
+"""Only the points of every so many key scans are counted …"""
 _POINT_REACH, _POINT_CELL = 8.0, 0.4
+"""… within this of the middle, one a cell [m] …"""
 _DISTANCES, _DISTANCE_CELL = 40, 0.25
+"""… in so many bins of distance between two points, each this wide [m]."""
 _SHAPE_WEIGHT = 0.3
+"""What the distances count beside the words."""
 _STRETCH = 2
 """Places on either side that make up a stretch."""
 
@@ -131,6 +139,7 @@ def _count_words(
 
 
 _MERGE_RADIUS = 0.25
+"""Features of different scans closer than this are one [m]."""
 
 
 def _unit(rows: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -19,6 +19,7 @@ from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 
 _ELSEWHERE_DISTANCE, _ELSEWHERE_TURN = 0.25, 0.08
+"""A match farther than this from the estimate contradicts it [m, rad]."""
 _AROUND = (-4, -2, 0, 2, 4)
 """Key scans around a doubtful one that are searched, too …"""
 _AROUND_FIRST = (-2, 0, 2)
