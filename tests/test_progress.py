@@ -34,6 +34,15 @@ def test_the_bar_tells_scans_speed_and_share_of_matches(capsys: pytest.CaptureFi
     assert "x real time, 75 % matched" in last
 
 
+def test_what_is_left_is_not_told_from_the_first_scans(capsys: pytest.CaptureFixture[str]) -> None:
+    for done, tells in ((1, False), (4, True)):
+        with ProgressBar(make_log(20)) as bar:
+            bar(Progress(scans=done, tried=done, accepted=done))
+        last = capsys.readouterr().err.split("\r")[-1]
+        assert f"{done}/20 scans" in last
+        assert (" left" in last) == tells
+
+
 def test_each_stage_has_a_bar_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
     with ProgressBar(make_log(4)) as bar:
         for stage in get_args(Stage):

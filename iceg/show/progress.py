@@ -13,7 +13,10 @@ from tqdm import tqdm
 from frontends.scan import Log
 from iceg.slam.progress import Progress, Stage
 
-_BAR = "{desc}: {percentage:3.0f}%|{bar:20}| {n_fmt}/{total_fmt} scans, {elapsed} gone, {remaining} left{postfix}"
+_BAR_AT_FIRST = "{desc}: {percentage:3.0f}%|{bar:20}| {n_fmt}/{total_fmt} scans, {elapsed} gone{postfix}"
+_BAR = _BAR_AT_FIRST.replace("{postfix}", ", {remaining} left{postfix}")
+_TELLING = 0.1
+"""From this share of the scans on their mean time tells what is left: the first ones may wait a minute for kernels."""
 _INTERVAL_ON_TERMINAL_S, _INTERVAL_IN_FILE_S = 0.1, 5.0
 
 
@@ -52,13 +55,16 @@ class ProgressBar:
         if now - self._shown >= self._interval or progress.scans == self._bar.total:
             self._shown = now
             self._bar.set_postfix_str(self._describe(progress, now), refresh=False)
+        if progress.scans >= _TELLING * len(self._log):
+            self._bar.bar_format = _BAR
         self._bar.update(progress.scans - self._bar.n)
 
     def _new_bar(self) -> "tqdm[NoReturn]":
         return tqdm(
             total=len(self._log),
             desc=f"{self._log.path.name}, {self._latest.stage}",
-            bar_format=_BAR,
+            bar_format=_BAR_AT_FIRST,
+            smoothing=0,
             mininterval=self._interval,
             file=sys.stderr,
         )
