@@ -96,7 +96,7 @@ class Problem:
         )
 
     def with_kernel(self, kernel: KernelName | None, width: float, where: NDArray[np.bool_]) -> "Problem":
-        """The same factors, those marked with another robust kernel."""
+        """The same factors, those that (m,) `where` marks with another robust kernel."""
         return Problem(
             self.n_poses,
             self.i,
@@ -109,7 +109,7 @@ class Problem:
         )
 
     def restricted_to(self, kept: NDArray[np.bool_]) -> "Problem":
-        """The problem of the marked factors alone; the others no longer fill the Cholesky factor."""
+        """The problem of the factors (m,) marked alone; the others no longer fill the Cholesky factor."""
         if kept.all():
             return self
         return Problem(
@@ -128,7 +128,7 @@ class Problem:
         return bool((self._kernel != losses.PLAIN).any())
 
     def fade_at(self, suspects: NDArray[np.bool_]) -> float | None:
-        """Squared norm beyond which all the marked factors fade to nothing; None if some never do."""
+        """Squared norm beyond which all the factors (m,) marked fade to nothing; None if some never do."""
         kernel, width = self._kernel[suspects], self._width[suspects]
         if not len(kernel) or not np.isin(kernel, (losses.DCS, losses.GEMAN_MCCLURE)).all():
             return None
@@ -303,7 +303,7 @@ class _Structure:
         self.n = n
 
     def places_of(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Where the Cholesky factor keeps its blocks below the diagonal, given where they stand."""
+        """Where the Cholesky factor keeps blocks below the diagonal, given by the rows and columns (k,) they are in."""
         starts, rows_of_l = self.factor[:2]
         keys = np.repeat(np.arange(self.n), np.diff(starts)) * self.n + rows_of_l
         return np.searchsorted(keys, columns * self.n + rows)
@@ -315,7 +315,7 @@ class _Structure:
         residuals: NDArray[np.float64],
         weights: NDArray[np.float64],
     ) -> "_System":
-        """The normal equations at these poses."""
+        """The normal equations at poses (n, 3), from residuals (m, 3) and weights (m,) there."""
         system = _System(self)
         linear.normal_equations(
             poses,
@@ -382,7 +382,7 @@ class _System:
         return np.asarray(sparse.multiplied(structure.column_starts, structure.rows, self.upper, self.diagonal, x))
 
     def inverse(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Blocks of H⁻¹ below the diagonal, where its factor has blocks, and on it, after `factorize`."""
+        """Blocks (b, 3, 3) of H⁻¹ below the diagonal, where its factor has some, and (n, 3, 3) on it, once factorized."""
         starts, rows = self._structure.factor[:2]
         lower, on_diagonal = sparse.selected_inverse(starts, rows, self._values, self._roots)
         return lower, on_diagonal
