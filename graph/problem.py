@@ -382,7 +382,7 @@ class _System:
         return np.asarray(sparse.multiplied(structure.column_starts, structure.rows, self.upper, self.diagonal, x))
 
     def inverse(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Blocks (b, 3, 3) of H⁻¹ below the diagonal, where its factor has some, and (n, 3, 3) on it, once factorized."""
+        """Blocks (b, 3, 3) of H⁻¹ below the diagonal, where its factor has any, and (n, 3, 3) on it, factorized."""
         starts, rows = self._structure.factor[:2]
         lower, on_diagonal = sparse.selected_inverse(starts, rows, self._values, self._roots)
         return lower, on_diagonal
