@@ -335,6 +335,23 @@ def test_points_of_key_scans_and_of_scans_between(office: Simulation, track: Tra
     assert len(third.points) <= len(whole.points) // 3
     assert third.key_starts[-1] == len(third.points)
     assert (np.diff(third.key_starts) > 0).all()
+    assert (alone.stand_for, whole.stand_for) == (1.0, 1.0)
+    assert third.stand_for == pytest.approx(3.0, rel=0.4)
+
+
+def test_points_that_stand_for_many_tell_more(solution: Solution, track: Track) -> None:
+    config = JointRefinementConfig(max_points=4000)
+    clouds, factors = key_clouds(track, None, config), solution.graph.factors
+    few, some, many = (
+        refine_jointly(factors, solution.poses, replace(clouds, stand_for=n), config) for n in (1.0, 4.0, 32.0)
+    )
+    assert few.covariances is not None
+    assert some.covariances is not None
+    assert many.covariances is not None
+    np.testing.assert_array_equal(many.poses, few.poses)
+    np.testing.assert_array_equal(some.covariances, few.covariances)
+    ratio = np.linalg.det(many.covariances[1:]) / np.linalg.det(few.covariances[1:])
+    assert 0.25**3 < np.median(ratio) < 0.5**3
 
 
 def finished_with(solution: Solution, track: Track, office: Simulation, matcher: Matcher, joint: bool) -> Finished:

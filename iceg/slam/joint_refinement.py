@@ -36,6 +36,9 @@ _FARTHER = 1.5
 follow the points."""
 _OTHER_PIECES = 0.5
 """After steps longer than so many cells the points are grouped into pieces of wall anew."""
+_STAND_FOR = 4.0
+"""Points that stand for more others than this count for more, by the power 2/3 of the excess: the fewer are taken, the
+less alike they err. So the NEES of long runs, whose points are thinned, falls no further."""
 _TOLERANCE, _MOST_PRODUCTS = 0.1, 60
 """Conjugate gradients stop at this share of the first residual, since a step does not bring all anyway; at most so many
 products are taken."""
@@ -81,6 +84,7 @@ class Clouds:
         starts: (m + 1,) scan j has the points from starts[j] to starts[j + 1].
         key_of_scan: (m,) the key pose of each scan, increasing; each key pose has at least one.
         T_key_scan: (m, 3).
+        stand_for: how many points each stands for: in long logs, most are left out.
     """
 
     points: NDArray[np.float64]
@@ -88,6 +92,7 @@ class Clouds:
     starts: NDArray[np.int64]
     key_of_scan: NDArray[np.int64]
     T_key_scan: NDArray[np.float64]
+    stand_for: float = 1.0
 
     @property
     def key_starts(self) -> NDArray[np.int64]:
@@ -168,8 +173,9 @@ def _covariances(
         return None
     near = np.hypot(clouds.points[:, 0], clouds.points[:, 1]) <= config.telling_reach
     told = replace(walls, weights=np.where(near, walls.weights, 0.0))
+    precision = _precision(walls, config) * max(1.0, clouds.stand_for / _STAND_FOR) ** (2.0 / 3.0)
     try:
-        return joint_covariances(factors, poses, clouds.key_starts, told, _precision(walls, config))
+        return joint_covariances(factors, poses, clouds.key_starts, told, precision)
     except np.linalg.LinAlgError:
         return None
 
@@ -207,7 +213,16 @@ def key_clouds(track: Track, scan_of: Callable[[int], Scan] | None, config: Join
     normals[np.hypot(points[:, 0], points[:, 1]) > config.reach] = 0.0
     T_key_scan = track.T_key_scan[scans]
     T_key_scan[np.diff(key_of_scan, prepend=-1) > 0] = 0.0
-    return Clouds(points=points, normals=normals, starts=starts, key_of_scan=key_of_scan, T_key_scan=T_key_scan)
+    most = config.scans_per_key if scan_of else 1
+    available = int(np.minimum(np.bincount(track.key_of_scan, minlength=n_keys), most).sum())
+    return Clouds(
+        points=points,
+        normals=normals,
+        starts=starts,
+        key_of_scan=key_of_scan,
+        T_key_scan=T_key_scan,
+        stand_for=max(1.0, available * every / len(scans)),
+    )
 
 
 def _members(track: Track, most: int) -> list[list[int]]:
