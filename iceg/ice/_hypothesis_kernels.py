@@ -247,48 +247,37 @@ def distinct(hypotheses: F64, order: I64, separation_m: float, separation_rad: f
 
 
 @compiled
-def _likelihood(
-    points: F64,
-    n_picks: int,
-    pose: F64,
-    distance2: F32,
-    x0: float,
-    y0: float,
-    cell: float,
-    farthest2: float,
-    of_farthest: float,
-    k: float,
-) -> float:
-    """Mean of exp(k·d²) over evenly picked points, d from the field; that of its largest is known."""
-    ny, nx = distance2.shape
-    stride = len(points) / n_picks
+def _picked(points: F64, n: int) -> tuple[F64, F64]:
+    """Evenly picked points: x and y, (n,) each."""
+    x, y = np.empty(n), np.empty(n)
+    stride = len(points) / n
+    for q in range(n):
+        i = int((q + 0.5) * stride)
+        x[q], y[q] = points[i, 0], points[i, 1]
+    return x, y
+
+
+@compiled
+def _likelihood(px: F64, py: F64, pose: F64, cells: F32, nx: int, x0: float, y0: float, cell: float) -> float:
+    """Mean of the likelihoods of points, (n,) each, in cells of nx columns; of those outside it is 0."""
+    width, height, columns = float(nx), float(len(cells) // nx), np.int32(nx)
     c, s = cos(pose[2]) / cell, sin(pose[2]) / cell
     x, y = (pose[0] - x0) / cell, (pose[1] - y0) / cell
     total = 0.0
-    for q in range(n_picks):
-        i = int((q + 0.5) * stride)
-        u = floor(x + c * points[i, 0] - s * points[i, 1])
-        v = floor(y + s * points[i, 0] + c * points[i, 1])
-        if 0 <= u < nx and 0 <= v < ny:
-            d2 = distance2[v, u]
-            total += exp(k * d2) if d2 < farthest2 else of_farthest
-    return total / n_picks
+    for q in range(len(px)):
+        # Without branches: whether the next point is near anything cannot be foretold.
+        u, v = x + c * px[q] - s * py[q], y + s * px[q] + c * py[q]
+        inside = (u >= 0.0) & (v >= 0.0) & (u < width) & (v < height)
+        at = np.int32(v if inside else 0.0) * columns + np.int32(u if inside else 0.0)
+        total += float(cells[at]) if inside else 0.0
+    return total / len(px)
 
 
 @compiled
 def score_by_points(
-    points: F64,
-    n_first: int,
-    n_picks: int,
-    hypotheses: F64,
-    distance2: F32,
-    origin: F64,
-    cell: float,
-    radius2: float,
-    sigma: float,
-    scores: F64,
+    points: F64, n_first: int, n_picks: int, hypotheses: F64, likelihood: F32, origin: F64, cell: float, scores: F64
 ) -> None:
-    """Mean of exp(-d²/2σ²) over the points of a scan, d the distance to the nearest surfel.
+    """Mean likelihood of the points of a scan where hypotheses put them.
 
     Few points judge all hypotheses first; only the promising ones are judged by more. The others keep their first
     score, but never one above the worst of the promising.
@@ -298,28 +287,24 @@ def score_by_points(
         n_first: points of the first round.
         n_picks: points of the second round; the first is skipped when it has as many.
         hypotheses: (h, 3) T_ref_robot.
-        distance2: (ny, nx) of the field [m²].
+        likelihood: (ny, nx) field.
         origin: (2,) its lower left corner [m].
         cell: width of its cells [m].
-        radius2: its largest value, as it is stored [m²].
-        sigma: σ [m].
         scores: (h,) output.
     """
-    k = -0.5 / (sigma * sigma)
-    x0, y0 = origin[0], origin[1]
-    of_farthest = exp(k * radius2)
+    x0, y0, nx, cells = origin[0], origin[1], likelihood.shape[1], likelihood.reshape(-1)
     enough = -np.inf
     if n_first < n_picks:
+        px, py = _picked(points, n_first)
         for h in range(len(hypotheses)):
-            scores[h] = _likelihood(points, n_first, hypotheses[h], distance2, x0, y0, cell, radius2, of_farthest, k)
+            scores[h] = _likelihood(px, py, hypotheses[h], cells, nx, x0, y0, cell)
             enough = max(enough, scores[h] - _PROMISING)
     lowest = np.inf
+    px, py = _picked(points, n_picks)
     for h in range(len(hypotheses)):
         if n_first >= n_picks or scores[h] >= enough:
             # Marked by 2 so that the last loop tells them from the others.
-            scores[h] = 2.0 + _likelihood(
-                points, n_picks, hypotheses[h], distance2, x0, y0, cell, radius2, of_farthest, k
-            )
+            scores[h] = 2.0 + _likelihood(px, py, hypotheses[h], cells, nx, x0, y0, cell)
             lowest = min(lowest, scores[h] - 2.0)
     for h in range(len(hypotheses)):
         scores[h] = scores[h] - 2.0 if scores[h] >= 2.0 else min(scores[h], lowest)

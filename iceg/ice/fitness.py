@@ -84,11 +84,9 @@ def rank_by_points(
         min(n_points, config.sifting_points) if sift else n_points,
         n_points,
         hypotheses,
-        field.distance2,
+        local_map.likelihood(config.field_sigma),
         field.origin,
         field.cell,
-        float(np.float32(field.radius * field.radius)),
-        config.field_sigma,
         scores,
     )
     return Ranking(counts=np.zeros(len(hypotheses), np.int64), correlations=scores)

@@ -78,6 +78,7 @@ class LocalMap:
         self._kinds = np.empty(_FEATURE_CAPACITY, np.int8)
         self._rows = np.empty((_FEATURE_CAPACITY, 10))
         self._hits = np.empty(_FEATURE_CAPACITY)
+        self._likelihood: tuple[int, float, NDArray[np.float32]] | None = None
         self._sweeps: Sweeps | None = None
 
     def add(self, scan_points: ScanPoints, features: FeatureRows, T_ref_scan: NDArray[np.float64]) -> None:
@@ -113,6 +114,7 @@ class LocalMap:
         after = np.where(upper > end, upper - end + margin, 0.0)
         self._table = _padded(self._table, before, after, self.fine.cell, -1)
         self.fine, self._coarse = _grown(self.fine, before, after), _grown(self._coarse, before, after)
+        self._likelihood = None
 
     def _stamp(self, field: NearestField, start: int, *, is_thin: bool) -> None:
         """Note the surfels from `start` on in a field."""
@@ -162,6 +164,13 @@ class LocalMap:
         """The wide field."""
         self._fill_coarse()
         return self._coarse
+
+    def likelihood(self, sigma: float) -> NDArray[np.float32]:
+        """(ny, nx) exp(-d²/2σ²) of the wide field, worked out once for as long as the field stays as it is."""
+        if self._likelihood is None or self._likelihood[:2] != (self._surfel_count, sigma):
+            distance2 = self.coarse.distance2
+            self._likelihood = (self._surfel_count, sigma, np.exp(np.float32(-0.5 / sigma**2) * distance2))
+        return self._likelihood[2]
 
     def _fill_coarse(self) -> None:
         if self._in_coarse < self._surfel_count:

@@ -82,8 +82,12 @@ def _shared(matrix: NDArray[np.float64]) -> NDArray[np.bool_]:
 def _close_together(shared: NDArray[np.bool_]) -> NDArray[np.int64]:
     """(n,) all poses, in an order that keeps those that share blocks close together."""
     degrees = np.count_nonzero(shared, axis=1)
-    far = _spreading(shared, degrees, int(degrees.argmin()))[-1]
-    return np.array(_spreading(shared, degrees, far)[::-1], dtype=np.int64)
+    first = _spreading(shared, degrees, int(degrees.argmin()))
+    there = _spreading(shared, degrees, first[-1])
+    back = _spreading(shared, degrees, there[-1])
+    orders = [np.array(order, dtype=np.int64) for order in (there, back)]
+    widths = [_ends(shared[np.ix_(order, order)]) - np.arange(len(order)) for order in orders]
+    return min(zip(orders, widths, strict=True), key=lambda pair: float(pair[1] @ pair[1]))[0]
 
 
 def _spreading(shared: NDArray[np.bool_], degrees: NDArray[np.int64], start: int) -> list[int]:
