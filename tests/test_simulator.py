@@ -1,8 +1,6 @@
 """Whole simulations: determinism, what each scene is for, scan pairs, files, and the embedded log."""
 
 import gzip
-import subprocess
-import sys
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -170,14 +168,6 @@ def test_written_log_reads_back_as_it_was_simulated(tmp_path: Path) -> None:
     table = np.loadtxt(text.splitlines(), delimiter=",", skiprows=1)
     np.testing.assert_allclose(table, np.column_stack([simulation.log.stamps, simulation.truth]), atol=1e-6)
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["log.clf", "log.usarsim", "truth.csv"]
-
-
-def test_the_command_writes_what_the_function_writes(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "frontends.simulator", "room", "-o", str(tmp_path / "a"), "--seed", "3"]
-    subprocess.run(command, check=True, capture_output=True)
-    write_simulation(tmp_path / "b", simulated("room", 3))
-    for name in ("log.clf", "log.usarsim", "truth.csv"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
 def test_the_embedded_log_is_what_the_simulator_makes(tmp_path: Path) -> None:

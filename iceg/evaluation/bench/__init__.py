@@ -1,1 +1,1 @@
-"""Accuracy and speed on the logs at hand, printed as tables: `python -m iceg.evaluation.bench -o DIR`."""
+"""`iceg bench`: methods compared on logs, and accuracy and speed of ICE on those at hand."""
