@@ -15,6 +15,7 @@ from graph.problem import Problem
 from graph.se2 import adjoint, between, compose, expmap, logmap
 from iceg.cli import main
 from iceg.evaluation.cross_validation import cross_validation, cross_validation_report, leave_one_out
+from iceg.evaluation.errors import EvaluationError
 
 Array = NDArray[np.float64]
 
@@ -150,6 +151,13 @@ def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert report["ice_n"] == 59
     assert report["ice_nees_mean"] == pytest.approx(cross_validation(factors, poses)["ice"].judged.mean, rel=1e-3)
     assert main(["eval", str(tmp_path), "--consistency", "--truth", "x.csv"]) == 2
+
+
+@pytest.mark.parametrize("edges", ["", "VERTEX_SE2 1 1 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n"])
+def test_a_graph_in_which_nothing_is_known_twice_is_named(tmp_path: Path, edges: str) -> None:
+    (tmp_path / "graph.g2o").write_text(f"VERTEX_SE2 0 0 0 0\n{edges}")
+    with pytest.raises(EvaluationError, match=r"graph\.g2o: found no factor that others check"):
+        cross_validation_report(tmp_path)
 
 
 def test_a_folder_without_a_graph_is_named(tmp_path: Path) -> None:

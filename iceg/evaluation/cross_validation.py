@@ -28,6 +28,7 @@ from graph.g2o import read_g2o
 from graph.problem import Problem
 from graph.se2 import between_jacobians
 from iceg.evaluation.consistency import Consistency, consistency
+from iceg.evaluation.errors import EvaluationError
 
 KINDS: tuple[FactorKind, ...] = ("odometry", "ice", "stretch", "closure")
 _LEAST_REDUNDANCY = 1e-3
@@ -126,8 +127,10 @@ def cross_validation_report(folder: Path) -> dict[str, float]:
 
     Raises:
         GraphError: the graph is missing, cannot be read or does not determine every pose.
+        EvaluationError: nothing in it is known twice.
     """
-    graph = read_g2o(folder / "graph.g2o" if folder.is_dir() else folder)
+    path = folder / "graph.g2o" if folder.is_dir() else folder
+    graph = read_g2o(path)
     optimum = optimize(graph.factors, graph.poses).poses
     report: dict[str, float] = {}
     for kind, found in cross_validation(graph.factors, optimum).items():
@@ -141,6 +144,8 @@ def cross_validation_report(folder: Path) -> dict[str, float]:
             f"{kind}_unchecked": found.unchecked,
             f"{kind}_faded": found.faded,
         }
+    if not report:
+        raise EvaluationError(f"{path}: found no factor that others check, expected some between the same poses")
     return report
 
 
