@@ -183,7 +183,7 @@ def product(system: JointSystem, n_lines: int, x: F64) -> F64:
 
 @compiled
 def fill(system: JointSystem, matrix: F64) -> None:
-    """The same system as a (3k, 3k) matrix, zeros before; its blocks sorted by line."""
+    """The same system as a (3k, 3k) matrix, zeros before; its blocks sorted by line, and those of a line by pose."""
     diagonal, pose_of, line_of, blocks = system.diagonal, system.pose_of, system.line_of, system.blocks
     for k in range(len(diagonal)):
         for a in range(3):
@@ -194,11 +194,18 @@ def fill(system: JointSystem, matrix: F64) -> None:
         if line_of[q] != line_of[first]:
             first = q
         i = 3 * pose_of[q]
-        for p in range(first, q + 1):
-            j = 3 * pose_of[p]
+        for a in range(3):
+            u, v, row = blocks[q, a, 0], blocks[q, a, 1], matrix[i + a]
+            for p in range(first, q):
+                j = 3 * pose_of[p]
+                row[j] -= u * blocks[p, 0, 0] + v * blocks[p, 0, 1]
+                row[j + 1] -= u * blocks[p, 1, 0] + v * blocks[p, 1, 1]
+                row[j + 2] -= u * blocks[p, 2, 0] + v * blocks[p, 2, 1]
+            for b in range(3):
+                row[i + b] -= u * blocks[q, b, 0] + v * blocks[q, b, 1]
+    # Poses of a line stand in order, so that only what is below the diagonal was filled.
+    for i in range(3, len(matrix), 3):
+        for j in range(0, i, 3):
             for a in range(3):
                 for b in range(3):
-                    shared = blocks[q, a, 0] * blocks[p, b, 0] + blocks[q, a, 1] * blocks[p, b, 1]
-                    matrix[i + a, j + b] -= shared
-                    if p != q:
-                        matrix[j + b, i + a] -= shared
+                    matrix[j + b, i + a] = matrix[i + a, j + b]
