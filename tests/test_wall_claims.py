@@ -46,3 +46,12 @@ def test_where_most_poses_would_be_known_too_well_nothing_is_believed(too_sure: 
     assert (believed is not None) == is_believed
     if believed is not None:
         assert np.linalg.eigvalsh(believed[1:] - graph[1:] / 3.001**2).min() > 0.0
+
+
+def test_covariances_that_are_none_judge_nothing() -> None:
+    graph = _covariances(5, 0.1)
+    walls = graph / 2.0**2
+    graph[3, 2, 2] = -1e-9
+    believed = believed_covariances(walls, graph)
+    assert believed is not None
+    np.testing.assert_array_equal(believed, walls)

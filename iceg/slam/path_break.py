@@ -63,7 +63,7 @@ def let_go(factors: Sequence[Factor], breaks: Sequence[Break], track: Track) -> 
 
     Where the laser knew its way until the key scan before, and nothing fits the next one, the robot may have been
     carried anywhere. Where it saw little before, too, odometry has led for a while: on logs made worse on purpose it
-    told the truth in each of thirty such places, but not in four of thirteen sudden losses.
+    told the truth in each of thirty such places, but not in four of fifteen sudden losses.
 
     Args:
         factors: of the graph.

@@ -28,7 +28,10 @@ def believed_covariances(walls: NDArray[np.float64], graph: NDArray[np.float64])
     if np.count_nonzero(variances < least) > 0.5 * len(least):
         return None
     believed = walls.copy()
-    root = np.linalg.cholesky(graph[1:])
+    try:
+        root = np.linalg.cholesky(graph[1:])
+    except np.linalg.LinAlgError:  # rounding has spoilt them: they judge nothing
+        return believed
     whitened = np.linalg.solve(root, np.swapaxes(np.linalg.solve(root, walls[1:]), 1, 2))
     shares, axes = np.linalg.eigh(0.5 * (whitened + np.swapaxes(whitened, 1, 2)))
     lacking = root @ axes * np.sqrt(np.maximum(0.0, 1.0 / _MOST**2 - shares))[:, None, :]
