@@ -118,8 +118,8 @@ def test_only_certain_relations_count(tmp_path: Path) -> None:
             EvaluationError,
             "none of its 1 relations is certain",
         ),
-        ("scan_i,scan_j,x_m,y_m,theta_rad,certain\n0.5,1,1,0,0,1\n", EvaluationError, "whole numbers"),
-        ("scan_i,scan_j,x_m,y_m,theta_rad,certain\n-1,1,1,0,0,1\n", EvaluationError, "whole numbers"),
+        ("scan_i,scan_j,x_m,y_m,theta_rad,certain\n0.5,1,1,0,0,1\n", EvaluationError, "row 1: found scan 0.5"),
+        ("scan_i,scan_j,x_m,y_m,theta_rad,certain\n0,-1,1,0,0,1\n", EvaluationError, "row 1: found scan -1"),
     ],
 )
 def test_a_bad_relations_file_is_named(tmp_path: Path, text: str, error: type[Exception], message: str) -> None:
@@ -263,6 +263,9 @@ def test_reference_and_truth_files(tmp_path: Path) -> None:
         poses_of_scans(np.zeros((2, 3)), scans, reference)
     with pytest.raises(TableError, match="cannot be read"):
         read_truth_csv(tmp_path / "missing.csv")
+    reference.write_text("scan,x_m,y_m,theta_rad\n2,1,2,0.5\n2.5,1,2,0.5\n")
+    with pytest.raises(EvaluationError, match=r"a\.reference\.csv: row 2: found scan 2\.5, expected whole numbers"):
+        read_reference_csv(reference)
 
 
 def test_nees_of_errors_drawn_from_their_covariance_is_three() -> None:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from graph.se2 import between, compose, inverse, wrap_angle
 from iceg.evaluation.errors import EvaluationError
+from iceg.evaluation.trajectory import check_scan_numbers
 from iceg.tables import read_blank_separated_table, read_csv_table
 
 ErrorForm = Literal["metric", "cartographer"]
@@ -77,18 +78,17 @@ def read_relations_csv(path: Path) -> Relations:
 
     Raises:
         TableError: the file cannot be read, its header or a row is not as expected.
-        EvaluationError: nothing in it is certain.
+        EvaluationError: nothing in it is certain, or what should name a scan does not.
     """
     table = read_csv_table(path, _CSV_COLUMNS)
     certain = table[:, 5] == 1
     if not certain.any():
         raise EvaluationError(f"{path}: none of its {len(table)} relations is certain")
-    scans = table[certain, :2]
-    if (scans != np.floor(scans)).any() or (scans < 0).any():
-        raise EvaluationError(f"{path}: scan_i and scan_j must be whole numbers counted from 0")
+    check_scan_numbers(table[:, :2], path)
+    scans = table[certain, :2].astype(np.int64)
     return Relations(
-        scans_i=scans[:, 0].astype(np.int64),
-        scans_j=scans[:, 1].astype(np.int64),
+        scans_i=scans[:, 0],
+        scans_j=scans[:, 1],
         T_i_j=table[certain, 2:5],
         dropped=int((~certain).sum()),
         path=path,

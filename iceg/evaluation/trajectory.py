@@ -50,11 +50,11 @@ def read_reference_csv(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float6
 
     Raises:
         TableError: the file cannot be read or is not as expected.
+        EvaluationError: what should name a scan does not.
     """
     table = read_csv_table(path, _REFERENCE_COLUMNS)
     scans = table[:, 0]
-    if (scans != np.floor(scans)).any() or (scans < 0).any():
-        raise EvaluationError(f"{path}: column 'scan' must hold whole numbers counted from 0")
+    check_scan_numbers(scans, path)
     return scans.astype(np.int64), table[:, 1:]
 
 
@@ -90,6 +90,18 @@ def poses_of_scans(T_map_robot: NDArray[np.float64], scans: NDArray[np.int64], p
             "expected one row per scan of the same log"
         )
     return T_map_robot[scans]
+
+
+def check_scan_numbers(scans: NDArray[np.float64], path: Path) -> None:
+    """Refuse a table whose rows (n,) or (n, m) name scans by anything but whole numbers counted from 0.
+
+    Raises:
+        EvaluationError: naming the file, the row below its header, and what was found.
+    """
+    bad = np.argwhere((scans != np.floor(scans)) | (scans < 0))
+    if len(bad):
+        found = scans[tuple(bad[0])]
+        raise EvaluationError(f"{path}: row {bad[0][0] + 1}: found scan {found:g}, expected whole numbers from 0")
 
 
 def check_one_row_per_scan(T_map_robot: NDArray[np.float64], T_world_robot: NDArray[np.float64], path: Path) -> None:
