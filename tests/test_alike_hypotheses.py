@@ -92,8 +92,8 @@ class _Examiner:
         del poses
         return Exam(agreeing=list(hypothesis.closures), against=0)
 
-    def of_estimate(self, hypothesis: Hypothesis, poses: Array) -> Exam:
-        del hypothesis, poses
+    def of_estimate(self, hypothesis: Hypothesis, poses: Array, among: NDArray[np.bool_]) -> Exam:
+        del hypothesis, poses, among
         return Exam(agreeing=[], against=0)
 
 
@@ -168,6 +168,24 @@ def test_an_ambiguous_place_that_confirms_the_path_says_nothing(track: Track, mo
     assert sum(attempt.accepted for attempt in alone.attempts) == len(_AGAIN)
     found = _relocalised(track, {k: [_moved(track, k, as_it_is), _by_chance(k)] for k in _AGAIN}, monkeypatch)
     assert not any(attempt.accepted for attempt in found.attempts)
+
+
+def test_a_part_that_only_a_later_one_is_tied_to_moves_with_it(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
+    # More key scans tell how the third part lies to the second than how it lies to the first.
+    before, second, third, poses = 60, 70, _BREAK, _poses(track)
+    again, first_again = range(105, 135, 3), range(140, 165, 4)
+    T_map_second, T_map_third = compose(_THERE, poses[second]), [compose(_HERE, pose) for pose in poses]
+    places = {key: [between(T_map_second, T_map_third[key])] for key in again}
+    places |= {key: [between(poses[_EARLIER], T_map_third[key])] for key in first_again}
+    pairs = [(second if key in again else _EARLIER, key) for key in places]
+    monkeypatch.setattr(relocalisation, "alike_places", lambda *_: pairs)
+    monkeypatch.setattr(relocalisation, "Examiner", _Examiner)
+    doubts = {key: Doubt(reason="nothing matched what was known before", strength=LOST) for key in (before, third)}
+    estimate = Estimate(factors=_path(track), poses=poses, attempts=[])
+    found = relocalise(_Closer(track, places), track, estimate, doubts, LoopClosureConfig())
+    assert [(at.key, at.outcome) for at in found.breaks] == [(before, "joined"), (third, "joined")]
+    np.testing.assert_allclose(found.poses[second], T_map_second, atol=0.05)
+    np.testing.assert_allclose(found.poses[120], T_map_third[120], atol=0.05)
 
 
 def test_a_set_that_speaks_of_two_breaks_is_two_hypotheses(track: Track) -> None:

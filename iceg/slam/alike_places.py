@@ -18,7 +18,7 @@ _SAME_PASS = 3
 
 
 def alike_places(
-    track: Track, judge: IceMatcher, untied: NDArray[np.bool_], config: LoopClosureConfig
+    track: Track, judge: IceMatcher, parts: NDArray[np.int64], config: LoopClosureConfig
 ) -> list[tuple[int, int]]:
     """Pairs of key poses of parts that nothing ties together whose places look alike.
 
@@ -28,7 +28,7 @@ def alike_places(
     Args:
         track: key scans.
         judge: prepares them.
-        untied: (k,) whether nothing ties the step that leads to a key pose.
+        parts: (k,) which part each key pose belongs to.
         config: how many are wanted, and how much path must lie between the two.
 
     Returns:
@@ -37,7 +37,7 @@ def alike_places(
     signatures = place_signatures(track.keys, judge, ANCHOR_SPACING)
     places = signatures.keys
     path = np.cumsum([key.motion.distance for key in track.keys])[places]
-    likeness_of, pairs = _most_alike(signatures, path, np.cumsum(untied, dtype=np.int64)[places], config)
+    likeness_of, pairs = _most_alike(signatures, path, parts[places], config)
     if not len(pairs):
         return []
     along = signatures.likeness_along(pairs[:, 1], pairs[:, 0])
@@ -46,14 +46,14 @@ def alike_places(
 
 
 def _most_alike(
-    signatures: PlaceSignatures, path: NDArray[np.float64], breaks_before: NDArray[np.int64], config: LoopClosureConfig
+    signatures: PlaceSignatures, path: NDArray[np.float64], parts: NDArray[np.int64], config: LoopClosureConfig
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Likeness (n,) and rows (n, 2) of the pairs of an earlier and a later place, a few for each later one."""
     likeness_of, rows = [], []
     for first in range(0, len(path), _PLACES_AT_ONCE):
         queries = np.arange(first, min(first + _PLACES_AT_ONCE, len(path)))
         likeness = signatures.likeness(queries)
-        apart = breaks_before[queries, None] > breaks_before[None, :]
+        apart = parts[queries, None] != parts[None, :]
         earlier = path[queries, None] - path[None, :] > config.min_path
         likeness[~(apart & earlier)] = 0.0
         for query, row in zip(queries.tolist(), likeness, strict=True):

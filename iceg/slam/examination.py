@@ -101,12 +101,21 @@ class Examiner:
         )
         return self._exam(seen, poses)
 
-    def of_estimate(self, hypothesis: Hypothesis, poses: NDArray[np.float64]) -> Exam:
-        """Examine the same scans where the poses put them."""
+    def of_estimate(
+        self, hypothesis: Hypothesis, poses: NDArray[np.float64], among: NDArray[np.bool_] | None = None
+    ) -> Exam:
+        """Examine the same scans where the poses put them.
+
+        Args:
+            hypothesis: what is claimed.
+            poses: (k, 3) T_map_robot.
+            among: (k,) the key poses that the scans are compared with; all before the break if left out.
+        """
         seen = (
             candidate
             for key, _ in self._to_examine(hypothesis)
             for candidate in self._around(key, poses[key], poses, hypothesis)
+            if among is None or among[candidate.key_old]
         )
         return self._exam(seen, poses)
 

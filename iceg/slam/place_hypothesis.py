@@ -14,7 +14,7 @@ from graph.consistency import cumulative_covariances, maximum_clique, pairwise_c
 from graph.factors import Factor
 from graph.se2 import compose, inverse, logmap
 from iceg.slam.closure_attempt import Attempt, closed_pose, closure_factor
-from iceg.slam.track import Track
+from iceg.slam.path_parts import PathParts
 from iceg.slam.untied_steps import UntiedSteps
 
 _MOST = 0.75
@@ -82,19 +82,18 @@ class Hypothesis:
 
 
 def agreeing_sets(
-    closures: Sequence[Attempt], factors: Sequence[Factor], track: Track, fewest: int
+    closures: Sequence[Attempt], factors: Sequence[Factor], poses: NDArray[np.float64], fewest: int
 ) -> list[list[Attempt]]:
-    """Sets of closures that agree pairwise along the path as the front end saw it, the largest first.
+    """Sets of closures that agree pairwise along the path, the largest first.
 
     Args:
         closures: that matched.
         factors: of the graph.
-        track: what the front end saw.
+        poses: (k, 3) T_map_robot: the path as the front end saw it, or with what closures said of it since.
         fewest: closures of a set.
     """
-    T_track_keys = np.array([key.T_track_robot for key in track.keys])
-    cumulative = cumulative_covariances(_path(factors), T_track_keys)
-    agree = pairwise_consistency([closure_factor(closure) for closure in closures], T_track_keys, cumulative)
+    cumulative = cumulative_covariances(_path(factors), poses)
+    agree = pairwise_consistency([closure_factor(closure) for closure in closures], poses, cumulative)
     left, sets = np.arange(len(closures)), []
     while len(left) >= fewest:
         members = maximum_clique(agree[np.ix_(left, left)])
@@ -110,6 +109,24 @@ def about_single_steps(closures: Sequence[Attempt], steps: UntiedSteps) -> list[
         found.append(hypothesis)
         left = [closure for closure in left if not closure.key_old < hypothesis.key <= closure.key_new]
     return found
+
+
+def about_parts(closures: Sequence[Attempt], parts: PathParts) -> list[Hypothesis]:
+    """What closures that agree say about how parts of the path lie to each other, that of most closures first.
+
+    Each is about the beginning of the later part that most of its closures span.
+    """
+    between_wholes: dict[tuple[int, int], list[Attempt]] = {}
+    for closure in closures:
+        ends = int(parts.whole[closure.key_old]), int(parts.whole[closure.key_new])
+        if ends[0] != ends[1]:
+            between_wholes.setdefault(ends, []).append(closure)
+    found = []
+    for group in between_wholes.values():
+        spanning = {key: [c for c in group if c.key_old < key <= c.key_new] for key in parts.starts}
+        key = max(parts.starts, key=lambda start: (len(spanning[start]), start))
+        found.append(Hypothesis(key=key, closures=spanning[key]))
+    return sorted(found, key=lambda hypothesis: -hypothesis.support)
 
 
 def about_one_step(closures: Sequence[Attempt], steps: UntiedSteps) -> Hypothesis | None:

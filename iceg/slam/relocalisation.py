@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from graph.batch import BatchConfig, optimize
 from graph.factors import Factor
-from graph.se2 import compose
+from graph.se2 import compose, inverse
 from iceg.slam.alike_places import alike_places
 from iceg.slam.closure_attempt import Attempt, closure_factor, is_near, lies_near
 from iceg.slam.closure_candidates import Candidate
@@ -24,7 +24,8 @@ from iceg.slam.config import LoopClosureConfig
 from iceg.slam.examination import Exam, Examiner
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.path_break import ADRIFT, LOST, REFUTED, UNKNOWN_STEP, Break, Doubt
-from iceg.slam.place_hypothesis import Hypothesis, about_single_steps, agreeing_sets
+from iceg.slam.path_parts import PathParts
+from iceg.slam.place_hypothesis import Hypothesis, about_parts, about_single_steps, agreeing_sets
 from iceg.slam.place_votes import Vote, unsettled
 from iceg.slam.track import Track
 from iceg.slam.untied_steps import UntiedSteps
@@ -109,6 +110,8 @@ class _Relocalisation:
         self._tried: list[Attempt] = []
         self._breaks: dict[int, Break] = {}
         self._alike: dict[int, Vote] = {}
+        self._ties: dict[int, int] = {}  # by key pose before which parts were joined, another that it is tied to
+        self._path = [factor for factor in estimate.factors if factor.kind != "closure"]
         self._steps = UntiedSteps(track, estimate.factors, doubts, config)
         self._examiner = Examiner(closer, track)
 
@@ -116,12 +119,24 @@ class _Relocalisation:
         """Try the hypotheses with the most support; what nothing ties after a loss is told apart."""
         if not self._steps.untied.any():
             return
-        sets = [self._settled(claims) for claims in self._agreeing()[:_MOST_HYPOTHESES]]
-        while self._join_one(sets):  # what is joined may decide what was left open
-            pass
-        for key, doubt in self._steps.doubts.items():
-            if doubt.strength >= LOST:
-                self._part(key, doubt)
+        T_track_keys = np.array([key.T_track_robot for key in self._track.keys])
+        self._join(self._agreeing(np.cumsum(self._steps.untied, dtype=np.int64), T_track_keys))
+        while self._lost() and self._join(self._agreeing(self._parts().whole, self._poses)):
+            pass  # as long as what was found tells more of where to look
+        for key in self._lost():
+            self._part(key, self._steps.doubts[key])
+
+    def _lost(self) -> list[int]:
+        """The key poses before which the robot was lost, and nothing says yet how they lie to what was before."""
+        return [key for key, doubt in self._steps.doubts.items() if doubt.strength >= LOST]
+
+    def _join(self, found: Sequence[Sequence[Attempt]]) -> bool:
+        """Act on sets of closures that agree; whether they join any parts."""
+        sets = [self._settled(claims) for claims in found[:_MOST_HYPOTHESES]]
+        has_joined = False
+        while sets and self._join_one(sets):  # what is joined may decide what was left open
+            has_joined = True
+        return has_joined
 
     def _join_one(self, sets: list[list[Attempt]]) -> bool:
         """Try what the sets claim, up to the first that joins two parts; whether one did.
@@ -131,17 +146,37 @@ class _Relocalisation:
         """
         self._alike.clear()
         for index in range(len(sets)):
-            for hypothesis in about_single_steps(sets[index], self._steps):
+            for hypothesis in self._hypotheses(sets[index]):
                 if hypothesis.key in self._alike or not self._is_supported(hypothesis):
                     continue  # where stronger ones are in doubt none decides
-                others = [Hypothesis(key=hypothesis.key, closures=other) for other in sets if other]
-                outcome = self._try(hypothesis, others)
+                outcome = self._try(hypothesis, self._others(hypothesis, sets))
                 if outcome != "open":
                     ends = {(closure.key_old, closure.key_new) for closure in hypothesis.closures}
                     sets[:] = [[c for c in closures if (c.key_old, c.key_new) not in ends] for closures in sets]
                 if outcome == "joined":
                     return True
         return False
+
+    def _parts(self) -> PathParts:
+        """The parts of the path as far as they are known."""
+        return PathParts(len(self._poses), self._lost(), self._ties)
+
+    def _hypotheses(self, closures: Sequence[Attempt]) -> list[Hypothesis]:
+        """What a set says about parts that a loss divides, and about single steps within what holds together."""
+        parts = self._parts()
+        inside = [c for c in closures if parts.whole[c.key_old] == parts.whole[c.key_new]]
+        return [*about_parts(closures, parts), *about_single_steps(inside, self._steps)]
+
+    def _others(self, hypothesis: Hypothesis, sets: Sequence[Sequence[Attempt]]) -> list[Hypothesis]:
+        """What other sets say of the same parts: how others lie to them is another question."""
+        whole = self._parts().whole
+
+        def ends(closure: Attempt) -> tuple[int, int]:
+            return int(whole[closure.key_old]), int(whole[closure.key_new])
+
+        asked = ends(hypothesis.closures[0])
+        alike = [[closure for closure in closures if ends(closure) == asked] for closures in sets]
+        return [Hypothesis(key=hypothesis.key, closures=closures) for closures in alike if closures]
 
     def estimate(self) -> Estimate:
         """What was found, with a record of what looked alike in vain."""
@@ -158,12 +193,25 @@ class _Relocalisation:
         alike = unsettled(self._alike.values(), attempts)
         return Estimate(factors=self._factors, poses=self._poses, attempts=attempts, breaks=breaks, alike=alike)
 
-    def _agreeing(self) -> list[list[Attempt]]:
-        """Sets of closures that agree, of places that look alike, the largest first."""
-        pairs = alike_places(self._track, self._closer.judge, self._steps.untied, self._config)
-        self._tried = [self._closer.match_anywhere(old, new, self._poses) for old, new in sorted(pairs)]
-        claims = [claim for attempt in self._tried for claim in _claims(attempt)]
-        return agreeing_sets(claims, self._factors, self._track, self._config.place_confirmations)
+    def _agreeing(self, parts: NDArray[np.int64], poses: NDArray[np.float64]) -> list[list[Attempt]]:
+        """Sets of closures that agree, of places that look alike, the largest first; none if there are no new ones.
+
+        Args:
+            parts: (k,) which part each key pose belongs to; places of two are compared.
+            poses: (k, 3) along which closures must agree.
+        """
+        known = {(attempt.key_old, attempt.key_new) for attempt in self._tried}
+        pairs = set(alike_places(self._track, self._closer.judge, parts, self._config)) - known
+        if not pairs:
+            return []
+        self._tried += [self._closer.match_anywhere(old, new, self._poses) for old, new in sorted(pairs)]
+        claims = [
+            claim
+            for attempt in self._tried
+            if parts[attempt.key_old] != parts[attempt.key_new]
+            for claim in _claims(attempt)
+        ]
+        return agreeing_sets(claims, self._path, poses, self._config.place_confirmations)
 
     def _is_supported(self, hypothesis: Hypothesis) -> bool:
         """Whether enough key scans fit one place only, or where the robot was lost anyway, this one among others."""
@@ -198,18 +246,21 @@ class _Relocalisation:
         is_confirmed = sum(is_near(closure, self._poses) for closure in closures) > 0.5 * len(closures)
         if not exam.is_passed:
             return "open"
-        if not (is_confirmed or exam.beats(self._examiner.of_estimate(hypothesis, self._poses))):
+        whole, first = self._parts().whole, hypothesis.closures[0]
+        among = whole == whole[first.key_old]
+        if not (is_confirmed or exam.beats(self._examiner.of_estimate(hypothesis, self._poses, among))):
             return "open"
         if not is_confirmed and (rival := self._rival(hypothesis, exam, others)) is not None:
             self._alike[hypothesis.key] = rival
             return "open"
-        doubt = self._steps.doubts.get(hypothesis.key)
+        key = hypothesis.key if among[first.key_new] else int(max(whole[first.key_old], whole[first.key_new]))
+        doubt = self._steps.doubts.get(key)
         is_intact = doubt is None or doubt.strength < REFUTED
-        if is_confirmed or hypothesis.is_drift(self._factors, self._poses, is_biased=is_intact):
-            self._steps.doubts.pop(hypothesis.key, None)
+        if is_confirmed or hypothesis.is_drift(self._path, self._poses, is_biased=is_intact):
+            self._steps.doubts.pop(key, None)
             self._close(closures)
             return "closed"
-        return self._break(hypothesis, exam, closures)
+        return self._break(key, hypothesis, exam, closures)
 
     def _rival(self, hypothesis: Hypothesis, exam: Exam, others: Sequence[Hypothesis]) -> Vote | None:
         """What speaks for another place of the same scans, if a hypothesis does not clearly beat it."""
@@ -229,13 +280,15 @@ class _Relocalisation:
                 )
         return None
 
-    def _break(self, hypothesis: Hypothesis, exam: Exam, closures: list[Attempt]) -> _Outcome:
+    def _break(self, key: int, hypothesis: Hypothesis, exam: Exam, closures: list[Attempt]) -> _Outcome:
         """Record a break; the parts are joined only where something else spoke against the path, too."""
-        key = hypothesis.key
         doubt, is_known = self._steps.doubt(key), key in self._steps.doubts
         if not (is_known or exam.is_sure):
             return "open"
         correction = hypothesis.correction(self._poses)
+        moving = self._moving(key, hypothesis)
+        if not moving[min(closure.key_new for closure in hypothesis.closures)]:
+            correction = inverse(correction)
         moved = (compose(correction, self._poses[key]) - self._poses[key])[:2]
         self._breaks[key] = Break(
             key=key,
@@ -246,26 +299,44 @@ class _Relocalisation:
         )
         self._steps.doubts.pop(key, None)
         self._steps.untied[key] = False
-        if is_known:
-            self._join(key, closures, correction)
-            return "joined"
-        return "contradicted"
+        if not is_known:
+            return "contradicted"
+        first = hypothesis.closures[0]
+        self._ties[key] = first.key_old if moving[first.key_new] else first.key_new
+        self._move(key, closures, correction, moving)
+        return "joined"
 
-    def _join(self, key: int, closures: list[Attempt], correction: NDArray[np.float64]) -> None:
+    def _moving(self, key: int, hypothesis: Hypothesis) -> NDArray[np.bool_]:
+        """(k,) which key poses a hypothesis moves: the part that begins at `key`, and what holds together with it."""
+        parts, first = self._parts(), hypothesis.closures[0]
+        moving = parts.whole == key
+        if parts.whole[first.key_old] == parts.whole[first.key_new]:
+            moving = np.zeros(len(self._poses), dtype=np.bool_)
+            moving[key : parts.end_of(key)] = True
+            for start, other in sorted(self._ties.items()):
+                if moving[other] and not moving[start]:
+                    moving[start : parts.end_of(start)] = True
+        return parts.moving_with(moving)
+
+    def _move(
+        self, key: int, closures: list[Attempt], correction: NDArray[np.float64], moving: NDArray[np.bool_]
+    ) -> None:
         """Let the step to `key` go, move what follows to where the closures put it, and take out what contradicts."""
-        until = self._end_of_part(key)
         self._poses = self._poses.copy()
-        self._poses[key:until] = compose(correction, self._poses[key:until])
+        self._poses[moving] = compose(correction, self._poses[moving])
         self._factors = [
             replace(factor, covariance=UNKNOWN_STEP) if _spans(factor, key) and factor.kind != "closure" else factor
             for factor in self._factors
         ]
-        self._take_out(key, f"contradicted by {len(closures)} closures that agree", keep_near=True)
+        torn = [
+            attempt
+            for attempt in self._attempts
+            if moving[attempt.key_old] != moving[attempt.key_new]
+            and attempt.accepted
+            and not is_near(attempt, self._poses)
+        ]
+        self._take_out(torn, f"contradicted by {len(closures)} closures that agree")
         self._close(closures)
-
-    def _end_of_part(self, key: int) -> int:
-        """The key pose of the first break found so far that comes after `key`, or the number of key poses."""
-        return min((other for other in self._breaks if other > key), default=len(self._poses))
 
     def _close(self, closures: list[Attempt]) -> None:
         """Let closures into the graph and solve it."""
@@ -282,7 +353,7 @@ class _Relocalisation:
         Where odometry told the way it is one witness more: a robot that was carried does not happen to come where
         several closures agree with the odometry that knows nothing of it.
         """
-        end = self._end_of_part(key)
+        end = min((other for other in self._breaks if other > key), default=len(self._poses))
         across = [a for a in self._attempts if a.accepted and a.key_old < key <= a.key_new < end]
         claimed = Hypothesis(key=key, closures=across)
         if claimed.support >= self._config.confirmations:
@@ -295,17 +366,14 @@ class _Relocalisation:
                 return
         self._breaks[key] = Break(key=key, outcome="apart", reason=doubt.reason)
         if across:
-            self._take_out(key, "too few agree across a break of the path", keep_near=False)
+            self._take_out(across, "too few agree across a break of the path")
             self._poses = optimize(self._factors, self._poses, _BATCH).poses
 
-    def _take_out(self, key: int, why: str, *, keep_near: bool) -> None:
-        """Remove the closures that span the step to `key`, but for those that fit the poses as they are now."""
-        gone = set()
+    def _take_out(self, closures: Sequence[Attempt], why: str) -> None:
+        """Remove closures that were accepted."""
+        gone = {(closure.key_old, closure.key_new) for closure in closures}
         for index, attempt in enumerate(self._attempts):
-            if attempt.accepted and attempt.key_old < key <= attempt.key_new:
-                if keep_near and is_near(attempt, self._poses):
-                    continue
-                gone.add((attempt.key_old, attempt.key_new))
+            if attempt.accepted and (attempt.key_old, attempt.key_new) in gone:
                 self._attempts[index] = replace(
                     attempt, accepted=False, removed=True, reason=f"{why}; {attempt.reason}"
                 )

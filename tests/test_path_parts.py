@@ -1,0 +1,48 @@
+"""Parts of a path between the steps that do not hold: what holds together, and what moves with what."""
+
+import numpy as np
+
+from iceg.slam.closure_attempt import Attempt
+from iceg.slam.path_parts import PathParts
+from iceg.slam.place_hypothesis import about_parts
+
+
+def _keys(*ranges: tuple[int, int]) -> set[int]:
+    return {key for first, last in ranges for key in range(first, last)}
+
+
+def _claim(key_old: int, key_new: int) -> Attempt:
+    return Attempt(key_old=key_old, key_new=key_new, match=None, accepted=True, reason="scripted")
+
+
+def test_parts_are_apart_until_closures_tie_them() -> None:
+    parts = PathParts(40, [10, 30], {20: 5})
+    assert parts.starts == [0, 10, 20, 30]
+    assert [set(np.flatnonzero(parts.whole == first)) for first in (0, 10, 30)] == [
+        _keys((0, 10), (20, 30)),
+        _keys((10, 20)),
+        _keys((30, 40)),
+    ]
+    assert [parts.end_of(key) for key in (0, 10, 25, 30)] == [10, 20, 30, 40]
+
+
+def test_what_is_tied_to_what_is_tied_holds_together_whatever_came_first() -> None:
+    whole = PathParts(50, [10], {20: 45, 30: 2, 40: 15}).whole
+    assert set(np.flatnonzero(whole == 10)) == _keys((10, 30), (40, 50))
+    assert set(np.flatnonzero(whole == 0)) == _keys((0, 10), (30, 40))
+
+
+def test_a_part_of_which_nothing_else_is_known_moves_with_the_one_before() -> None:
+    parts = PathParts(50, [10, 20, 40], {30: 25})  # what begins at 20 and at 30 is one
+    moving = parts.moving_with(parts.whole == 10)
+    assert set(np.flatnonzero(moving)) == _keys((10, 50))
+    tied = PathParts(50, [10, 40], {20: 5, 30: 12})
+    assert set(np.flatnonzero(tied.moving_with(tied.whole == 10))) == _keys((10, 20), (30, 50))
+
+
+def test_a_set_is_a_hypothesis_for_each_two_parts_it_speaks_of() -> None:
+    parts = PathParts(50, [10, 20], {30: 5})
+    first_and_third, second_and_third = [_claim(2, 22), _claim(4, 24)], [_claim(12, 24), _claim(14, 26), _claim(13, 25)]
+    within = [_claim(6, 32)]
+    found = about_parts([*first_and_third, *within, *second_and_third], parts)
+    assert [(each.key, each.closures) for each in found] == [(20, second_and_third), (20, first_and_third)]
