@@ -84,8 +84,8 @@ class LoopCloser:
     def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
         """Match a key scan against the local map of a candidate's pass and verify it with its neighbours.
 
-        First close to the estimate; only if nothing fits there, and the drift allows more, in the whole window, where
-        a closure must also be the only one that fits.
+        First close to the estimate; if nothing fits there, and the drift allows more, in the whole window, where a
+        closure must also be the only one that fits. After much drift in the whole window at once.
         """
         return self._verifier.match(candidate, poses)
 
