@@ -335,7 +335,7 @@ def _relocalised(
     graph = solution.graph
     if after.factors is not before.factors:
         graph = PoseGraph.from_factors(after.factors, after.poses, graph_config)
-    alike = unsettled([*solution.alike, *after.alike], after.attempts)
+    alike = (*unsettled(solution.alike, after.attempts), *after.alike)
     return replace(solution, graph=graph, poses=after.poses, attempts=after.attempts, breaks=after.breaks, alike=alike)
 
 

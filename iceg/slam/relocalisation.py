@@ -26,7 +26,7 @@ from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.path_break import ADRIFT, LOST, REFUTED, UNKNOWN_STEP, Break, Doubt
 from iceg.slam.path_parts import PathParts
 from iceg.slam.place_hypothesis import Hypothesis, about_parts, about_single_steps, agreeing_sets
-from iceg.slam.place_votes import Vote, unsettled
+from iceg.slam.place_votes import Vote
 from iceg.slam.track import Track
 from iceg.slam.untied_steps import UntiedSteps
 
@@ -190,7 +190,7 @@ class _Relocalisation:
         ]
         breaks = tuple(self._breaks[key] for key in sorted(self._breaks))
         attempts = [*self._attempts, *alone]
-        alike = unsettled(self._alike.values(), attempts)
+        alike = tuple(self._alike.values())  # closures that tie the path as it is settle nothing: both places beat it
         return Estimate(factors=self._factors, poses=self._poses, attempts=attempts, breaks=breaks, alike=alike)
 
     def _agreeing(self, parts: NDArray[np.int64], poses: NDArray[np.float64]) -> list[list[Attempt]]:
