@@ -27,7 +27,7 @@ _MOST_NEIGHBOURS = 12
 _THICKEST = 0.1
 """Neighbours are a line where their variance across is at most this share of that along."""
 _LINE = 2  # steps from the first to the last point of a surface that may be a line
-_LINES_ENOUGH = 0.5  # share of the points on lines from which on what is slim does not count
+_MOSTLY_SLIM = 0.5  # share of the points on what is slim from which on it counts
 _STRETCH = 4
 """Beams to either side that span the chord across which the second difference of a point is taken."""
 
@@ -280,15 +280,15 @@ def _turn_to_laser(x: F64, y: F64, lengths: F64, points: F64, x0: float, y0: flo
 
 @compiled
 def _face_slim(points: F64, beams: I32, surfaces: Surfaces, n: int, origin: F64, normals: F64) -> None:
-    """Where few points lie on lines, things too slim for one, as trunks and posts, face the laser: unit vectors.
+    """Where most points lie on things too slim for a line, as trunks and posts, these face the laser: unit vectors.
 
     They stand before what is beside them. What does not may be a beam that met two surfaces and saw neither.
     """
     x0, y0 = origin[0], origin[1]
-    lines = 0
+    slim = 0
     for i in range(n):
-        lines += normals[i, 0] != 0.0 or normals[i, 1] != 0.0
-    if lines > _LINES_ENOUGH * n:
+        slim += surfaces.end[i] - surfaces.begin[i] < _LINE
+    if slim < _MOSTLY_SLIM * n:
         return
     for i in range(n):
         a, b = surfaces.begin[i], surfaces.end[i]

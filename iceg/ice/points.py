@@ -21,8 +21,8 @@ class ScanPoints:
 
     Attributes:
         points: (n, 2) in the robot frame [m].
-        normals: (n, 2) unit vectors towards the laser; 0, 0 where no line fits the neighbourhood. Where few points
-            lie on lines, as outdoors, what is too slim for one faces the laser.
+        normals: (n, 2) unit vectors towards the laser; 0, 0 where no line fits the neighbourhood. Where most
+            points lie on what is too slim for one, as outdoors, that faces the laser.
         beams: (n,) int32 index of the beam of each point.
     """
 
