@@ -21,8 +21,7 @@ class ScanPoints:
 
     Attributes:
         points: (n, 2) in the robot frame [m].
-        normals: (n, 2) unit vectors towards the laser; 0, 0 where no line fits the neighbourhood. Where most
-            points lie on what is too slim for one, as outdoors, that faces the laser.
+        normals: (n, 2) unit vectors towards the laser; 0, 0 where no line fits the neighbourhood.
         beams: (n,) int32 index of the beam of each point.
     """
 
@@ -66,8 +65,8 @@ def thinned_points(
         reach: see `extract_points`.
 
     Returns:
-        (n, 2) end points in the robot frames of their scans and (n, 2) normals, see `ScanPoints`, but none for what is
-        slim; (m + 1,) where the points of each scan begin.
+        (n, 2) end points in the robot frames of their scans and (n, 2) normals, see `ScanPoints`; (m + 1,) where the
+        points of each scan begin.
     """
     lasers = [list(some) for _, some in groupby(scans, key=lambda scan: id(scan.geometry))]
     points, normals, counts, first = [], [], [], 0

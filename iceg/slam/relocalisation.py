@@ -110,6 +110,7 @@ class _Relocalisation:
         self._tried: list[Attempt] = []
         self._breaks: dict[int, Break] = {}
         self._alike: dict[int, Vote] = {}
+        self._looks_again = False  # who compares places anew finds more that fit by chance
         self._ties: dict[int, int] = {}  # by key pose before which parts were joined, another that it is tied to
         self._path = [factor for factor in estimate.factors if factor.kind != "closure"]
         self._steps = UntiedSteps(track, estimate.factors, doubts, config)
@@ -121,6 +122,7 @@ class _Relocalisation:
             return
         T_track_keys = np.array([key.T_track_robot for key in self._track.keys])
         self._join(self._agreeing(np.cumsum(self._steps.untied, dtype=np.int64), T_track_keys))
+        self._looks_again = True
         while self._lost() and self._join(self._agreeing(self._parts().whole, self._poses)):
             pass  # as long as what was found tells more of where to look
         for key in self._lost():
@@ -283,7 +285,7 @@ class _Relocalisation:
     def _break(self, key: int, hypothesis: Hypothesis, exam: Exam, closures: list[Attempt]) -> _Outcome:
         """Record a break; the parts are joined only where something else spoke against the path, too."""
         doubt, is_known = self._steps.doubt(key), key in self._steps.doubts
-        if not (is_known or exam.is_sure):
+        if not (exam.is_sure or (is_known and not self._looks_again)):
             return "open"
         correction = hypothesis.correction(self._poses)
         moving = self._moving(key, hypothesis)
