@@ -1,6 +1,7 @@
 """What several test files share."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,9 @@ REPOSITORY = Path(__file__).parent.parent
 IN_CI = os.environ.get("CI", "").lower() in {"true", "1"}
 
 settings.load_profile("ci" if IN_CI else "here")
+
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in a shell's background, and the commands tested inherit it
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture(scope="session")
