@@ -361,7 +361,7 @@ def test_odometry_that_jumps_is_given_little_weight(track: Track) -> None:
         jump = np.array([0.0, 0.0, np.radians(30.0) if key == 15 else 0.0])
         back_end.add(key, OdometryMotion(T_key_robot=compose(step, jump), covariance=np.diag([1e-4, 1e-4, 1e-4])))
     solution = back_end.solution()
-    assert solution.odometry_jumps == 1
+    assert len(solution.odometry_jumps) == 1
     expected = between(track.keys[0].T_track_robot, track.keys[29].T_track_robot)
     error = between(expected, solution.poses[29])
     assert abs(error[2]) < np.radians(0.5)

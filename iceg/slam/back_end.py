@@ -55,7 +55,7 @@ class Solution:
         poses: (k, 3) T_map_robot of the key poses.
         attempts: every loop closure that was tried.
         offered: (k,) which key scans later ones are matched against; the others lie on known ground.
-        odometry_jumps: steps in which the match contradicted odometry, which was then given little weight.
+        odometry_jumps: key poses whose match contradicted odometry, which was then given little weight.
         breaks: where the path from scan to scan does not hold.
         alike: where no loop was closed, since several places fit as well.
     """
@@ -64,7 +64,7 @@ class Solution:
     poses: NDArray[np.float64]
     attempts: list[Attempt]
     offered: NDArray[np.bool_]
-    odometry_jumps: int
+    odometry_jumps: tuple[int, ...]
     breaks: tuple[Break, ...] = ()
     alike: tuple[Vote, ...] = ()
 
@@ -84,7 +84,7 @@ class BackEnd:
         self._poses = np.zeros((len(track.keys), 3))
         self.attempts: list[Attempt] = []
         self.doubts = _front_end_doubts(track)
-        self.odometry_jumps = 0
+        self.odometry_jumps: list[int] = []
         self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
         self._votes = PlaceVotes()
         self._unclear: list[Vote] = []
@@ -137,7 +137,7 @@ class BackEnd:
             self.doubts.setdefault(key, Doubt(reason=reason, strength=_UNMATCHED_DOUBT - 1.0 / (1.0 + distance2)))
         if distance2 <= _JUMP_DISTANCE2:
             return motion.covariance
-        self.odometry_jumps += 1
+        self.odometry_jumps.append(key)
         return motion.covariance * (distance2 / _USUAL_DISTANCE2)
 
     def solution(self) -> Solution:
@@ -152,7 +152,7 @@ class BackEnd:
             poses=self.graph.all_poses(),
             attempts=self.attempts,
             offered=self._closer.offered,
-            odometry_jumps=self.odometry_jumps,
+            odometry_jumps=tuple(self.odometry_jumps),
             alike=unsettled(self._unclear, self.attempts),
         )
 

@@ -24,6 +24,7 @@ from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.broken_track import retied
 from iceg.slam.closure import Closure
+from iceg.slam.contradicted_steps import with_both_ways
 from iceg.slam.finish import Round, finish
 from iceg.slam.laser_orientation import track_as_mounted
 from iceg.slam.manual_closures import (
@@ -115,7 +116,8 @@ def run(
     with clock.stage("finish"):
         solution, measured, rounds, known = _finish(solution, track, log, matcher, config, by_hand)
     with clock.stage("covariances"):
-        covariances = marginal_covariances(solution.graph.factors, solution.poses) if known is None else known
+        known = marginal_covariances(solution.graph.factors, solution.poses) if known is None else known
+        covariances = with_both_ways(known, solution, measured, track, config.loops)
     trajectory = track.trajectory(solution.poses)
     with clock.stage("feature_map"):
         landmarks = _landmarks(track, solution.poses, matcher, config)
@@ -269,7 +271,7 @@ def _summary(
             {"scan": track.keys[found.key].index, "outcome": found.outcome, "moved_m": round(found.moved, 3)}
             for found in solution.breaks
         ],
-        "odometry_jumps": solution.odometry_jumps,
+        "odometry_jumps": len(solution.odometry_jumps),
         "odometry_breaks_at_scans": track.breaks,
         "match_doubt": round(track.match_doubt, 3),
         "weak_matches": sum(not match.is_fully_observed for match in matches),

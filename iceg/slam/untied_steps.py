@@ -13,9 +13,9 @@ from iceg.slam.track import KeyScan, Track
 
 _LOG_END = 12.0
 """A break so near to the beginning or the end of the path matters to nobody [m]."""
-_VOUCHED = 10
+VOUCHED = 10
 """Closures that span a doubtful step and settle the doubt."""
-_WEAK_SCORE = 0.7
+WEAK_SCORE = 0.7
 """A match that explains less of a scan leaves room for doubt where few closures span it."""
 
 
@@ -35,17 +35,16 @@ class UntiedSteps:
         """
         self._keys = track.keys
         self._config = config
-        path = np.cumsum([key.motion.distance for key in track.keys])
-        inner = (path > _LOG_END) & (path < path[-1] - _LOG_END)
-        spanned = self._spanned(factors)
+        inner = amid_the_path(track)
+        spanned = closures_across(factors, len(track.keys), config)
         self.doubts = {
             key: doubt
             for key, doubt in doubts.items()
-            if doubt.strength >= LOST or (inner[key] and spanned[key] < _VOUCHED)
+            if doubt.strength >= LOST or (inner[key] and spanned[key] < VOUCHED)
         }
         """Those that closures have not settled."""
         scores = np.array([_score(key) for key in track.keys])
-        self._weak = inner & (scores < _WEAK_SCORE) & (spanned < _VOUCHED)
+        self._weak = inner & (scores < WEAK_SCORE) & (spanned < VOUCHED)
         self.untied = inner & (spanned == 0) | self._weak
         """(k,) whether nothing ties the step that leads to a key pose."""
         self.untied[list(self.doubts)] = True
@@ -68,21 +67,28 @@ class UntiedSteps:
 
     def tie(self, factors: Sequence[Factor]) -> None:
         """Leave out the steps that the closures of a graph span by now."""
-        spanned = self._spanned(factors)
-        self.untied &= (spanned == 0) | (self._weak & (spanned < _VOUCHED))
+        spanned = closures_across(factors, len(self._keys), self._config)
+        self.untied &= (spanned == 0) | (self._weak & (spanned < VOUCHED))
         self.untied[list(self.doubts)] = True
 
-    def _spanned(self, factors: Sequence[Factor]) -> NDArray[np.int64]:
-        """(k,) how many closures span the step that leads to each key pose, with all the key scans they rest on."""
-        change = np.zeros(len(self._keys) + 1, dtype=np.int64)
-        before, after = self._config.reference_half, min(self._config.support_offsets)
-        for factor in factors:
-            if factor.kind == "closure" and factor.i is not None:
-                first, last = min(factor.i, factor.j) + before, max(factor.i, factor.j) + after
-                if first < last:
-                    change[first + 1] += 1
-                    change[last + 1] -= 1
-        return np.cumsum(change)[:-1]
+
+def amid_the_path(track: Track) -> NDArray[np.bool_]:
+    """(k,) which key poses lie neither near the beginning nor near the end of the path."""
+    path = np.cumsum([key.motion.distance for key in track.keys])
+    return np.asarray((path > _LOG_END) & (path < path[-1] - _LOG_END), dtype=np.bool_)
+
+
+def closures_across(factors: Sequence[Factor], n_keys: int, config: LoopClosureConfig) -> NDArray[np.int64]:
+    """(n_keys,) how many closures span the step that leads to each key pose, with all the key scans they rest on."""
+    change = np.zeros(n_keys + 1, dtype=np.int64)
+    before, after = config.reference_half, min(config.support_offsets)
+    for factor in factors:
+        if factor.kind == "closure" and factor.i is not None:
+            first, last = min(factor.i, factor.j) + before, max(factor.i, factor.j) + after
+            if first < last:
+                change[first + 1] += 1
+                change[last + 1] -= 1
+    return np.cumsum(change)[:-1]
 
 
 def _score(key: KeyScan) -> float:

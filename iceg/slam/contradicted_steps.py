@@ -1,0 +1,83 @@
+"""What it means for the covariances that a match contradicted odometry, and little tells which was right.
+
+The graph believes the match there, since odometry jumps and slips. Yet matches are wrong, too: past a door with a
+laser of short reach, after a turn between two scans, among people. What follows then hangs on a turn that nobody made,
+and of the few closures that span it some were found only because it leads there. Until many closures have come that
+way, a match that explains little of its scan, or leaves a direction open, is no more credible than the odometry. The
+covariances have room for both.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.factors import Factor
+from graph.measurement import NoMatch
+from graph.se2 import adjoint, between, compose, logmap
+from iceg.slam.back_end import Solution
+from iceg.slam.config import LoopClosureConfig
+from iceg.slam.track import KeyScan, Track
+from iceg.slam.untied_steps import VOUCHED, WEAK_SCORE, amid_the_path, closures_across
+
+_ODOMETRY = 0.5
+"""How probable it is that odometry was right."""
+
+
+def with_both_ways(
+    covariances: NDArray[np.float64],
+    solution: Solution,
+    factors: Sequence[Factor],
+    track: Track,
+    config: LoopClosureConfig,
+) -> NDArray[np.float64]:
+    """Covariances of the key poses that allow for odometry where a match that is in doubt contradicted it.
+
+    Args:
+        covariances: (k, 3, 3) of the key poses relative to the first, if the matches were right.
+        solution: the poses, where a match contradicted odometry, and what closures made of it.
+        factors: of the graph, as they were measured.
+        track: key scans and their matches.
+        config: on which key scans closures rest.
+
+    Returns:
+        (k, 3, 3) second moments about the poses of both ways together.
+    """
+    poses, amid = solution.poses, amid_the_path(track)
+    across = closures_across(factors, len(poses), config)
+    joined = {found.key for found in solution.breaks if found.outcome == "joined"}
+    claims = {factor.j: factor.T_i_j for factor in factors if factor.kind == "odometry" and factor.i == factor.j - 1}
+    unsettled = [
+        key
+        for key in solution.odometry_jumps
+        if amid[key] and across[key] < VOUCHED and key in claims and key not in joined
+    ]
+    widened = covariances.copy()
+    for row in _in_a_row(unsettled):
+        if not any(_is_in_doubt(track.keys[key]) for key in row):
+            continue
+        # One wrong match brings the next: they are judged together.
+        claimed = np.zeros(3)
+        for key in row:
+            claimed = compose(claimed, claims[key])
+        before, last = row[0] - 1, row[-1]
+        apart = logmap(between(between(poses[before], poses[last]), claimed))
+        moved = adjoint(between(poses[row[0] :], poses[last])) @ apart
+        widened[row[0] :] += _ODOMETRY * moved[:, :, None] * moved[:, None, :]
+    return widened
+
+
+def _is_in_doubt(key: KeyScan) -> bool:
+    match = key.match
+    return isinstance(match, NoMatch) or match.score < WEAK_SCORE or not match.is_fully_observed
+
+
+def _in_a_row(keys: Sequence[int]) -> list[list[int]]:
+    """Increasing numbers, those that follow each other together."""
+    rows: list[list[int]] = []
+    for key in keys:
+        if rows and key == rows[-1][-1] + 1:
+            rows[-1].append(key)
+        else:
+            rows.append([key])
+    return rows
