@@ -49,10 +49,10 @@ def _chain(n: int) -> list[Factor]:
     return [prior, *steps, Factor(kind="ice", i=0, j=1, T_i_j=_STEP, covariance=1e-4 * np.eye(3))]
 
 
-def _let_go(track: Track, key: int, outcome: Outcome = "apart") -> list[int]:
+def _let_go(track: Track, key: int, outcome: Outcome = "apart", *, witnesses: int = 0) -> list[int]:
     """Second key poses of the steps of which odometry tells nothing."""
     factors = _chain(len(track.keys))
-    after = let_go(factors, [Break(key=key, outcome=outcome, reason="")], track)
+    after = let_go(factors, [Break(key=key, outcome=outcome, reason="", closures=witnesses)], track)
     changed = [now for was, now in zip(factors, after, strict=True) if now is not was]
     assert all(np.allclose(factor.covariance, UNKNOWN_STEP) for factor in changed)
     return [factor.j for factor in changed]
@@ -62,8 +62,13 @@ def test_a_robot_that_saw_well_and_then_knows_nothing_may_be_anywhere() -> None:
     assert _let_go(_track(_NOTHING, _match(), _match(), _NOTHING, _match()), 3) == [3]
 
 
-def test_so_may_one_that_is_lost_at_its_first_step() -> None:
-    assert _let_go(_track(_NOTHING, _NOTHING, _match()), 1) == [1]
+def test_one_that_has_a_single_scan_to_know_goes_on_as_odometry_says() -> None:
+    assert _let_go(_track(_NOTHING, _NOTHING, _match()), 1) == []
+
+
+@pytest.mark.parametrize(("witnesses", "torn"), [(0, [2]), (2, [2]), (3, [])])
+def test_so_does_one_whose_scans_agree_with_odometry_across_the_loss(witnesses: int, torn: list[int]) -> None:
+    assert _let_go(_track(_NOTHING, _match(), _NOTHING, _match()), 2, witnesses=witnesses) == torn
 
 
 @pytest.mark.parametrize("before", [_NOTHING, _match((1.0, 0.0, 0.0))])

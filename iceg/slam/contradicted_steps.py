@@ -2,9 +2,9 @@
 
 The graph believes the match there, since odometry jumps and slips. Yet matches are wrong, too: past a door with a
 laser of short reach, after a turn between two scans, among people. What follows then hangs on a turn that nobody made,
-and of the few closures that span it some were found only because it leads there. Until many closures have come that
-way, a match that explains little of its scan, or leaves a direction open, is no more credible than the odometry. The
-covariances have room for both.
+and of the few closures that span it some were found only because it leads there. Until several closures have come
+that way, a match that does not explain its scan well, or leaves a direction open, is no more credible than the
+odometry. The covariances have room for both.
 """
 
 from collections.abc import Sequence
@@ -18,8 +18,12 @@ from graph.se2 import adjoint, between, compose, logmap
 from iceg.slam.back_end import Solution
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.track import KeyScan, Track
-from iceg.slam.untied_steps import VOUCHED, WEAK_SCORE, amid_the_path, closures_across
+from iceg.slam.untied_steps import amid_the_path, closures_across
 
+_SETTLED = 6
+"""So many closures that span such a step settle it, as so many must agree to join the parts of a broken path."""
+_TELLING = 0.8
+"""A match of a higher score, which observes all directions, is believed: odometry has jumped or slipped."""
 _ODOMETRY = 0.5
 """How probable it is that odometry was right."""
 
@@ -50,7 +54,7 @@ def with_both_ways(
     unsettled = [
         key
         for key in solution.odometry_jumps
-        if amid[key] and across[key] < VOUCHED and key in claims and key not in joined
+        if amid[key] and across[key] < _SETTLED and key in claims and key not in joined
     ]
     widened = covariances.copy()
     for row in _in_a_row(unsettled):
@@ -69,7 +73,7 @@ def with_both_ways(
 
 def _is_in_doubt(key: KeyScan) -> bool:
     match = key.match
-    return isinstance(match, NoMatch) or match.score < WEAK_SCORE or not match.is_fully_observed
+    return isinstance(match, NoMatch) or match.score < _TELLING or not match.is_fully_observed
 
 
 def _in_a_row(keys: Sequence[int]) -> list[list[int]]:

@@ -19,6 +19,8 @@ LOST = 3.0
 ADRIFT = 4.0
 """… and not even odometry told the way."""
 
+_WITNESSES = 3
+"""So many scans that agree with odometry make it credible that the robot was not carried, even where as many do not."""
 UNKNOWN_STEP = np.diag([100.0, 100.0, np.pi]) ** 2
 """Covariance of a step on which the robot was carried [m², rad²]."""
 
@@ -47,7 +49,7 @@ class Break:
             against it, and the map follows the path; "credible": closures agree with where odometry led on, though not
             so many that chance is out of the question.
         reason: what was noticed there.
-        closures: how many agree about it.
+        closures: how many agree about it; of one that is "apart", how many agree with where odometry led on.
         moved: how far they say that the robot is from where the path puts it [m].
     """
 
@@ -63,14 +65,20 @@ def let_go(factors: Sequence[Factor], breaks: Sequence[Break], track: Track) -> 
 
     Where the laser knew its way until the key scan before, and nothing fits the next one, the robot may have been
     carried anywhere. Where it saw little before, too, odometry has led for a while: on logs made worse on purpose it
-    told the truth in each of thirty such places, but not in four of fifteen sudden losses.
+    told the truth in each of thirty such places, but not in four of fifteen sudden losses. It did, too, where the loss
+    came before there was anything but the first scan to know, and where scans agreed with what odometry says, if not
+    enough of them to hold the path together.
 
     Args:
         factors: of the graph.
         breaks: of the path; those that are "apart" matter.
         track: key scans and their matches.
     """
-    torn = {found.key for found in breaks if found.outcome == "apart" and _is_sudden(track, found.key)}
+    torn = {
+        found.key
+        for found in breaks
+        if found.outcome == "apart" and found.closures < _WITNESSES and _is_sudden(track, found.key)
+    }
     return [
         replace(factor, covariance=UNKNOWN_STEP)
         if factor.kind == "odometry" and factor.j in torn and factor.i == factor.j - 1
@@ -80,9 +88,9 @@ def let_go(factors: Sequence[Factor], breaks: Sequence[Break], track: Track) -> 
 
 
 def _is_sudden(track: Track, key: int) -> bool:
-    """Whether the scan of a key pose matches nothing, and that before it was well matched, or is the first one."""
+    """Whether the scan of a key pose matches nothing, and that before it was well matched."""
     before, here = track.keys[key - 1].match, track.keys[key].match
-    return isinstance(here, NoMatch) and (key == 1 or (not isinstance(before, NoMatch) and before.is_fully_observed))
+    return isinstance(here, NoMatch) and not isinstance(before, NoMatch) and before.is_fully_observed
 
 
 def describe_break(found: Break, track: Track) -> str:

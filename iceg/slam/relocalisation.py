@@ -357,16 +357,17 @@ class _Relocalisation:
         """
         end = min((other for other in self._breaks if other > key), default=len(self._poses))
         across = [a for a in self._attempts if a.accepted and a.key_old < key <= a.key_new < end]
-        claimed = Hypothesis(key=key, closures=across)
+        claimed, agreeing = Hypothesis(key=key, closures=across), 0
         if claimed.support >= self._config.confirmations:
             exam = self._examiner.of_estimate(claimed, self._poses)
             if exam.is_passed:
                 return
-            if doubt.strength < ADRIFT and exam.is_credible:
+            if doubt.strength < ADRIFT:
                 agreeing = len(exam.agreeing)
-                self._breaks[key] = Break(key=key, outcome="credible", reason=doubt.reason, closures=agreeing)
-                return
-        self._breaks[key] = Break(key=key, outcome="apart", reason=doubt.reason)
+                if exam.is_credible:
+                    self._breaks[key] = Break(key=key, outcome="credible", reason=doubt.reason, closures=agreeing)
+                    return
+        self._breaks[key] = Break(key=key, outcome="apart", reason=doubt.reason, closures=agreeing)
         if across:
             self._take_out(across, "too few agree across a break of the path")
             self._poses = optimize(self._factors, self._poses, _BATCH).poses

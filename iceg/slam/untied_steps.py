@@ -13,9 +13,9 @@ from iceg.slam.track import KeyScan, Track
 
 _LOG_END = 12.0
 """A break so near to the beginning or the end of the path matters to nobody [m]."""
-VOUCHED = 10
+_VOUCHED = 10
 """Closures that span a doubtful step and settle the doubt."""
-WEAK_SCORE = 0.7
+_WEAK_SCORE = 0.7
 """A match that explains less of a scan leaves room for doubt where few closures span it."""
 
 
@@ -40,11 +40,11 @@ class UntiedSteps:
         self.doubts = {
             key: doubt
             for key, doubt in doubts.items()
-            if doubt.strength >= LOST or (inner[key] and spanned[key] < VOUCHED)
+            if doubt.strength >= LOST or (inner[key] and spanned[key] < _VOUCHED)
         }
         """Those that closures have not settled."""
         scores = np.array([_score(key) for key in track.keys])
-        self._weak = inner & (scores < WEAK_SCORE) & (spanned < VOUCHED)
+        self._weak = inner & (scores < _WEAK_SCORE) & (spanned < _VOUCHED)
         self.untied = inner & (spanned == 0) | self._weak
         """(k,) whether nothing ties the step that leads to a key pose."""
         self.untied[list(self.doubts)] = True
@@ -68,7 +68,7 @@ class UntiedSteps:
     def tie(self, factors: Sequence[Factor]) -> None:
         """Leave out the steps that the closures of a graph span by now."""
         spanned = closures_across(factors, len(self._keys), self._config)
-        self.untied &= (spanned == 0) | (self._weak & (spanned < VOUCHED))
+        self.untied &= (spanned == 0) | (self._weak & (spanned < _VOUCHED))
         self.untied[list(self.doubts)] = True
 
 
