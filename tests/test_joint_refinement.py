@@ -376,7 +376,7 @@ def test_the_finish_of_an_office(solution: Solution, track: Track, office: Simul
     assert last.residual < last.residual_before
     assert 0.0 < last.mean_move <= last.largest_move < 0.2
     # The factors went along: the refined poses are the graph's optimum, and it is no better and no worse a fit.
-    again = optimize(finished.factors, finished.poses)
+    again = optimize(finished.factors.carried, finished.poses)
     np.testing.assert_allclose(again.poses, finished.poses, atol=2e-3)
     assert again.error_after == pytest.approx(without.rounds[-1].error, rel=0.01)
 

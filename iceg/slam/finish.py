@@ -13,15 +13,14 @@ from frontends.scan import Scan
 from graph.batch import BatchConfig, optimize
 from graph.factors import Factor, RobustKernel
 from graph.problem import Problem
-from graph.se2 import between, compose, inverse
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import Solution
 from iceg.slam.closure_attempt import Attempt, closure_factor
 from iceg.slam.closure_record import with_earlier, without_contradicted
 from iceg.slam.config import FinishConfig, LoopClosureConfig
+from iceg.slam.final_factors import FinalFactors
 from iceg.slam.joint_refinement import JointRefinement, key_clouds, refine_jointly
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.path_break import let_go
 from iceg.slam.rematch import match_again, second_look
 from iceg.slam.track import Track
 
@@ -67,16 +66,14 @@ class Finished:
 
     Attributes:
         poses: (k, 3) T_map_robot of the key poses.
-        factors: those in force at the end, carried along by the joint refinement …
-        measured: … and as they were measured, in the same order.
+        factors: those in force.
         attempts: the record of all closures tried.
         rounds: one entry for each.
         covariances: (k, 3, 3) marginal covariances of the poses, None where only the graph knows them.
     """
 
     poses: NDArray[np.float64]
-    factors: list[Factor]
-    measured: list[Factor]
+    factors: FinalFactors
     attempts: list[Attempt]
     rounds: list[Round]
     covariances: NDArray[np.float64] | None = None
@@ -125,19 +122,16 @@ def finish(
         if largest < config.tolerance:
             break
     attempts, loops = without_contradicted(graph.attempts, graph.loops, graph.poses)
-    solved, poses, covariances = [*graph.chain, *loops], graph.poses, None
-    # Only now: while poses moved, odometry kept parts in their place that nothing else ties.
-    factors = measured = let_go(solved, solution.breaks, track)
+    poses, covariances = graph.poses, None
+    factors = FinalFactors.of([*graph.chain, *loops], solution.breaks, track)
     if config.joint.enabled:
         if isinstance(matcher, IceMatcher):  # what halves of scans say of ICE they say of the points
             config = _doubting(config, track.match_doubt)
-        refined, done = _joint(solved, measured, poses, track, config, scan_of, parts, clock)
-        factors = _carried(measured, poses, refined.poses)
+        refined, done = _joint(factors, poses, track, config, scan_of, parts, clock)
+        factors = factors.moved(poses, refined.poses)
         poses, covariances = refined.poses, refined.covariances
         rounds.append(replace(done, closures=len(loops)))
-    return Finished(
-        poses=poses, factors=factors, measured=measured, attempts=attempts, rounds=rounds, covariances=covariances
-    )
+    return Finished(poses=poses, factors=factors, attempts=attempts, rounds=rounds, covariances=covariances)
 
 
 _BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
@@ -243,8 +237,7 @@ def _doubting(config: FinishConfig, doubt: float) -> FinishConfig:
 
 
 def _joint(
-    factors: list[Factor],
-    believed: list[Factor],
+    factors: FinalFactors,
     poses: NDArray[np.float64],
     track: Track,
     config: FinishConfig,
@@ -254,7 +247,8 @@ def _joint(
 ) -> tuple[JointRefinement, Round]:
     """Refine poses and map together."""
     clouds = key_clouds(track, scan_of, config.joint)
-    refined = refine_jointly(factors, poses, clouds, config.joint, parts, None if believed == factors else believed)
+    believed = None if factors.are_all_believed else factors.measured
+    refined = refine_jointly(factors.solved, poses, clouds, config.joint, parts, believed)
     largest, mean = _moves(poses, refined.poses)
     return (
         refined,
@@ -271,15 +265,3 @@ def _joint(
             seconds=clock.lap(),
         ),
     )
-
-
-def _carried(factors: list[Factor], before: NDArray[np.float64], after: NDArray[np.float64]) -> list[Factor]:
-    """The factors with the residuals at the new poses that they had at the old ones: there lies the graph's optimum."""
-    # A prior, which has no first pose, stays as it is.
-    i = np.array([factor.j if factor.i is None else factor.i for factor in factors])
-    j = np.array([factor.j for factor in factors])
-    corrections = compose(between(after[i], after[j]), inverse(between(before[i], before[j])))
-    measured = compose(corrections, np.array([factor.T_i_j for factor in factors]))
-    return [
-        factor if factor.i is None else factor.measuring(T_i_j) for factor, T_i_j in zip(factors, measured, strict=True)
-    ]

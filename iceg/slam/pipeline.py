@@ -25,7 +25,8 @@ from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.broken_track import retied
 from iceg.slam.closure import Closure
 from iceg.slam.contradicted_steps import with_both_ways
-from iceg.slam.finish import Round, finish
+from iceg.slam.final_factors import FinalFactors
+from iceg.slam.finish import Finished, Round, finish
 from iceg.slam.laser_orientation import track_as_mounted
 from iceg.slam.manual_closures import (
     ManualClosure,
@@ -36,7 +37,7 @@ from iceg.slam.manual_closures import (
 )
 from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry_standstill import describe_dead, with_odometry_between_readings
-from iceg.slam.path_break import describe_break, let_go
+from iceg.slam.path_break import describe_break
 from iceg.slam.path_uncertainty import LeastKnown, least_known
 from iceg.slam.place_votes import describe_vote
 from iceg.slam.progress import Progress, ProgressCallback
@@ -57,8 +58,8 @@ class SlamResult:
         key_scans: (k,) which scans are key scans.
         key_poses: (k, 3) their T_map_robot.
         covariances: (k, 3, 3) their marginal covariances, tangent space at each.
-        graph: the factor graph.
-        measured: its factors before the joint refinement of poses and map carried them along, in the same order.
+        graph: the factor graph; its factors are carried along with the poses by the joint refinement of poses and map.
+        measured: the same factors as they were measured, in the same order, see `FinalFactors`.
         landmarks: the feature map, expired landmarks included.
         grid: the occupancy grid.
         closures: every loop closure tried.
@@ -114,10 +115,12 @@ def run(
         solution = add_by_hand(solution, by_hand, config.graph)
         track = _retied(track, solution, log, matcher)
     with clock.stage("finish"):
-        solution, measured, rounds, known = _finish(solution, track, log, matcher, config, by_hand)
+        solution, finished = _finish(solution, track, log, matcher, config, by_hand)
     with clock.stage("covariances"):
-        known = marginal_covariances(solution.graph.factors, solution.poses) if known is None else known
-        covariances = with_both_ways(known, solution, measured, track, config.loops)
+        known = finished.covariances
+        if known is None:
+            known = marginal_covariances(solution.graph.factors, solution.poses)
+        covariances = with_both_ways(known, solution, finished.factors.measured, track, config.loops)
     trajectory = track.trajectory(solution.poses)
     with clock.stage("feature_map"):
         landmarks = _landmarks(track, solution.poses, matcher, config)
@@ -132,11 +135,13 @@ def run(
         key_poses=solution.poses,
         covariances=covariances,
         graph=solution.graph,
-        measured=measured,
+        measured=finished.factors.measured,
         landmarks=landmarks,
         grid=grid,
         closures=_closures(track, solution) + manual_records(closures, track),
-        summary=_summary(log, track, solution, calibration, rounds, clock, least_known(key_scans, covariances), doubt),
+        summary=_summary(
+            log, track, solution, calibration, finished.rounds, clock, least_known(key_scans, covariances), doubt
+        ),
     )
 
 
@@ -190,24 +195,20 @@ def _retied(track: Track, solution: Solution, log: Log, matcher: Matcher) -> Tra
 
 def _finish(
     solution: Solution, track: Track, log: Log, matcher: Matcher, config: Config, by_hand: list[Factor]
-) -> tuple[Solution, list[Factor], list[Round], NDArray[np.float64] | None]:
-    """The offline finish, its factors as they were measured, and the covariances it knows of.
+) -> tuple[Solution, Finished]:
+    """The solution after the offline finish, and what that did; one with no rounds where it is switched off.
 
     Its closures join the record; those it dropped stay in it with the reason.
     """
-    if not config.finish.enabled or len(track.keys) < 2:
-        factors = let_go(solution.graph.factors, solution.breaks, track)
-        if factors != list(solution.graph.factors):
-            solution = replace(solution, graph=PoseGraph.from_factors(factors, solution.poses, config.graph))
-        return solution, factors, [], None
-    finished = finish(solution, track, matcher, config.loops, config.finish, kept=by_hand, scan_of=log.scan)
-    graph = PoseGraph.from_factors(finished.factors, finished.poses, config.graph)
-    return (
-        replace(solution, graph=graph, poses=finished.poses, attempts=finished.attempts),
-        finished.measured,
-        finished.rounds,
-        finished.covariances,
-    )
+    if config.finish.enabled and len(track.keys) > 1:
+        finished = finish(solution, track, matcher, config.loops, config.finish, kept=by_hand, scan_of=log.scan)
+    else:
+        factors = FinalFactors.of(solution.graph.factors, solution.breaks, track)
+        finished = Finished(poses=solution.poses, factors=factors, attempts=solution.attempts, rounds=[])
+        if factors.are_all_believed:
+            return solution, finished
+    graph = PoseGraph.from_factors(finished.factors.carried, finished.poses, config.graph)
+    return replace(solution, graph=graph, poses=finished.poses, attempts=finished.attempts), finished
 
 
 def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, config: Config) -> Landmarks:

@@ -1,0 +1,65 @@
+"""The factors at the end of a run, in three versions."""
+
+import numpy as np
+import pytest
+
+import iceg
+from graph.batch import optimize
+from graph.factors import Factor
+from graph.measurement import NoMatch
+from graph.odometry import OdometryMotion
+from graph.se2 import between, compose
+from iceg.slam.final_factors import FinalFactors
+from iceg.slam.path_break import UNKNOWN_STEP, Break
+from iceg.slam.track import KeyScan, Track
+
+_STEP = np.array([0.5, 0.0, 0.1])
+_MOVED = np.array([[0.0, 0.0, 0.0], [0.01, -0.02, 0.003], [-0.03, 0.01, -0.01]])
+
+
+@pytest.fixture
+def factors() -> FinalFactors:
+    """Three poses in a row, closed in a triangle, whose first step is a sudden loss."""
+    scan = iceg.Scan.from_ranges(np.full(31, 4.0), field_of_view=np.pi)
+    motion = OdometryMotion(T_key_robot=_STEP, covariance=1e-4 * np.eye(3))
+    nothing = NoMatch(reason="nothing")
+    keys = [
+        KeyScan(index=k, scan=scan, motion=motion, match=nothing, anchor=max(0, k - 1), T_track_robot=k * _STEP)
+        for k in range(3)
+    ]
+    track = Track(keys=keys, key_of_scan=np.arange(3), T_key_scan=np.zeros((3, 3)), failures=0, lost=[])
+    small = 1e-4 * np.eye(3)
+    solved = [
+        Factor(kind="prior", i=None, j=0, T_i_j=np.zeros(3), covariance=1e-6 * np.eye(3)),
+        Factor(kind="odometry", i=0, j=1, T_i_j=_STEP, covariance=small),
+        Factor(kind="odometry", i=1, j=2, T_i_j=_STEP, covariance=small),
+        Factor(kind="closure", i=0, j=2, T_i_j=compose([0.03, 0.0, 0.0], compose(_STEP, _STEP)), covariance=small),
+    ]
+    return FinalFactors.of(solved, [Break(key=1, outcome="apart", reason="")], track)
+
+
+def test_odometry_that_is_no_longer_believed_still_has_its_say_in_what_was_solved(factors: FinalFactors) -> None:
+    assert not factors.are_all_believed
+    changed = [k for k, (a, b) in enumerate(zip(factors.solved, factors.measured, strict=True)) if a is not b]
+    assert changed == [1]
+    np.testing.assert_allclose(factors.measured[1].covariance, UNKNOWN_STEP)
+    np.testing.assert_array_equal(factors.measured[1].T_i_j, factors.solved[1].T_i_j)
+    assert factors.carried == factors.measured
+
+
+def test_carried_factors_have_their_optimum_where_the_poses_went(factors: FinalFactors) -> None:
+    before = optimize(factors.measured, np.array([k * _STEP for k in range(3)]))
+    after = compose(before.poses, _MOVED)
+    moved = factors.moved(before.poses, after)
+    assert (moved.solved, moved.measured) == (factors.solved, factors.measured)
+    assert moved.carried[0] is factors.measured[0]
+    again = optimize(moved.carried, after)
+    np.testing.assert_allclose(again.poses, after, atol=1e-6)
+    assert again.error_after == pytest.approx(before.error_after)
+    for was, now in zip(factors.measured[1:], moved.carried[1:], strict=True):
+        assert was.i is not None
+        residuals = [
+            between(poses[was.i], poses[was.j]) - factor.T_i_j for poses, factor in ((before.poses, was), (after, now))
+        ]
+        assert now.covariance is was.covariance
+        assert np.abs(residuals[0] - residuals[1]).max() < 1e-3
