@@ -274,15 +274,15 @@ class Linearization:
 
     @property
     def gradient(self) -> NDArray[np.float64]:
-        """The derivative g of the error."""
+        """(n, 3) the derivative g of the error."""
         return np.asarray(self._system.gradient[self._row_of])
 
     def times(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """H x."""
+        """H x, both (n, 3)."""
         return np.asarray(self._system.times(x[self._pose_of])[self._row_of])
 
     def solve(self, b: NDArray[np.float64]) -> NDArray[np.float64]:
-        """H⁻¹ b."""
+        """H⁻¹ b, both (n, 3)."""
         return np.asarray(self._system.solved(b[self._pose_of])[self._row_of])
 
 

@@ -9,10 +9,10 @@ import pytest
 
 import iceg
 from graph.se2 import between
-from iceg.evaluation.bench.ablation import thinned, thinned_relations
 from iceg.evaluation.bench.logs import BenchLog, find_logs
 from iceg.evaluation.bench.runs import accuracy_and_speed, run_in_fresh_process
 from iceg.evaluation.bench.tables import Row, format_markdown, write_csv
+from iceg.evaluation.bench.thinned_logs import thinned, thinned_relations
 from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.relations import Relations, relation_errors
 

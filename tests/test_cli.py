@@ -429,7 +429,7 @@ def test_eval_options_are_documented() -> None:
 
 
 def test_a_reader_that_has_seen_enough_is_no_error() -> None:
-    command = f"{sys.executable} -m iceg.cli config | head -c 1"
+    command = f"{sys.executable} -m iceg config | head -c 1"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     assert done.stderr == ""
 

@@ -58,7 +58,7 @@ class Beams:
     warnings: tuple[str, ...] = ()
 
     def in_order(self, ranges: NDArray[np.float32]) -> NDArray[np.float32]:
-        """The readings in the order of the bearings."""
+        """The (n_beams,) readings [m] in the order of the bearings."""
         return ranges[::-1] if self.reversed_order else ranges
 
 

@@ -51,7 +51,7 @@ class Message:
         return self.fields.get(key, b"").decode("utf-8", "replace")
 
     def numbers(self, key: str, count: int | None = None) -> NDArray[np.float64]:
-        """A value as numbers, `count` of them where that is fixed.
+        """A value as (n,) numbers, n = `count` where that is fixed.
 
         Raises:
             MalformedLineError: the key is missing, or its value is something else.

@@ -169,7 +169,7 @@ class CsmMatcher:
         T_ref_guess: NDArray[np.float64],
         covariance_guess: NDArray[np.float64],
     ) -> NDArray[np.float64] | NoMatch:
-        """As `match`, but only the pose."""
+        """As `match`, but only the (3,) pose."""
         return self._search(reference, np.ascontiguousarray(scan.points), T_ref_guess, covariance_guess)
 
     def search(

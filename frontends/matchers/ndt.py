@@ -147,7 +147,7 @@ class NdtMatcher:
         T_ref_guess: NDArray[np.float64],
         covariance_guess: NDArray[np.float64],
     ) -> NDArray[np.float64] | NoMatch:
-        """As `match`, but only the pose."""
+        """As `match`, but only the (3,) pose."""
         aligned = self._best(reference, scan, T_ref_guess, covariance_guess)
         return aligned if isinstance(aligned, NoMatch) else aligned.T_ref_cur
 

@@ -137,7 +137,7 @@ class PointMatcher(ABC, Generic[Reference, Points]):
         return best
 
     def inlier_share(self, reference: Reference, scan: Scan, T_ref_cur: NDArray[np.float64]) -> float:
-        """Share of a scan's beams that agree with the reference at a given robot pose, in [0, 1]."""
+        """Share of a scan's beams that agree with the reference at a given (3,) robot pose, in [0, 1]."""
         points = self._points_of(scan)
         if not len(points) or not len(reference):
             return 0.0

@@ -131,7 +131,17 @@ def uniform_starts(
 
 
 def starts_at(pairs: Sequence[ScanPair], translation: float, rotation: float, seed: int = 0) -> NDArray[np.float64]:
-    """Starts off by exactly so much, in a random direction and to a random side; arguments as `uniform_starts`."""
+    """Starts off by exactly so much, in a random direction and to a random side.
+
+    Args:
+        pairs: of scans.
+        translation: distance from the truth [m].
+        rotation: error of the heading, to either side [rad].
+        seed: of the draw.
+
+    Returns:
+        (n, 3) T_ref_guess.
+    """
     rng = np.random.default_rng(seed)
     bearings, sides = rng.uniform(-np.pi, np.pi, len(pairs)), rng.choice([-1.0, 1.0], len(pairs))
     return _off(

@@ -108,7 +108,7 @@ def consistency(values: NDArray[np.float64]) -> Consistency:
 
 
 def chi_square_quantiles(probabilities: NDArray[np.float64], degrees_of_freedom: int) -> NDArray[np.float64]:
-    """Quantiles of the chi-square distribution."""
+    """Quantiles of the chi-square distribution, in the shape (...) of the probabilities."""
     from scipy.special import gammaincinv
 
     return np.asarray(2.0 * gammaincinv(degrees_of_freedom / 2.0, probabilities))

@@ -37,7 +37,7 @@ Degradation = Callable[[Log], Degraded]
 
 
 def select(log: Log, scans: NDArray[np.int64]) -> Degraded:
-    """Only these scans, in this order; a scan may come more than once."""
+    """Only these scans, (n,) indices, in this order; a scan may come more than once."""
     return Degraded(log=log.select(scans), scans=scans)
 
 

@@ -107,6 +107,11 @@ def check_scan_numbers(scans: NDArray[np.float64], path: Path) -> None:
 def check_one_row_per_scan(T_map_robot: NDArray[np.float64], T_world_robot: NDArray[np.float64], path: Path) -> None:
     """Refuse a truth that has another number of rows than the trajectory.
 
+    Args:
+        T_map_robot: (n, 3) the trajectory.
+        T_world_robot: (m, 3) the truth.
+        path: the file of the truth, for the message.
+
     Raises:
         EvaluationError: the numbers differ.
     """

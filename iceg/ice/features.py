@@ -98,7 +98,14 @@ def extract_features(
 
 
 def feature_rows(scan: Scan, config: FeatureConfig, lines: NDArray[np.float64], scan_points: ScanPoints) -> FeatureRows:
-    """Features of segments, both in the layout of the kernels."""
+    """Features of segments, both in the layout of the kernels.
+
+    Args:
+        scan: the scan.
+        config: thresholds.
+        lines: (s, SEGMENT_COLUMNS) its segments, see `segment_rows`.
+        scan_points: its points.
+    """
     kinds, rows = np.empty(_CAPACITY, np.int8), np.empty((_CAPACITY, kernels.FEATURE_COLUMNS))
     count = kernels.extract_features(
         scan_points.points,

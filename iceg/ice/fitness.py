@@ -49,7 +49,7 @@ class Ranking:
         return int(self.order[0] if self.is_count_first else self.correlations.argmax())
 
     def at_least(self, correlation: float) -> NDArray[np.int64]:
-        """Indices of those with this correlation or a larger one, from best to worst."""
+        """(k,) indices of those with this correlation or a larger one, from best to worst."""
         found = np.flatnonzero(self.correlations >= correlation)
         worse = -self.correlations[found]
         by_rank = np.lexsort((worse, -self.counts[found])) if self.is_count_first else np.argsort(worse, kind="stable")

@@ -29,7 +29,7 @@ class SearchWindow:
     rotation: float
 
     def contains(self, T_ref_cur: NDArray[np.float64]) -> bool:
-        """Whether a pose lies in it, a tenth of its width forgiven."""
+        """Whether a (3,) pose lies in it, a tenth of its width forgiven."""
         offsets: list[float] = (T_ref_cur - self.T_ref_guess).tolist()
         dx, dy, turn = offsets
         farthest = max(abs(dx), abs(dy))
@@ -103,7 +103,18 @@ def distinct(
     separation_m: float = 0.25,
     separation_rad: float = 0.1,
 ) -> list[int]:
-    """The first `wanted` hypotheses in `order` that differ from each other by more than the separations."""
+    """The first hypotheses in an order that differ from each other.
+
+    Args:
+        hypotheses: (n, 3) poses.
+        order: (k,) indices of those to choose from, the best first.
+        wanted: how many at most.
+        separation_m: two differ that lie farther apart [m] …
+        separation_rad: … or are turned by more [rad].
+
+    Returns:
+        Their indices in that order.
+    """
     chosen = np.empty(wanted, np.int64)
     count = kernels.distinct(hypotheses, order, separation_m, separation_rad, chosen)
     indices: list[int] = chosen[:count].tolist()

@@ -82,7 +82,7 @@ class LocalMap:
         self._sweeps: Sweeps | None = None
 
     def add(self, scan_points: ScanPoints, features: FeatureRows, T_ref_scan: NDArray[np.float64]) -> None:
-        """Add the points and features of one scan taken at `T_ref_scan`."""
+        """Add the points and features of one scan taken at `T_ref_scan`, (3,)."""
         self.add_all([scan_points], [features], T_ref_scan[None])
 
     def add_all(

@@ -112,7 +112,7 @@ class IceMatcher:
         return local_map
 
     def extend(self, reference: LocalMap, scan: Scan, T_ref_scan: NDArray[np.float64]) -> None:
-        """Add one more scan to a local map."""
+        """Add one more scan, taken at `T_ref_scan`, (3,), to a local map."""
         observation = self.observe(scan)
         reference.make_room(observation.points, T_ref_scan, _ROOM_TO_GROW)
         reference.add(observation.reference_points, observation.features, T_ref_scan)
@@ -125,7 +125,7 @@ class IceMatcher:
         T_ref_guess: NDArray[np.float64],
         covariance_guess: NDArray[np.float64],
     ) -> NDArray[np.float64] | NoMatch:
-        """As `match`, but only the pose: a tenth of the time. A weak direction is left where the guess puts it."""
+        """As `match`, but only the (3,) pose: a tenth of the time. A weak direction stays where the guess puts it."""
         scan_points = self._points(scan)
         config = self.config.refinement
         if config.enabled and len(scan_points) >= _FEWEST_POINTS:
@@ -194,7 +194,7 @@ class IceMatcher:
         return refined if isinstance(refined, NoMatch) else self._measured(reference, scan, refined)
 
     def held(self, reference: LocalMap, scan: Scan, T_ref_guess: NDArray[np.float64]) -> RelativePose | NoMatch:
-        """The match nearest to a guess that is right but for centimetres: along what is weak it stays there."""
+        """The match nearest to a (3,) guess that is right but for centimetres: along what is weak it stays there."""
         scan_points = self._points(scan)
         if len(scan_points) < _FEWEST_POINTS:
             return NoMatch(reason=f"only {len(scan_points)} beams returned, a match needs {_FEWEST_POINTS}")
@@ -217,11 +217,11 @@ class IceMatcher:
         )
 
     def overlap(self, reference: LocalMap, scan: Scan, T_ref_cur: NDArray[np.float64]) -> float:
-        """Share of a scan's points on known reference at a given pose."""
+        """Share of a scan's points on known reference at a given (3,) pose, in [0, 1]."""
         return self._judge(reference, scan, T_ref_cur).used / max(1, len(self._points(scan)))
 
     def agreement(self, reference: LocalMap, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
-        """Compare a scan with a local map at a given pose, both ways."""
+        """Compare a scan with a local map at a given (3,) pose, both ways."""
         return self.agreement_of_all(reference, [scan], T_ref_cur[None])
 
     def agreement_of_all(
@@ -380,7 +380,7 @@ class IceMatcher:
         T_ref_guess: NDArray[np.float64],
         covariance_guess: NDArray[np.float64],
     ) -> list[NDArray[np.float64]]:
-        """Distinct polished poses in the window, the best first: where several fit, the place is ambiguous."""
+        """Distinct polished (3,) poses in the window, the best first: where several fit, the place is ambiguous."""
         if len(self._points(scan)) < _FEWEST_POINTS:
             return []
         window = search_window(T_ref_guess, covariance_guess, self.config.hypotheses)
@@ -429,7 +429,7 @@ class IceMatcher:
         return np.asarray(counts + ranking.correlations, dtype=np.float64)
 
     def refine(self, reference: LocalMap, scan: Scan, T_ref_start: NDArray[np.float64]) -> Refined:
-        """Polish one hypothesis on points, or on features when point refinement is switched off."""
+        """Polish one hypothesis, (3,), on points, or on features when point refinement is switched off."""
         if self.config.refinement.enabled:
             return refine_on_points(
                 self._points(scan),

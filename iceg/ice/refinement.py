@@ -108,7 +108,7 @@ def approach(
 def evaluate_points(
     scan_points: ScanPoints, local_map: LocalMap, T_ref_cur: NDArray[np.float64], config: RefinementConfig
 ) -> Refined:
-    """How the points lie on the reference at a given pose, which is not moved."""
+    """How the points lie on the reference at a given (3,) pose, which is not moved."""
     return _descend(
         scan_points,
         local_map.fine,

@@ -68,7 +68,7 @@ def extract_segments(
 
 
 def segment_rows(scan: Scan, config: SegmentConfig, scan_points: ScanPoints) -> NDArray[np.float64]:
-    """The segments as kernel rows, see `_feature_kernels`."""
+    """The segments as (s, SEGMENT_COLUMNS) kernel rows, see `_feature_kernels`."""
     rows = np.empty((_CAPACITY, kernels.SEGMENT_COLUMNS))
     count = kernels.extract_segments(
         scan_points.points,

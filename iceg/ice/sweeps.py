@@ -50,5 +50,5 @@ def starts_of(arrays: Sequence[Sized]) -> NDArray[np.int64]:
 
 
 def joined(arrays: list[NDArray[Any]]) -> NDArray[Any]:
-    """Arrays one after the other; a single one as it is."""
+    """Arrays, (n, ...) each, one after the other; a single one as it is."""
     return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)

@@ -179,7 +179,7 @@ def agreements(
 
 
 def view(scan: Scan, local_map: LocalMap, T_ref_cur: NDArray[np.float64]) -> tuple[int, int]:
-    """How many surfels in view a scan taken at `T_ref_cur` sees, and how many its beams pass through."""
+    """How many surfels in view a scan taken at `T_ref_cur`, (3,), sees, and how many its beams pass through."""
     geometry = scan.geometry
     seen, contradicted = kernels.visible_agreement(
         local_map.surfels,

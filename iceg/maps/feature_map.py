@@ -157,7 +157,14 @@ class FeatureMap:
         return record[record.expired_at < 0]
 
     def record(self, key_poses: NDArray[np.float64] | None = None) -> Landmarks:
-        """All landmarks in the map frame, expired ones included; arguments as in `landmarks`."""
+        """All landmarks in the map frame, expired ones included.
+
+        Args:
+            key_poses: (n_keys, 3) T_map_key of all key poses observed from; those given to `observe` when left out.
+
+        Raises:
+            FeatureMapError: if the pose of an anchor is not among key_poses.
+        """
         store = Store(**{name: getattr(self._store, name)[: self._count] for name in Store._fields})
         frames = self._frames if key_poses is None else _frames(np.asarray(key_poses, dtype=np.float64))
         anchors = store.anchors

@@ -141,6 +141,12 @@ def render_grid_that_fits(
 ) -> tuple[OccupancyGrid, str | None]:
     """As `render_grid`, but with cells twice as wide, and again, where the grid would exceed `max_cells`.
 
+    Args:
+        trajectory: (n, 3) T_map_robot of each scan.
+        ranges: (n, n_beams) [m].
+        geometry: of the laser.
+        config: cells and evidence.
+
     Returns:
         The grid, and a sentence that says so when its cells are wider than asked for.
 

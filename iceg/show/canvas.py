@@ -65,7 +65,7 @@ class Canvas:
             self._draw.line((left, bottom, right, top), fill=number, width=width)
 
     def marker(self, point: NDArray[np.float64], shape: str, colour: str, size: float, *, edge: str) -> None:
-        """One large marker, see `draw_marker`."""
+        """One large marker at a (2,) point, see `draw_marker`."""
         x, y = self._pixels(point).tolist()
         draw_marker(self._draw, x, y, shape, self._number(colour), size * self._width, edge=self._number(edge))
 

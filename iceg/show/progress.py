@@ -84,7 +84,15 @@ class ProgressBar:
 
 
 def real_time_factor(stamps: NDArray[np.float64], seconds: float) -> float | None:
-    """Recorded time over processing time; None when the log has no time."""
+    """Recorded time over processing time.
+
+    Args:
+        stamps: (n,) of the log [s].
+        seconds: of processing.
+
+    Returns:
+        Their ratio; None when the log has no time.
+    """
     if len(stamps) < 2 or seconds <= 0:
         return None
     recorded = float(stamps[-1] - stamps[0])

@@ -79,7 +79,7 @@ def closed_pose(attempt: Attempt, poses: NDArray[np.float64]) -> NDArray[np.floa
 
 
 def lies_near(attempt: Attempt, T_old_new: NDArray[np.float64]) -> bool:
-    """Whether a closure says what an estimate says, to within what a path is off in the ordinary course."""
+    """Whether a closure says what an estimate, (3,), says, to within what a path is off in the ordinary course."""
     assert attempt.match is not None
     x, y, turn = between(T_old_new, attempt.match.T_ref_cur).tolist()
     return bool(x * x + y * y < _NEAR_DISTANCE**2 and abs(turn) < _NEAR_TURN)

@@ -42,7 +42,7 @@ class Candidate:
 
     @classmethod
     def of(cls, key_old: int, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> "Candidate":
-        """Two given key poses, known to within `deviations` [m, m, rad] of each other."""
+        """Two of (n, 3) key poses, known to within `deviations`, (3,) [m, m, rad], of each other."""
         T_old_new = between(poses[key_old], poses[key_new])
         return cls(key_old=key_old, key_new=key_new, T_old_new=T_old_new, deviations=deviations)
 
@@ -74,6 +74,11 @@ class EarlierPasses:
         """Those that the drift since the last closure leaves possible, nearest first.
 
         After much drift the nearest need not be the right one, so that each piece of every pass is offered.
+
+        Args:
+            key_new: of the key scan.
+            poses: (n, 3) T_map_robot of all key poses up to it.
+            drift: how uncertain paths are.
         """
         config = self._config
         if not (config.enabled or config.revisits):

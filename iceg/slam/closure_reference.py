@@ -58,7 +58,7 @@ class References:
         return bool(self._stretch[key] == self._stretch[other])
 
     def around(self, base: int, poses: NDArray[np.float64]) -> Reference:
-        """Local map of the key scans of one stretch around `base`, in the frame of `base`."""
+        """Local map of the key scans of one stretch around `base`, in its frame, placed as (n, 3) poses say."""
         members = np.arange(max(0, base - self._half), min(len(poses), base + self._half + 1))
         members = members[self._stretch[members] == self._stretch[base]]
         placed = between(poses[base], poses[members])

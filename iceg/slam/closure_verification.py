@@ -75,6 +75,10 @@ class ClosureVerifier:
 
         After much drift first widely, for the estimate is seldom close; what fits close to it is preferred, though what
         else fits is told.
+
+        Args:
+            candidate: the two key poses.
+            poses: (n, 3) T_map_robot, good between neighbours.
         """
         reference = self.references.around(candidate.key_old, poses)
         if is_adrift(candidate) and (wide := self._match_wide(reference, candidate)) is not None:
@@ -100,7 +104,7 @@ class ClosureVerifier:
         return replace(attempt, places=(*here, *wide.places))
 
     def match_anywhere(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> Attempt:
-        """Match two key scans metres off and at any heading."""
+        """Match two key scans metres off and at any heading; neighbours lie to each other as (n, 3) poses say."""
         here = Candidate(key_old=key_old, key_new=key_new, T_old_new=np.zeros(3), deviations=_ANYWHERE_DEVIATIONS)
         return self._match_wide(self.references.around(key_old, poses), here) or _nothing_at(here)
 

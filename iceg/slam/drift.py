@@ -50,7 +50,7 @@ class Drift:
         return self.spread(key_new, poses).since(key_old)
 
     def spread(self, key_new: int, poses: NDArray[np.float64]) -> "Spread":
-        """The same relative to any earlier pose."""
+        """The same relative to any earlier one of (k, 3) poses."""
         self._fuse()
         last = self._last_closure
         steps = slice(last + 1, key_new + 1)

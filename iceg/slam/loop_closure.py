@@ -65,7 +65,7 @@ class LoopCloser:
         return self._passes.within_drift(key_new, poses, drift)
 
     def neighbours(self, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> list[Candidate]:
-        """The same among optimised poses, all known to within `deviations` [m, m, rad]."""
+        """The same among (n, 3) optimised poses, all known to within `deviations`, (3,) [m, m, rad]."""
         return self._passes.within(key_new, poses, deviations)
 
     def seen_from(
@@ -76,7 +76,15 @@ class LoopCloser:
         before: int,
         deviations: NDArray[np.float64],
     ) -> list[Candidate]:
-        """Passes before key pose `before` around where `key_new` is supposed to be, to within `deviations`."""
+        """Earlier passes around where a key scan is supposed to be.
+
+        Args:
+            key_new: of the key scan.
+            T_map_new: (3,) where it is supposed to be …
+            poses: (n, 3) among these.
+            before: only passes before this key pose.
+            deviations: (3,) … to within so much [m, m, rad].
+        """
         supposed = poses[: key_new + 1].copy()
         supposed[key_new] = T_map_new
         return self._passes.within(key_new, supposed, deviations, before)
@@ -86,6 +94,10 @@ class LoopCloser:
 
         First close to the estimate; if nothing fits there, and the drift allows more, in the whole window, where a
         closure must also be the only one that fits. After much drift in the whole window at once.
+
+        Args:
+            candidate: the two key poses.
+            poses: (n, 3) T_map_robot of all up to the later, good between neighbours.
         """
         return self._verifier.match(candidate, poses)
 
@@ -93,5 +105,10 @@ class LoopCloser:
         """Match two key scans whose places look alike, whatever the poses say: metres off, any heading.
 
         The pose must be the only one that fits there.
+
+        Args:
+            key_old: the earlier.
+            key_new: the later.
+            poses: (n, 3) T_map_robot, good between neighbours.
         """
         return self._verifier.match_anywhere(key_old, key_new, poses)

@@ -32,7 +32,7 @@ class MapMatcher(TrackingMatcher, Protocol):
         scan: Scan,
         T_ref_guess: NDArray[np.float64],
     ) -> RelativePose | NoMatch:
-        """The match nearest to a guess that is right but for centimetres: along what is weak it stays there."""
+        """The match nearest to a (3,) guess that is right but for centimetres: along what is weak it stays there."""
         ...
 
     def alternatives(

@@ -95,7 +95,17 @@ def second_look(
     poses: NDArray[np.float64],
     config: FinishConfig,
 ) -> list[Attempt]:
-    """Where two passes lie on each other and contradict each other: search wider, believe what several say."""
+    """Where two passes lie on each other and contradict each other: search wider, believe what several say.
+
+    Args:
+        closer: matches and verifies.
+        attempts: those of the last round.
+        poses: (k, 3) T_map_robot of the key poses.
+        config: what counts as doubt, and how many are looked at.
+
+    Returns:
+        The attempts that agree with others on another place.
+    """
     if not closer.config.enabled:
         return []
     doubtful = [a for a in attempts if not a.accepted and a.overlap >= config.doubt_overlap]

@@ -88,9 +88,12 @@ def _consistency(_logs: list[BenchLog], _output: Path) -> Iterator[tuple[str, li
 
 
 def _ablation(logs: list[BenchLog], _output: Path) -> Iterator[tuple[str, list[Row]]]:
-    from iceg.evaluation.bench.ablation import ablation
+    from iceg.evaluation.bench.thinned_logs import features_on_thinned
 
-    yield "ablation-of-features", [ablation(log, on) for log in logs if log.relations for on in (True, False)]
+    yield (
+        "ablation-of-features",
+        [features_on_thinned(log, on) for log in logs if log.relations for on in (True, False)],
+    )
 
 
 def _growth(_logs: list[BenchLog], output: Path) -> Iterator[tuple[str, list[Row]]]:

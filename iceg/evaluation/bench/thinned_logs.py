@@ -36,7 +36,7 @@ def thinned_relations(relations: Relations, phase: int, step: int = THINNING) ->
     )
 
 
-def ablation(log: BenchLog, use_features: bool) -> Row:
+def features_on_thinned(log: BenchLog, use_features: bool) -> Row:
     """Every phase of a thinned log, ICE's features on or off, loops left open.
 
     Args:
