@@ -18,7 +18,11 @@ def replacing(path: Path) -> Iterator[BinaryIO]:
     Raises:
         OSError: the file cannot be written.
     """
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    except OSError as err:
+        err.filename = str(path)  # nobody has asked for the temporary one
+        raise
     temporary = Path(name)
     try:
         with os.fdopen(handle, "wb") as stream:

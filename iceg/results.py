@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 import platform
 import shutil
 import signal
@@ -64,10 +63,13 @@ def check_directory(directory: Path, *, overwrite: bool) -> None:
     there = next(path for path in (directory, *directory.absolute().parents) if path.exists())
     if not there.is_dir():
         raise ResultsError(f"{directory}: {'' if there == directory else f'{there} '}is a file, expected a folder")
-    if not os.access(there, os.W_OK | os.X_OK):
+    try:
+        # Permissions do not tell: root has them all, even where nothing can be written.
+        Path(tempfile.mkdtemp(prefix=".partial-", dir=there)).rmdir()
+    except OSError as err:
         raise ResultsError(
-            f"{directory}: found {there}, which must not be written to, expected a folder for the results"
-        )
+            f"{directory}: found {there}, where nothing can be written ({reason(err)}), expected a folder for results"
+        ) from err
     if not overwrite and directory.is_dir() and any(directory.iterdir()):
         raise ResultsError(f"{directory}: is not empty; choose another folder, or replace its results with --overwrite")
 

@@ -22,6 +22,8 @@ from graph.errors import IcegError, reason
 Settings = TypeVar("Settings")
 
 _COMMENT_WIDTH = 110
+_CLOSE = 0.7
+"""How like another a name must be to be meant by it (`difflib`: 1 for the same)."""
 
 
 class ConfigError(IcegError):
@@ -39,7 +41,7 @@ def read_settings(cls: type[Settings], path: Path) -> Settings:
         ConfigError: naming the file and the key.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as err:
         raise ConfigError(f"{path}: cannot be read as a configuration: {reason(err)}") from err
     return parse_settings(cls, text, where=str(path))
@@ -127,9 +129,12 @@ class _Reader:
         return converted
 
     def unknown(self, key: str) -> ConfigError:
-        suggestion = _closest(key, self.known)
-        hint = f", did you mean '{suggestion}'?" if suggestion else ""
-        return ConfigError(f"{self.where}: unknown key '{key}'{hint} ('iceg config' prints all keys)")
+        section, _, name = key.rpartition(".")
+        by_name = {known.rpartition(".")[2]: known for known in reversed(self.known)}
+        here = {known.rpartition(".")[2]: known for known in self.known if known.rpartition(".")[0] == section}
+        suggestion = _closest(name, here) or _closest(name, by_name)
+        hint = f", did you mean '{suggestion}'?" if suggestion else f", expected one of {', '.join(here)}"
+        return ConfigError(f"{self.where}: unknown key '{key}'{hint}")
 
     def culprit(self, cls: type, values: Mapping[str, Any], prefix: str) -> str:
         """The key whose value alone the class refuses; all given keys when only their combination is refused."""
@@ -141,13 +146,14 @@ class _Reader:
         return ", ".join(prefix + key for key in values)
 
 
-def _closest(key: str, known: tuple[str, ...]) -> str | None:
-    close = difflib.get_close_matches(key, known, n=1)
-    if close:
-        return close[0]
-    by_leaf = {name.rpartition(".")[2]: name for name in reversed(known)}
-    leaf = difflib.get_close_matches(key.rpartition(".")[2], by_leaf, n=1)
-    return by_leaf[leaf[0]] if leaf else None
+_CLOSE = 0.7
+"""A name as like another as this is taken for a slip of the fingers (`difflib`)."""
+
+
+def _closest(name: str, names: Mapping[str, str]) -> str | None:
+    """The key of the name most like the one given; None where the likeness is no slip of the fingers."""
+    close = difflib.get_close_matches(name, names, n=1, cutoff=_CLOSE)
+    return names[close[0]] if close else None
 
 
 def _dotted_keys(cls: type, prefix: str = "") -> Iterator[str]:

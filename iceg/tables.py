@@ -29,7 +29,7 @@ def read_csv_table(path: Path, columns: Sequence[str]) -> NDArray[np.float64]:
     """
     rows = []
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)
             header = [word.strip() for word in next(reader, [])]
             if header != list(columns):

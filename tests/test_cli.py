@@ -34,7 +34,7 @@ CompletedRun = SimpleNamespace
 
 
 def iceg_process(*words: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-m", "iceg.cli", *words], capture_output=True, text=True, check=False)
+    return subprocess.run([sys.executable, "-m", "iceg", *words], capture_output=True, text=True, check=False)
 
 
 def write_trajectory(path: Path, poses: Array) -> Path:
@@ -268,7 +268,10 @@ def test_eval_of_a_run_folder_judges_its_covariances(tmp_path: Path, capsys: pyt
         (["run", "missing.clf", "-o", "OUT"], 1, "missing.clf"),
         (["plot", "missing-folder"], 1, "missing-folder"),
         (["run", "missing.clf", "-o", "BELOW_A_FILE"], 1, "truth.csv is a file, expected a folder"),
-        (["bench", "--parts", "recall", "-o", "BELOW_A_FILE"], 1, "truth.csv/out: Not a directory"),
+        (["bench", "--parts", "recall", "-o", "BELOW_A_FILE"], 1, "truth.csv is a file, expected a folder"),
+        (["ablation", "-o", "BELOW_A_FILE"], 1, "truth.csv is a file, expected a folder"),
+        (["nees", "-o", "BELOW_A_FILE"], 1, "truth.csv is a file, expected a folder"),
+        (["simulate", "room", "-o", "OUT", "--seed", "-1"], 2, "found --seed -1, expected 0 or more"),
     ],
 )
 def test_errors_are_one_clear_line(
@@ -426,6 +429,22 @@ def test_eval_options_are_documented() -> None:
     for flag in ("--relations", "--log", "--reference", "--truth", "--json"):
         assert flag in done.stdout
     assert Eval.__doc__
+
+
+@pytest.mark.parametrize("command", ["ablation", "nees", "bench", "eval"])
+def test_help_shows_no_default_where_there_is_none(command: str) -> None:
+    shown = iceg_process(command, "--help").stdout
+    assert "left out" in shown or "--truth" in shown
+    assert "(default: )" not in shown
+    assert "(default: None)" not in shown
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a shell that closes streams")
+@pytest.mark.parametrize("closing", [">&-", "2>&- > /dev/null", "<&- > /dev/null"])
+def test_closed_streams_are_no_error(closing: str) -> None:
+    command = f"{sys.executable} -m iceg config {closing}"
+    done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 def test_a_reader_that_has_seen_enough_is_no_error() -> None:

@@ -38,6 +38,12 @@ def test_compression_is_told_by_content_not_by_name(tmp_path: Path, compress: Co
     assert_array_equal(log.ranges[899], ranges(899).astype(np.float32))
 
 
+def test_what_a_windows_editor_leaves_in_a_log_is_no_part_of_it(tmp_path: Path) -> None:
+    path = tmp_path / "robot.log"
+    path.write_bytes(b"\xef\xbb\xbf" + carmen(3).replace(b"\n", b"\r\n"))
+    assert_array_equal(read_log(path).ranges, [ranges(k).astype(np.float32) for k in range(3)])
+
+
 @pytest.mark.parametrize("compress", [gzip.compress, bz2.compress, lzma.compress])
 def test_compressed_log_that_was_cut_off(tmp_path: Path, compress: Compress) -> None:
     path = tmp_path / "robot.clf"

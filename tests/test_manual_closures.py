@@ -89,6 +89,8 @@ def test_a_file_with_and_without_deviations(tmp_path: Path) -> None:
     bare = read_manual_closures(write(tmp_path / "a.csv", f"{HEADER}\n3,70,0.5,-0.25,1.5\n\n4,71,0,0,0\n"))
     assert [(c.scan_i, c.scan_j) for c in bare] == [(3, 70), (4, 71)]
     np.testing.assert_array_equal(bare[0].T_i_j, [0.5, -0.25, 1.5])
+    from_a_spreadsheet = read_manual_closures(write(tmp_path / "c.csv", f"\ufeff{HEADER}\r\n3,70,0.5,-0.25,1.5\r\n"))
+    assert [(c.scan_i, c.scan_j) for c in from_a_spreadsheet] == [(3, 70)]
     full = read_manual_closures(write(tmp_path / "b.csv", f"{HEADER},sigma_m,sigma_rad\n3,70,0.5,-0.25,1.5,0.2,0.07\n"))
     assert (full[0].sigma_m, full[0].sigma_rad) == (0.2, 0.07)
     assert 0.0 < bare[0].sigma_m < 1.0
@@ -107,6 +109,7 @@ def test_a_file_with_and_without_deviations(tmp_path: Path) -> None:
         (f"{HEADER}\n-1,2,0,0,0\n", r":2: found scans -1 and 2"),
         (f"{HEADER}\n2,2,0,0,0\n", r":2: found scans 2 and 2"),
         (f"{HEADER},sigma_m,sigma_rad\n1,2,0,0,0,0.1,0\n", r":2: found the deviations 0.1 m and 0.0 rad"),
+        (f"{HEADER},sigma_m,sigma_rad\n1,2,0,0,0,1e-200,1\n", r":2: found the deviations .* expected at least 1e-06"),
     ],
 )
 def test_what_a_file_must_not_hold(tmp_path: Path, text: str, complaint: str) -> None:

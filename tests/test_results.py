@@ -198,8 +198,19 @@ def test_results_can_be_written_from_another_thread(tmp_path: Path) -> None:
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
 def test_a_folder_without_permission_is_named(tmp_path: Path) -> None:
     tmp_path.chmod(0o500)
-    with pytest.raises(ResultsError, match="must not be written to"):
+    with pytest.raises(ResultsError, match="where nothing can be written"):
         check_directory(tmp_path / "out", overwrite=False)
+
+
+@pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="no /proc here")
+def test_a_folder_in_which_nobody_can_write_is_refused_before_the_run() -> None:
+    with pytest.raises(ResultsError, match=r"/proc/out: found /proc, where nothing can be written \(No such file"):
+        check_directory(Path("/proc/out"), overwrite=False)
+
+
+def test_the_check_of_a_folder_leaves_nothing_behind(tmp_path: Path) -> None:
+    check_directory(tmp_path / "some" / "where", overwrite=False)
+    assert names(tmp_path) == []
 
 
 def test_a_folder_below_a_file_is_named(tmp_path: Path) -> None:

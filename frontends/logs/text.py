@@ -1,6 +1,7 @@
 """Text logs as a stream of lines, plain or compressed (gz, bz2, xz, told by their first bytes)."""
 
 import bz2
+import codecs
 import gzip
 import lzma
 import zlib
@@ -98,6 +99,7 @@ class TextLog:
     def _chunks(self) -> Iterator[bytes]:
         try:
             with closing(_open(self.path)) as stream:
+                yield stream.read1(_BLOCK_BYTES).removeprefix(codecs.BOM_UTF8)
                 while chunk := stream.read1(_BLOCK_BYTES):
                     yield chunk
         except EOFError:

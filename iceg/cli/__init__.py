@@ -25,6 +25,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         The exit code: 0, 1 for an error in the data, 2 in the arguments or settings, 130 when interrupted.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    _open_closed_streams()
     for name in _ONE_THREAD:  # looked at when NumPy is loaded
         os.environ.setdefault(name, "1")
     gc.set_threshold(*_COLLECTION)
@@ -54,6 +55,13 @@ def command() -> NoReturn:
     sys.exit(code)
 
 
+def _open_closed_streams() -> None:
+    """Where the caller has closed our output (`>&-`), what is printed goes nowhere."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115
+
+
 def _main(words: list[str]) -> int:
     if words == ["--version"]:
         from iceg import __version__
@@ -77,7 +85,7 @@ def _main(words: list[str]) -> int:
     except BrokenPipeError:
         raise
     except OSError as err:  # a folder that must not be written to, a full disk
-        return _complain(f"{err.filename}: {reason(err)}" if err.filename else err, _FAILED)
+        return _complain(f"{err.filename or 'standard output'}: {reason(err)}", _FAILED)
     return 0
 
 

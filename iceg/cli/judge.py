@@ -35,16 +35,24 @@ class Eval:
         tyro.conf.arg(
             metavar="FILE",
             help="Relative poses known: a CSV by scan, or the benchmark's .relations by stamp (needs --log).",
+            help_behavior_hint="",
         ),
     ] = None
-    log: Annotated[Path | None, tyro.conf.arg(metavar="LOG", help="The log, to tie stamps to scans.")] = None
+    log: Annotated[
+        Path | None, tyro.conf.arg(metavar="LOG", help="The log, to tie stamps to scans.", help_behavior_hint="")
+    ] = None
     reference: Annotated[
-        Path | None, tyro.conf.arg(metavar="CSV", help="Reference poses of some scans: scan,x_m,y_m,theta_rad.")
+        Path | None,
+        tyro.conf.arg(
+            metavar="CSV", help="Reference poses of some scans: scan,x_m,y_m,theta_rad.", help_behavior_hint=""
+        ),
     ] = None
     truth: Annotated[
         Path | None,
         tyro.conf.arg(
-            metavar="CSV", help="True pose of every scan: t_s,x_m,y_m,theta_rad. A run folder also gets its NEES."
+            metavar="CSV",
+            help="True pose of every scan: t_s,x_m,y_m,theta_rad. A run folder also gets its NEES.",
+            help_behavior_hint="",
         ),
     ] = None
     consistency: Annotated[

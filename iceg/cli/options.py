@@ -15,7 +15,10 @@ GivenPath = Optional[Path]  # noqa: UP045
 """A path or nothing; tyro looks at `Path | None` with typeguard, which loads asyncio and unittest for it."""
 
 ConfigFile = Annotated[
-    GivenPath, tyro.conf.arg(metavar="FILE", help="TOML file of settings; flags given here override it.")
+    GivenPath,
+    tyro.conf.arg(
+        metavar="FILE", help="TOML file of settings; flags given here override it.", help_behavior_hint="(optional)"
+    ),
 ]
 
 

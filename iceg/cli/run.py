@@ -26,6 +26,7 @@ class RunOptions:
         tyro.conf.arg(
             metavar="FILE",
             help="Loops closed by hand: a CSV scan_i,scan_j,x_m,y_m,theta_rad[,sigma_m,sigma_rad].",
+            help_behavior_hint="(optional)",
         ),
     ] = None
     overwrite: Overwrite = False

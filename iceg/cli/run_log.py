@@ -53,10 +53,11 @@ def run_log(
 
             log = read_log(path, skip_bad_lines=skip_bad_lines, **dataclasses.asdict(config.log))
             tell_warnings(log)
-            from iceg.slam.manual_closures import read_manual_closures
+            from iceg.slam.manual_closures import check_manual_closures, read_manual_closures
             from iceg.slam.pipeline import run
 
-            by_hand = read_manual_closures(closures) if closures else ()
+            by_hand = read_manual_closures(closures) if closures else []
+            check_manual_closures(by_hand, len(log))
             with ProgressBar(log) as progress:
                 result = run(log, config, progress, closures=by_hand)
             write_results(result, directory, overwrite=overwrite)

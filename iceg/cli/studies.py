@@ -27,30 +27,45 @@ class Bench:
     """
 
     file: Annotated[
-        tyro.conf.Positional[Path | None], tyro.conf.arg(metavar="FILE", help="TOML file of an experiment.")
+        tyro.conf.Positional[Path | None],
+        tyro.conf.arg(metavar="[FILE]", help="TOML file of an experiment.", help_behavior_hint=""),
     ] = None
     output: Annotated[
         Path, tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for runs, tables and pictures.")
     ] = Path("bench-output")
     workers: Annotated[
-        int | None, tyro.conf.arg(metavar="N", help="FILE: runs at a time; left out: one for each core.")
+        int | None,
+        tyro.conf.arg(metavar="N", help="FILE: runs at a time; left out: one for each core.", help_behavior_hint=""),
     ] = None
     scheduler: Annotated[
         str | None,
-        tyro.conf.arg(metavar="ADDRESS", help="FILE: run on a Dask cluster, such as tcp://127.0.0.1:8786."),
+        tyro.conf.arg(
+            metavar="ADDRESS",
+            help="FILE: run on a Dask cluster, such as tcp://127.0.0.1:8786; left out: on this machine.",
+            help_behavior_hint="",
+        ),
     ] = None
     overwrite: Annotated[tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="FILE: make all runs again.")] = False
     data: Annotated[
         Path | None,
-        tyro.conf.arg(metavar="DIR", help="Without FILE: folder of public logs; left out: $ICEG_DATA, else none."),
+        tyro.conf.arg(
+            metavar="DIR",
+            help="Without FILE: folder of public logs; left out: $ICEG_DATA, else none.",
+            help_behavior_hint="",
+        ),
     ] = None
     parts: Annotated[
         tuple[Literal["runs", "recall", "consistency", "ablation", "growth"], ...],
-        tyro.conf.arg(help="Without FILE: which tables; left out: all but growth, which takes many minutes."),
+        tyro.conf.arg(
+            help="Without FILE: which tables; left out: all but growth, which takes many minutes.",
+            help_behavior_hint="",
+        ),
     ] = ()
 
     def __call__(self) -> None:
         """Run, print, keep."""
+        from iceg.results import check_directory
+
         with_file, without = (self.workers, self.scheduler, self.overwrite or None), (self.data, self.parts or None)
         if any(value is not None for value in (with_file if self.file is None else without)):
             raise UsageError(
@@ -60,6 +75,7 @@ class Bench:
             )
         if self.workers is not None and self.workers < 1:
             raise UsageError(f"found --workers {self.workers}, expected at least 1")
+        check_directory(self.output, overwrite=True)
         if self.file is None:
             self._real_logs()
         else:
@@ -107,16 +123,20 @@ class Ablation:
     logs: Annotated[
         tyro.conf.Positional[tuple[Path, ...]],
         tyro.conf.arg(
-            metavar="LOG",
+            metavar="[LOG ...]",
             help="Logs with NAME.relations.csv, .truth.csv or .reference.csv beside them; left out: the embedded log "
             "and the public ones.",
+            help_behavior_hint="",
         ),
     ] = ()
     output: Annotated[
         Path, tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for the tables as CSV, made if missing.")
     ] = Path("ablation-output")
     data: Annotated[
-        Path | None, tyro.conf.arg(metavar="DIR", help="Folder of public logs; left out: $ICEG_DATA, else none.")
+        Path | None,
+        tyro.conf.arg(
+            metavar="DIR", help="Folder of public logs; left out: $ICEG_DATA, else none.", help_behavior_hint=""
+        ),
     ] = None
     faults: Annotated[
         tyro.conf.FlagCreatePairsOff[bool],
@@ -127,10 +147,12 @@ class Ablation:
         """Run, print log by log, keep."""
         from iceg.evaluation.ablation import logs_to_judge, write_tables
         from iceg.evaluation.bench.tables import format_markdown
+        from iceg.results import check_directory
         from iceg.show.progress import compile_note
 
         if self.logs and self.data is not None:
             raise UsageError("found logs and --data, expected one of them")
+        check_directory(self.output, overwrite=True)
         logs = logs_to_judge(self.logs, None if self.logs else _public_logs(self.data))
         if self.faults:
             from iceg.evaluation.robustness import write_faults
@@ -150,7 +172,11 @@ class Nees:
 
     logs: Annotated[
         tyro.conf.Positional[tuple[Path, ...]],
-        tyro.conf.arg(metavar="LOG", help="Logs with NAME.truth.csv beside them; left out: simulated scenes."),
+        tyro.conf.arg(
+            metavar="[LOG ...]",
+            help="Logs with NAME.truth.csv beside them; left out: simulated scenes.",
+            help_behavior_hint="",
+        ),
     ] = ()
     output: Annotated[
         Path, tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for tables and picture, made if missing.")
@@ -159,7 +185,9 @@ class Nees:
     scenes: Annotated[
         tuple[str, ...],
         tyro.conf.arg(
-            metavar="SCENE", help="Scenes that come with iceg, or .world files; left out: rooms, corridors, an office."
+            metavar="[SCENE ...]",
+            help="Scenes that come with iceg, or .world files; left out: rooms, corridors, an office.",
+            help_behavior_hint="",
         ),
     ] = ()
 
@@ -167,12 +195,14 @@ class Nees:
         """Run, tell run by run, print the table."""
         from iceg.evaluation.bench.tables import format_markdown
         from iceg.evaluation.nees_study import SCENES, recorded, simulated, study, summarise
+        from iceg.results import check_directory
         from iceg.show.progress import compile_note
 
         if self.runs < 1:
             raise UsageError(f"found --runs {self.runs}, expected at least 1")
         if self.logs and self.scenes:
             raise UsageError("found logs and --scenes, expected one of them")
+        check_directory(self.output, overwrite=True)
         judged = []
         with compile_note():
             recordings = recorded(self.logs) if self.logs else simulated(self.scenes or SCENES, self.runs)

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from iceg.cli.options import ConfigFile, Overwrite, Settings
+from iceg.cli.options import ConfigFile, Overwrite, Settings, UsageError
 from iceg.config import Config
 
 
@@ -34,6 +34,8 @@ class Simulate:
         from iceg.results import check_directory
         from iceg.show.progress import compile_note
 
+        if self.seed < 0:
+            raise UsageError(f"found --seed {self.seed}, expected 0 or more")
         check_directory(self.output, overwrite=self.overwrite)
         with compile_note():
             simulation = simulate(self.scene, self.seed)

@@ -25,6 +25,9 @@ _SIGMA_COLUMNS = (*_COLUMNS, "sigma_m", "sigma_rad")
 _SIGMA_M, _SIGMA_RAD = 0.1, 0.03
 """How well a person is taken to know a closure, unless the file says [m, rad]."""
 
+_LEAST_SIGMA = 1e-6
+"""Nobody knows better [m, rad]."""
+
 
 class ManualClosureError(IcegError):
     """A closure by hand that cannot be one, or does not belong to the log."""
@@ -55,9 +58,10 @@ class ManualClosure:
             raise ManualClosureError(
                 f"{self.where}: found scans {self.scan_i} and {self.scan_j}, expected two different ones counted from 0"
             )
-        if not (0.0 < self.sigma_m < math.inf and 0.0 < self.sigma_rad < math.inf):
+        if not (_LEAST_SIGMA <= self.sigma_m < math.inf and _LEAST_SIGMA <= self.sigma_rad < math.inf):
             raise ManualClosureError(
-                f"{self.where}: found the deviations {self.sigma_m} m and {self.sigma_rad} rad, expected positive ones"
+                f"{self.where}: found the deviations {self.sigma_m} m and {self.sigma_rad} rad, expected at least "
+                f"{_LEAST_SIGMA:g} each"
             )
 
 
@@ -72,7 +76,7 @@ def read_manual_closures(path: Path) -> list[ManualClosure]:
         IcegError: path:line, what was found and what was expected.
     """
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)
             columns = _columns([word.strip() for word in next(reader, [])], path)
             closures = [_closure(row, columns, f"{path}:{reader.line_num}") for row in reader if row]

@@ -57,7 +57,7 @@ def read_experiment(path: Path) -> Experiment:
         IcegError: the file, a key, a setting of any combination or a log is not as expected.
     """
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as err:
         raise ExperimentError(f"{path}: cannot be read as an experiment: {reason(err)}") from err
     return parse_experiment(text, path.parent, str(path))
