@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -116,3 +117,26 @@ def test_importing_the_configuration_is_light() -> None:
     assert (
         subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False).stderr.strip() == ""
     )
+
+
+@pytest.mark.parametrize(
+    ("setting", "value", "complaint"),
+    [
+        ("grid.resolution", "inf", "resolution is inf m, expected a positive number"),
+        ("loops.spacing", "-1.0", "found spacing -1.0, expected 0 or more"),
+        ("loops.place_confirmations", "0", "found place_confirmations 0, expected 1 or more"),
+        ("finish.doubts", "0", "found doubts 0, expected 1 or more"),
+        ("finish.kernel_width", "inf", "found kernel_width inf, expected a positive number"),
+        ("front_end.calibration_scans", "0", "found calibration_scans 0, expected 1 or more"),
+        ("ice.hypotheses.field_sigma", "0.0", "found field_sigma 0.0, expected a positive number"),
+        ("ice.covariance.points", "0", "found points 0, expected 1 or more"),
+    ],
+)
+def test_numbers_that_a_run_cannot_work_with_are_refused(setting: str, value: str, complaint: str) -> None:
+    with pytest.raises(ConfigError) as refusal:
+        parse_config(f"{setting} = {value}", "here.toml")
+    assert str(refusal.value) == f"here.toml: {setting}: {complaint}"
+
+
+def test_what_has_no_end_may_be_infinite() -> None:
+    assert parse_config("loops.max_deviations = inf").loops.max_deviations == np.inf

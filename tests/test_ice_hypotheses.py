@@ -161,7 +161,7 @@ def test_evolution_finds_a_peak_and_repeats_itself(search: Callable[..., F64]) -
 
 
 def test_settings_out_of_range_are_refused() -> None:
-    with pytest.raises(IceConfigError, match="candidates must be at least 1, found 0"):
+    with pytest.raises(IceConfigError, match="found candidates 0, expected 1 or more"):
         HypothesisConfig(candidates=0)
     with pytest.raises(IceConfigError, match="ranking_points"):
         HypothesisConfig(ranking_points=5)

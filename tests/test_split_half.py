@@ -143,7 +143,7 @@ def test_a_boast_is_taken_back() -> None:
 
 def test_without_tests_matches_are_believed() -> None:
     assert with_measured_doubt(_track(), _Boasting(), 0) is _track()
-    with pytest.raises(SlamConfigError, match="split_scans must not be negative, found -1"):
+    with pytest.raises(SlamConfigError, match="found split_scans -1, expected 0 or more"):
         FrontEndConfig(split_scans=-1)
 
 

@@ -5,6 +5,7 @@ from math import pi
 from typing import Literal
 
 from graph.errors import IcegError
+from graph.ranges import check_numbers
 
 Fitness = Literal["points", "probabilistic", "paper"]
 Search = Literal["hierarchy", "exhaustive", "genetic", "evolutionary"]
@@ -114,7 +115,8 @@ class HypothesisConfig:
     """The same in heading [rad]."""
 
     def __post_init__(self) -> None:
-        _require(self.candidates >= 1, f"hypotheses.candidates must be at least 1, found {self.candidates}")
+        positive = ("field_sigma", "sifting_points", "candidates", "alternatives", "population", "generations")
+        check_numbers(self, IceConfigError, positive=positive)
         _require(
             self.ranking_points >= 10, f"hypotheses.ranking_points must be at least 10, found {self.ranking_points}"
         )
@@ -165,6 +167,7 @@ class LocalMapConfig:
     """Neighbours up to this far on either side give a point its normal [m]."""
 
     def __post_init__(self) -> None:
+        check_numbers(self, IceConfigError, positive=("reach", "fine_radius", "coarse_radius", "normal_reach"))
         _require(
             0 < self.cell <= self.coarse_cell,
             f"local_map: need 0 < cell <= coarse_cell, found {self.cell} and {self.coarse_cell}",
@@ -186,6 +189,10 @@ class CovarianceConfig:
     """Largest spacing of the score grid; two of them on each side bound the window [m, rad]."""
     weak_sigma: float = 1.0
     """Standard deviation given to a direction the match cannot observe [m, rad]."""
+
+    def __post_init__(self) -> None:
+        positive = ("min_sigma", "independence", "points", "max_step", "weak_sigma")
+        check_numbers(self, IceConfigError, positive=positive)
 
 
 @dataclass(frozen=True, kw_only=True)

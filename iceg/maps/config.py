@@ -55,8 +55,8 @@ class GridConfig:
     """Refuse grids larger than this (a diverged trajectory fills the memory); a run then doubles the resolution."""
 
     def __post_init__(self) -> None:
-        if not self.resolution > 0:
-            raise GridError(f"resolution is {self.resolution} m, expected > 0")
+        if not 0 < self.resolution < math.inf:
+            raise GridError(f"resolution is {self.resolution} m, expected a positive number")
         if not 0.0 < self.miss_probability < 0.5 < self.hit_probability < 1.0:
             raise GridError(
                 f"miss_probability {self.miss_probability} and hit_probability {self.hit_probability}: "

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from graph.errors import IcegError
+from graph.ranges import check_numbers
 
 
 class SlamConfigError(IcegError):
@@ -46,8 +47,7 @@ class FrontEndConfig:
     """Scans whose halves are matched alone, to see whether matches are as sure as they say; 0 believes them."""
 
     def __post_init__(self) -> None:
-        if self.split_scans < 0:
-            raise SlamConfigError(f"front_end.split_scans must not be negative, found {self.split_scans}")
+        check_numbers(self, SlamConfigError, positive=("calibration_scans",))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,6 +109,9 @@ class LoopClosureConfig:
     """Key scans that must agree before places found by their looks are believed."""
     support_offsets: tuple[int, ...] = (-4, -2, 0, 2, 4)
     """Key scans asked to agree, relative to the one matched."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError, positive=("confirmations", "place_confirmations"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,3 +189,6 @@ class FinishConfig:
     """… but no more than so many of them."""
     joint: JointRefinementConfig = field(default_factory=JointRefinementConfig)
     """In the end, poses and map together."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError, positive=("kernel_width", "doubts"))
