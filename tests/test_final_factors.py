@@ -6,7 +6,7 @@ import pytest
 import iceg
 from graph.batch import optimize
 from graph.factors import Factor
-from graph.measurement import NoMatch
+from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryMotion
 from graph.se2 import between, compose
 from iceg.slam.final_factors import FinalFactors
@@ -19,13 +19,20 @@ _MOVED = np.array([[0.0, 0.0, 0.0], [0.01, -0.02, 0.003], [-0.03, 0.01, -0.01]])
 
 @pytest.fixture
 def factors() -> FinalFactors:
-    """Three poses in a row, closed in a triangle, whose first step is a sudden loss."""
+    """Three poses in a row, closed in a triangle, whose second step is a sudden loss."""
     scan = iceg.Scan.from_ranges(np.full(31, 4.0), field_of_view=np.pi)
     motion = OdometryMotion(T_key_robot=_STEP, covariance=1e-4 * np.eye(3))
-    nothing = NoMatch(reason="nothing")
+    match = RelativePose(
+        T_ref_cur=_STEP,
+        covariance=1e-4 * np.eye(3),
+        score=1.0,
+        inliers=31,
+        overlap=1.0,
+        weak_directions=np.zeros((0, 3)),
+    )
     keys = [
-        KeyScan(index=k, scan=scan, motion=motion, match=nothing, anchor=max(0, k - 1), T_track_robot=k * _STEP)
-        for k in range(3)
+        KeyScan(index=k, scan=scan, motion=motion, match=found, anchor=max(0, k - 1), T_track_robot=k * _STEP)
+        for k, found in enumerate((match, match, NoMatch(reason="nothing")))
     ]
     track = Track(keys=keys, key_of_scan=np.arange(3), T_key_scan=np.zeros((3, 3)), failures=0, lost=[])
     small = 1e-4 * np.eye(3)
@@ -35,15 +42,15 @@ def factors() -> FinalFactors:
         Factor(kind="odometry", i=1, j=2, T_i_j=_STEP, covariance=small),
         Factor(kind="closure", i=0, j=2, T_i_j=compose([0.03, 0.0, 0.0], compose(_STEP, _STEP)), covariance=small),
     ]
-    return FinalFactors.of(solved, [Break(key=1, outcome="apart", reason="")], track)
+    return FinalFactors.of(solved, [Break(key=2, outcome="apart", reason="")], track)
 
 
 def test_odometry_that_is_no_longer_believed_still_has_its_say_in_what_was_solved(factors: FinalFactors) -> None:
     assert not factors.are_all_believed
     changed = [k for k, (a, b) in enumerate(zip(factors.solved, factors.measured, strict=True)) if a is not b]
-    assert changed == [1]
-    np.testing.assert_allclose(factors.measured[1].covariance, UNKNOWN_STEP)
-    np.testing.assert_array_equal(factors.measured[1].T_i_j, factors.solved[1].T_i_j)
+    assert changed == [2]
+    np.testing.assert_allclose(factors.measured[2].covariance, UNKNOWN_STEP)
+    np.testing.assert_array_equal(factors.measured[2].T_i_j, factors.solved[2].T_i_j)
     assert factors.carried == factors.measured
 
 
