@@ -30,9 +30,10 @@ def factors() -> FinalFactors:
         overlap=1.0,
         weak_directions=np.zeros((0, 3)),
     )
+    matches: list[RelativePose | NoMatch] = [match, match, NoMatch(reason="nothing")]
     keys = [
         KeyScan(index=k, scan=scan, motion=motion, match=found, anchor=max(0, k - 1), T_track_robot=k * _STEP)
-        for k, found in enumerate((match, match, NoMatch(reason="nothing")))
+        for k, found in enumerate(matches)
     ]
     track = Track(keys=keys, key_of_scan=np.arange(3), T_key_scan=np.zeros((3, 3)), failures=0, lost=[])
     small = 1e-4 * np.eye(3)
