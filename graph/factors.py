@@ -11,7 +11,8 @@ from graph.errors import GraphError
 from graph.noise import conditioned
 
 FactorKind = Literal["prior", "odometry", "ice", "stretch", "closure"]
-"""What a factor comes from: a pose known beforehand, wheels, a match along the way, a place seen again."""
+"""What a factor comes from: a pose known beforehand, wheels, a match along the way, what several of these say together,
+a place seen again."""
 
 KernelName = Literal["huber", "cauchy", "geman_mcclure", "dcs"]
 

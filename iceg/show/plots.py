@@ -224,4 +224,4 @@ def draw_error_over_time(
     ax.margins(x=0)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
-    ax.legend(fontsize="small", frameon=False)
+    ax.legend(fontsize="small", frameon=False, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)
