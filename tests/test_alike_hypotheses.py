@@ -1,24 +1,26 @@
 """Places found by their looks that fit several ways: the set that agrees picks, and two such sets close nothing."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from frontends.simulator.simulation import simulate
+from graph.config import PoseGraphConfig
 from graph.factors import Factor
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
-from iceg.slam import relocalisation
-from iceg.slam.closure_attempt import Attempt, Place
+from iceg.slam import back_end, relocalisation
+from iceg.slam.closure_attempt import Attempt, Place, closure_factor
 from iceg.slam.closure_candidates import Candidate
 from iceg.slam.config import FrontEndConfig, LoopClosureConfig
 from iceg.slam.examination import Exam
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.path_break import LOST, Doubt
+from iceg.slam.path_break import LOST, REFUTED, Doubt
 from iceg.slam.place_hypothesis import Hypothesis, about_single_steps
 from iceg.slam.relocalisation import Estimate, relocalise
 from iceg.slam.track import Track
@@ -83,14 +85,17 @@ class _Closer(LoopCloser):
 
 
 class _Examiner:
-    """Every hypothesis stands as many votes as it has closures, the estimate none."""
+    """Every hypothesis gets as many votes as it has closures, the estimate none."""
 
     def __init__(self, closer: LoopCloser, track: Track) -> None:
         del closer, track
 
+    against = 0
+    """Votes against every hypothesis."""
+
     def of_hypothesis(self, hypothesis: Hypothesis, poses: Array) -> Exam:
         del poses
-        return Exam(agreeing=list(hypothesis.closures), against=0)
+        return Exam(agreeing=list(hypothesis.closures), against=self.against)
 
     def of_estimate(self, hypothesis: Hypothesis, poses: Array, among: NDArray[np.bool_]) -> Exam:
         del hypothesis, poses, among
@@ -98,11 +103,23 @@ class _Examiner:
 
 
 def _relocalised(
-    track: Track, places: Mapping[int, Sequence[Array]], monkeypatch: pytest.MonkeyPatch, strength: float = LOST
+    track: Track,
+    places: Mapping[int, Sequence[Array]],
+    monkeypatch: pytest.MonkeyPatch,
+    strength: float = LOST,
+    held: Sequence[Attempt] = (),
 ) -> Estimate:
+    """With the places found alike; closures found on the way hold the path."""
     monkeypatch.setattr(relocalisation, "alike_places", lambda *_: [(_EARLIER, key) for key in places])
     monkeypatch.setattr(relocalisation, "Examiner", _Examiner)
-    before = Estimate(factors=_path(track), poses=_poses(track), attempts=[])
+    return _searched(track, places, strength, held)
+
+
+def _searched(
+    track: Track, places: Mapping[int, Sequence[Array]], strength: float = LOST, held: Sequence[Attempt] = ()
+) -> Estimate:
+    factors = _path(track) + [closure_factor(closure) for closure in held]
+    before = Estimate(factors=factors, poses=_poses(track), attempts=list(held))
     doubts = {_BREAK: Doubt(reason="nothing matched what was known before", strength=strength)}
     return relocalise(_Closer(track, places), track, before, doubts, LoopClosureConfig())
 
@@ -151,6 +168,69 @@ def test_two_sets_about_as_strong_close_nothing_and_it_is_said(track: Track, mon
     poses = _poses(track)
     apart = [np.hypot(*(compose(_HERE, pose) - compose(_THERE, pose))[:2]) for pose in poses[list(_AGAIN)]]
     assert min(apart) - 0.1 < vote.apart < max(apart) + 0.1
+
+
+def test_two_places_that_both_beat_the_path_are_told_though_closures_hold_the_path(
+    track: Track, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    places = {k: [_moved(track, k, _HERE), _moved(track, k, _THERE)] for k in _AGAIN}
+    for key in list(_AGAIN)[:4]:  # enough that fit one place only
+        places[key] = places[key][:1]
+    as_it_is = _Closer(track, {k: [_moved(track, k, np.zeros(3))] for k in (112, 116, 120)})
+    held = [as_it_is.match_anywhere(_EARLIER, key, _poses(track)) for key in (112, 116, 120)]
+    found = _relocalised(track, places, monkeypatch, strength=REFUTED, held=held)
+    assert [attempt for attempt in found.attempts if attempt.accepted] == held
+    assert found.breaks == ()
+    (vote,) = found.alike
+    assert (vote.count, vote.rival) == (len(_AGAIN), len(_AGAIN) - 4)
+    # nor do they settle it for the back end
+    monkeypatch.setattr(back_end, "relocalise", lambda *_: found)
+    noise, config = OdometryModel(), LoopClosureConfig()
+    solution = back_end.solve_track(track, None, noise, IceMatcher(), PoseGraphConfig(), config)
+    assert solution.alike == (vote,)
+
+
+@pytest.mark.parametrize(("against", "outcome"), [(0, "joined"), (1, "joined"), (2, "joined"), (3, "apart")])
+def test_what_only_a_second_comparison_of_places_finds_must_be_sure(
+    track: Track, monkeypatch: pytest.MonkeyPatch, against: int, outcome: str
+) -> None:
+    # Ten agree: at first three against them are few enough; those who look again find more that agree by chance.
+    places = {k: [_moved(track, k, _HERE)] for k in _AGAIN}
+    monkeypatch.setattr(_Examiner, "against", against)
+    at_first = _relocalised(track, places, monkeypatch)
+    assert [at.outcome for at in at_first.breaks] == ["joined"]
+    monkeypatch.setattr(relocalisation, "alike_places", _only_the_second_time([(_EARLIER, key) for key in places]))
+    again = _searched(track, places)
+    assert [at.outcome for at in again.breaks] == [outcome]
+
+
+def _only_the_second_time(pairs: list[tuple[int, int]]) -> Callable[..., list[tuple[int, int]]]:
+    answers = iter([[], pairs])
+    return lambda *_: next(answers)
+
+
+@pytest.mark.parametrize(("n_untied", "is_doubtful", "expected"), [(8, True, 120), (8, False, 24), (50, False, 120)])
+def test_few_pairs_are_matched_where_nothing_is_doubtful_and_little_untied(
+    track: Track, monkeypatch: pytest.MonkeyPatch, n_untied: int, is_doubtful: bool, expected: int
+) -> None:
+    asked: list[int] = []
+
+    def alike(track: Track, judge: IceMatcher, parts: NDArray[np.int64], config: LoopClosureConfig) -> list[Any]:
+        del track, judge, parts
+        asked.append(config.places)
+        return []
+
+    monkeypatch.setattr(relocalisation, "alike_places", alike)
+    config, first, last = LoopClosureConfig(), 90, len(track.keys) - 1
+    closer = _Closer(track, {key: [np.zeros(3)] for key in range(last + 1)})
+    # with all the key scans they rest on, they span the path up to the first step and after the last one
+    before = closer.match_anywhere(0, first - 1 - min(config.support_offsets), _poses(track))
+    after = closer.match_anywhere(first + n_untied - 1 - config.reference_half, last, _poses(track))
+    held = [before] * 20 + [after] * 20  # as many as settle what little explains
+    estimate = Estimate(factors=_path(track) + [closure_factor(c) for c in held], poses=_poses(track), attempts=held)
+    doubts = {first: Doubt(reason="the odometry jumped", strength=REFUTED)} if is_doubtful else {}
+    relocalise(closer, track, estimate, doubts, config)
+    assert asked == [expected]
 
 
 def test_a_set_with_far_fewer_is_no_rival(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -104,7 +104,7 @@ class LoopClosureConfig:
     places: int = 120
     """Most pairs of places that look alike and are matched …"""
     places_each: int = 3
-    """… and most for one place."""
+    """… and most for one place, or where nothing gives a break away, for each step that no closure ties."""
     place_confirmations: int = 4
     """Key scans that must agree before places found by their looks are believed."""
     support_offsets: tuple[int, ...] = (-4, -2, 0, 2, 4)

@@ -203,7 +203,8 @@ class _Relocalisation:
             poses: (k, 3) along which closures must agree.
         """
         known = {(attempt.key_old, attempt.key_new) for attempt in self._tried}
-        pairs = set(alike_places(self._track, self._closer.judge, parts, self._config)) - known
+        config = replace(self._config, places=self._places_wanted())
+        pairs = set(alike_places(self._track, self._closer.judge, parts, config)) - known
         if not pairs:
             return []
         self._tried += [self._closer.match_anywhere(old, new, self._poses) for old, new in sorted(pairs)]
@@ -214,6 +215,13 @@ class _Relocalisation:
             for claim in _claims(attempt)
         ]
         return agreeing_sets(claims, self._path, poses, self._config.place_confirmations)
+
+    def _places_wanted(self) -> int:
+        """How many pairs of places are worth a match: where nothing gives a break away, a few for each untied step."""
+        most = self._config.places
+        if self._steps.doubts:
+            return most
+        return min(most, self._config.places_each * int(np.count_nonzero(self._steps.untied)))
 
     def _is_supported(self, hypothesis: Hypothesis) -> bool:
         """Whether enough key scans fit one place only, or where the robot was lost anyway, this one among others."""
