@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 import iceg
 from frontends.scan import Log
 from graph.se2 import compose
-from iceg import results
+from iceg import cli, results
 from iceg.cli import main
 from iceg.cli.judge import Eval
 from iceg.cli.parsing import parse
@@ -362,6 +362,17 @@ def test_run_writes_its_folder_and_refuses_to_overwrite_it(
     assert main(words) == 1
     assert "not empty" in capsys.readouterr().err
     assert main([*words, "--overwrite"]) == 0
+
+
+def test_ctrl_c_while_libraries_are_loaded_is_no_import_error(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def loading(_words: list[str]) -> int:
+        raise ImportError("initialization failed") from KeyboardInterrupt()
+
+    monkeypatch.setattr(cli, "_main", loading)
+    assert main(["run"]) == 130
+    assert capsys.readouterr().err == "\niceg: interrupted\n"
 
 
 def test_an_interrupted_run_says_what_was_kept(

@@ -33,8 +33,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         return _main(words)
     except KeyboardInterrupt as err:
-        print("\niceg: " + ", ".join(["interrupted", *map(str, err.args)]), file=sys.stderr)
-        return _INTERRUPTED
+        return _interrupted(err)
+    except ImportError as err:  # what compiled libraries make of Ctrl-C while they are loaded
+        if not isinstance(err.__cause__ or err.__context__, KeyboardInterrupt):
+            raise
+        return _interrupted()
     except BrokenPipeError:
         # Whoever read our output has seen enough; keep the interpreter from flushing into the closed pipe.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -98,6 +101,11 @@ def _parse(words: list[str]) -> Callable[[], None]:
     from iceg.cli.parsing import parse
 
     return parse(words)
+
+
+def _interrupted(told: KeyboardInterrupt | None = None) -> int:
+    print("\niceg: " + ", ".join(["interrupted", *map(str, told.args if told else ())]), file=sys.stderr)
+    return _INTERRUPTED
 
 
 def _complain(error: Exception | str, code: int) -> int:
