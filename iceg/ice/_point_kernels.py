@@ -26,13 +26,25 @@ _MOST_NEIGHBOURS = 12
 """Most neighbours on either side that give a point its normal."""
 _THICKEST = 0.1
 """Neighbours are a line where their variance across is at most this share of that along."""
+_LINE = 2
+"""Steps from the first to the last point of a surface that may be a line."""
+_MOSTLY_SLIM = 0.5
+"""Share of the points on what is slim from which on it may face the laser."""
 _STRETCH = 4
 """Beams to either side that span the chord across which the second difference of a point is taken."""
 
 
 @compiled
 def scan_points(
-    ranges: F32, directions: F64, origin: F64, reach: float, jump: float, points: F64, normals: F64, beams: I32
+    ranges: F32,
+    directions: F64,
+    origin: F64,
+    reach: float,
+    jump: float,
+    slim: bool,
+    points: F64,
+    normals: F64,
+    beams: I32,
 ) -> int:
     """End points, unit normals towards the laser and beam indices of the beams with a return.
 
@@ -42,6 +54,7 @@ def scan_points(
         origin: (2,) position of the laser in the robot frame [m].
         reach: neighbours up to this far on either side define the normal of a point [m].
         jump: see `_surfaces` [m].
+        slim: whether what is slim may have normals, see `_face_slim`.
         points: (n_beams, 2) output [m].
         normals: (n_beams, 2) output; 0, 0 where no line fits the neighbourhood.
         beams: (n_beams,) output.
@@ -54,6 +67,8 @@ def scan_points(
     _surfaces(points[:n], beams, origin, _resolution(directions), jump, surfaces)
     _sum_up(points, surfaces, ZERO, ONE, n, reach * reach, moments)
     _normals(moments, n, points, origin, normals)
+    if slim:
+        _face_slim(points, beams, surfaces, n, origin, normals)
     return n
 
 
@@ -71,6 +86,8 @@ def thinned_points(
     starts: I64,
 ) -> None:
     """As `scan_points`, for many scans of one laser, of each of which only every so many returns are kept.
+
+    What is slim has no normal here.
 
     Args:
         ranges: (m, n_beams) [m], NaN without return.
@@ -271,6 +288,37 @@ def _turn_to_laser(x: F64, y: F64, lengths: F64, points: F64, x0: float, y0: flo
         length = -lengths[i] if away > 0.0 else lengths[i]
         normals[i, 0] = x[i] / length if length != 0.0 else 0.0
         normals[i, 1] = y[i] / length if length != 0.0 else 0.0
+
+
+@compiled
+def _face_slim(points: F64, beams: I32, surfaces: Surfaces, n: int, origin: F64, normals: F64) -> None:
+    """Where most points lie on things too slim for a line, as trunks and posts, these face the laser: unit vectors.
+
+    They stand before what is beside them. What does not may be a beam that met two surfaces and saw neither.
+    """
+    x0, y0 = origin[0], origin[1]
+    slim = 0
+    for i in range(n):
+        slim += surfaces.end[i] - surfaces.begin[i] < _LINE
+    if slim < _MOSTLY_SLIM * n:
+        return
+    for i in range(n):
+        a, b = surfaces.begin[i], surfaces.end[i]
+        if b - a >= _LINE:
+            continue
+        x, y = x0 - points[i, 0], y0 - points[i, 1]
+        nearest2 = x * x + y * y
+        before = a == 0 or beams[a] - beams[a - 1] > 1 or _distance2(points[a - 1], x0, y0) > nearest2
+        after = b == n - 1 or beams[b + 1] - beams[b] > 1 or _distance2(points[b + 1], x0, y0) > nearest2
+        if before and after and nearest2 > 0.0:
+            length = sqrt(nearest2)
+            normals[i, 0], normals[i, 1] = x / length, y / length
+
+
+@compiled
+def _distance2(point: F64, x0: float, y0: float) -> float:
+    dx, dy = point[0] - x0, point[1] - y0
+    return float(dx * dx + dy * dy)
 
 
 @compiled

@@ -24,6 +24,7 @@ class Laser(NamedTuple):
     origin: F64
     reach: float
     jump: float
+    slim: bool
 
 
 class Returns(NamedTuple):
@@ -174,7 +175,17 @@ def _match(
     if _is_blind(ranges, limits):
         return 0
     points, normals = returns.points, returns.normals
-    n = scan_points(ranges, laser.directions, laser.origin, laser.reach, laser.jump, points, normals, returns.beams)
+    n = scan_points(
+        ranges,
+        laser.directions,
+        laser.origin,
+        laser.reach,
+        laser.jump,
+        laser.slim,
+        points,
+        normals,
+        returns.beams,
+    )
     if n < polish.fewest:
         return 0
     inliers, _, _, _ = refine(

@@ -73,9 +73,15 @@ class Observation:
 class IceMatcher:
     """Matches a scan against a local map by Intersections, Corners and Ends of walls (implements `Matcher`)."""
 
-    def __init__(self, config: IceConfig | None = None) -> None:
-        """Remember what was extracted from the latest scans for as long as they live."""
+    def __init__(self, config: IceConfig | None = None, *, open_ground: bool = False) -> None:
+        """Remember what was extracted from the latest scans for as long as they live.
+
+        Args:
+            config: settings; the defaults when left out.
+            open_ground: whether the scans were taken where trunks and posts count, see `extract_points`.
+        """
         self.config = config or IceConfig()
+        self._open_ground = open_ground
         self._scan_points: WeakKeyDictionary[Scan, ScanPoints] = WeakKeyDictionary()
         self._observations: WeakKeyDictionary[Scan, Observation] = WeakKeyDictionary()
 
@@ -96,7 +102,7 @@ class IceMatcher:
     def _points(self, scan: Scan) -> ScanPoints:
         points = self._scan_points.get(scan)
         if points is None:
-            points = extract_points(scan, self.config.local_map.normal_reach)
+            points = extract_points(scan, self.config.local_map.normal_reach, open_ground=self._open_ground)
             _remember(self._scan_points, scan, points)
         return points
 
@@ -162,8 +168,18 @@ class IceMatcher:
             turn=hypotheses.min_turn,
         )
         n = len(steps) if refinement.enabled else 0
-        reach = self.config.local_map.normal_reach
-        return follow_scans(ranges[:n], steps[:n], geometry, reference, standing, odometry, reach, polish, limits)
+        return follow_scans(
+            ranges[:n],
+            steps[:n],
+            geometry,
+            reference,
+            standing,
+            odometry,
+            self.config.local_map.normal_reach,
+            self._open_ground,
+            polish,
+            limits,
+        )
 
     def keep(self, scan: Scan, points: ScanPoints) -> None:
         """Take what `follow` made of a scan, lest it be made again."""

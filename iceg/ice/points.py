@@ -21,7 +21,8 @@ class ScanPoints:
 
     Attributes:
         points: (n, 2) in the robot frame [m].
-        normals: (n, 2) unit vectors towards the laser; 0, 0 where no line fits the neighbourhood.
+        normals: (n, 2) unit vectors towards the laser; 0, 0 where no line fits the neighbourhood. On open ground what
+            is too slim for one faces the laser in scans where most points lie on such things.
         beams: (n,) int32 index of the beam of each point.
     """
 
@@ -34,12 +35,14 @@ class ScanPoints:
         return len(self.points)
 
 
-def extract_points(scan: Scan, reach: float = 0.2) -> ScanPoints:
+def extract_points(scan: Scan, reach: float = 0.2, *, open_ground: bool = False) -> ScanPoints:
     """End points of a scan and the local surface normals.
 
     Args:
         scan: the scan.
         reach: neighbours up to this far on either side of a point define its normal [m].
+        open_ground: there may be trunks and posts, see `ScanPoints`. Elsewhere what looks like one is a wall that few
+            beams meet.
 
     Returns:
         The points of all beams with a return.
@@ -48,7 +51,7 @@ def extract_points(scan: Scan, reach: float = 0.2) -> ScanPoints:
     n = geometry.n_beams
     points, normals, beams = np.empty((n, 2)), np.empty((n, 2)), np.empty(n, np.int32)
     count = kernels.scan_points(
-        scan.ranges, geometry.directions_robot, geometry.origin_robot, reach, JUMP, points, normals, beams
+        scan.ranges, geometry.directions_robot, geometry.origin_robot, reach, JUMP, open_ground, points, normals, beams
     )
     return ScanPoints(points=points[:count], normals=normals[:count], beams=beams[:count])
 
@@ -65,7 +68,7 @@ def thinned_points(
         reach: see `extract_points`.
 
     Returns:
-        (n, 2) end points in the robot frames of their scans and (n, 2) normals, see `ScanPoints`; (m + 1,) where the
+        (n, 2) end points in the robot frames of their scans and (n, 2) normals, those of lines only; (m + 1,) where the
         points of each scan begin.
     """
     lasers = [list(some) for _, some in groupby(scans, key=lambda scan: id(scan.geometry))]

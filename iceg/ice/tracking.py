@@ -53,6 +53,7 @@ def follow_scans(
     standing: Standing,
     odometry: OdometryModel,
     reach: float,
+    open_ground: bool,
     polish: Polish,
     limits: Limits,
 ) -> Followed:
@@ -65,7 +66,8 @@ def follow_scans(
         local_map: the reference.
         standing: where the robot is before the first of the scans.
         odometry: how far it is believed.
-        reach: neighbours up to this far on either side of a point define its normal [m].
+        reach: see `extract_points` [m]; as …
+        open_ground: …
         polish: how a scan is matched.
         limits: where it ends.
 
@@ -87,7 +89,13 @@ def follow_scans(
         ranges,
         steps,
         odometry.variances,
-        kernels.Laser(directions=geometry.directions_robot, origin=geometry.origin_robot, reach=reach, jump=JUMP),
+        kernels.Laser(
+            directions=geometry.directions_robot,
+            origin=geometry.origin_robot,
+            reach=reach,
+            jump=JUMP,
+            slim=open_ground,
+        ),
         kernels.Field(surfels=local_map.surfels, nearest=field.nearest, origin=field.origin, cell=field.cell),
         polish,
         limits,

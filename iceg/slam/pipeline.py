@@ -37,6 +37,7 @@ from iceg.slam.manual_closures import (
 )
 from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry_standstill import describe_dead, with_odometry_between_readings
+from iceg.slam.open_ground import is_open_ground
 from iceg.slam.path_break import describe_break
 from iceg.slam.path_uncertainty import LeastKnown, least_known
 from iceg.slam.place_votes import describe_vote
@@ -102,7 +103,7 @@ def run(
     """
     config = config or Config()
     check_manual_closures(closures, len(log))
-    matcher = matcher or (IceMatcher(config.ice) if config.matcher == "ice" else make_matcher(config.matcher))
+    matcher = matcher or _matcher(log, config)
     clock = _StageClock()
     with clock.stage("front_end"):
         log = with_odometry_between_readings(without_frozen_scans(log))
@@ -158,6 +159,12 @@ class _StageClock:
         yield
         self.seconds[name] = round(time.perf_counter() - started, 4)
         self.cpu_seconds[name] = round(time.process_time() - cpu_started, 4)
+
+
+def _matcher(log: Log, config: Config) -> Matcher:
+    if config.matcher != "ice":
+        return make_matcher(config.matcher)
+    return IceMatcher(config.ice, open_ground=is_open_ground(log))
 
 
 def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Config) -> OdometryCalibration:
