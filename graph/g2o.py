@@ -25,6 +25,7 @@ FIX_SIGMA = 1e-3
 
 _UPPER = np.triu_indices(3)
 _N_FIELDS = {"VERTEX_SE2": 5, "EDGE_SE2": 12, "EDGE_PRIOR_SE2": 11, "FIX": 2}
+_LARGEST_ID = 2**62
 
 
 class G2oError(GraphError):
@@ -97,7 +98,7 @@ def read_g2o(path: Path | str) -> G2oGraph:
     file = Path(path)
     contents = _Contents()
     try:
-        with file.open(encoding="utf-8") as lines:
+        with file.open(encoding="utf-8-sig") as lines:
             for number, line in enumerate(lines, start=1):
                 _read_line(contents, line, f"{file}:{number}")
     except OSError as err:
@@ -245,9 +246,12 @@ def _remark(factor: Factor) -> str:
 
 def _id(word: str, where: str) -> int:
     try:
-        return int(word)
+        number = int(word)
     except ValueError as err:
         raise G2oError(f"{where}: found {word!r}, expected a vertex id (an integer)") from err
+    if abs(number) > _LARGEST_ID:
+        raise G2oError(f"{where}: found {word}, expected a vertex id of at most {_LARGEST_ID}")
+    return number
 
 
 def _number(word: str, where: str) -> float:

@@ -145,6 +145,7 @@ def test_comments_of_others_are_passed_over(tmp_path: Path) -> None:
         ("VERTEX_SE2 0 0 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n", 2, "edge to vertex 1, which the file does not define"),
         ("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 0 0 0 0\n", 2, "vertex 0 a second time"),
         ("\nVERTEX_SE2 zero 0 0 0\n", 2, "'zero', expected a vertex id"),
+        ("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 99999999999999999999 1 0 0\n", 2, "found 99999999999999999999, expected"),
         ("VERTEX_SE2 0 0 0 0,5\n", 1, "'0,5', expected a number"),
         ("VERTEX_SE2 0 0 nan 0\n", 1, "nan, expected a finite number"),
         ("VERTEX_SE3:QUAT 0 0 0 0 0 0 0 1\n", 1, "found VERTEX_SE3:QUAT, expected one of VERTEX_SE2"),

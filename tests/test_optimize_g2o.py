@@ -95,6 +95,15 @@ def test_a_solution_that_cannot_be_written_is_one_line(tmp_path: Path, capsys: p
         assert told.count("\n") == 1
 
 
+def test_a_graph_that_cannot_be_solved_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source, target = tmp_path / "in.g2o", tmp_path / "out.g2o"
+    source.write_text("VERTEX_SE2 0 0 0 0\nVERTEX_SE2 1 1 0 0\nVERTEX_SE2 2 2 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n")
+    assert main(["optimize", str(source), "-o", str(target)]) == 1
+    assert capsys.readouterr().err.startswith(f"iceg: {source}: 1 of 3 poses are connected to no prior")
+    assert main(["optimize", str(source), "-o", str(target), "--kernel-width", "-1"]) == 2
+    assert "found --kernel-width -1.0, expected a positive number" in capsys.readouterr().err
+
+
 def test_vertices_that_hang_in_the_air_are_named_as_in_the_file() -> None:
     graph = ring(with_false=False)
     loose = replace(graph, factors=tuple(f for f in graph.factors if 40 not in (f.i, f.j)))

@@ -1,5 +1,6 @@
 """Commands beside the main job: simulated logs, any pose graph, all settings."""
 
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
@@ -69,9 +70,12 @@ class Optimize:
 
     def __call__(self) -> None:
         """Read, solve, write, tell."""
+        from graph.errors import GraphError
         from graph.g2o import read_g2o, write_g2o
         from graph.optimize_g2o import OptimizeOptions, format_report, optimize_g2o
 
+        if not 0.0 < self.kernel_width < math.inf:
+            raise UsageError(f"found --kernel-width {self.kernel_width}, expected a positive number")
         options = OptimizeOptions(
             kernel=self.kernel,
             kernel_width=self.kernel_width,
@@ -79,7 +83,11 @@ class Optimize:
             pcm=self.pcm,
             incremental=self.incremental,
         )
-        solved = optimize_g2o(read_g2o(self.graph), options)
+        graph = read_g2o(self.graph)
+        try:
+            solved = optimize_g2o(graph, options)
+        except GraphError as err:
+            raise GraphError(f"{self.graph}: {err}") from err
         write_g2o(self.output, solved.poses, solved.factors, solved.ids)
         print(format_report(solved))
         print(f"The solved graph is {self.output}")
