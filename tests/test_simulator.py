@@ -1,5 +1,6 @@
 """Whole simulations: determinism, what each scene is for, scan pairs, files, and the embedded log."""
 
+import errno
 import gzip
 from dataclasses import replace
 from functools import cache
@@ -168,6 +169,30 @@ def test_written_log_reads_back_as_it_was_simulated(tmp_path: Path) -> None:
     table = np.loadtxt(text.splitlines(), delimiter=",", skiprows=1)
     np.testing.assert_allclose(table, np.column_stack([simulation.log.stamps, simulation.truth]), atol=1e-6)
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["log.clf", "log.usarsim", "truth.csv"]
+
+
+def test_an_interrupted_simulation_leaves_what_was_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_simulation(tmp_path / "old", simulated("room", 3))
+    before = {path.name: path.read_bytes() for path in (tmp_path / "old").iterdir()}
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("frontends.simulator.output.write_usarsim", interrupted)
+    for folder in ("old", "new"):
+        with pytest.raises(KeyboardInterrupt):
+            write_simulation(tmp_path / folder, simulated("room", 4))
+    assert {path.name: path.read_bytes() for path in (tmp_path / "old").iterdir()} == before
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_simulation_that_cannot_be_written_names_the_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path, _simulation: Simulation) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr("frontends.simulator.output.write_truth", full)
+    with pytest.raises(SimulatorError, match=r"/new: the simulation cannot be written \(No space left on device\)$"):
+        write_simulation(tmp_path / "new", simulated("room", 3))
 
 
 def test_the_embedded_log_is_what_the_simulator_makes(tmp_path: Path) -> None:

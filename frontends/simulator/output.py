@@ -1,12 +1,14 @@
 """What a simulation leaves behind: the log in the formats of CARMEN and USARSim, and the truth."""
 
 import io
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from frontends.logs.carmen import write_carmen
+from frontends.logs.errors import LogError
 from frontends.logs.usarsim import write_usarsim
 from frontends.simulator.simulation import Simulation
 from frontends.simulator.world import SimulatorError
@@ -15,20 +17,29 @@ from graph.errors import reason
 
 
 def write_simulation(directory: Path, simulation: Simulation) -> None:
-    """Write `log.clf`, `log.usarsim` and `truth.csv` into a folder, made if it is not there.
+    """Write `log.clf`, `log.usarsim` and `truth.csv` into a folder, made if it is not there: all three or none.
 
     The USARSim log holds the truth as well, as that simulator's logs do.
 
     Raises:
-        SimulatorError: the folder cannot be made.
+        SimulatorError: the folder cannot be made, or the files not be written.
     """
+    is_new = not directory.exists()
     try:
         directory.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise SimulatorError(f"{directory}: the folder cannot be made ({reason(error)})") from error
-    write_carmen(directory / "log.clf", simulation.log)
-    write_usarsim(directory / "log.usarsim", replace(simulation.log, truth=simulation.truth))
-    write_truth(directory / "truth.csv", simulation)
+        with tempfile.TemporaryDirectory(prefix=".partial-", dir=directory) as staging:
+            folder = Path(staging)
+            write_carmen(folder / "log.clf", simulation.log)
+            write_usarsim(folder / "log.usarsim", replace(simulation.log, truth=simulation.truth))
+            write_truth(folder / "truth.csv", simulation)
+            for path in sorted(folder.iterdir()):
+                path.replace(directory / path.name)
+    except (OSError, LogError) as error:
+        cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
+        raise SimulatorError(f"{directory}: the simulation cannot be written ({reason(cause)})") from error
+    finally:
+        if is_new and directory.is_dir() and not any(directory.iterdir()):
+            directory.rmdir()
 
 
 def write_truth(path: Path, simulation: Simulation) -> None:
