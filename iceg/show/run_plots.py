@@ -105,6 +105,7 @@ def save_uncertainty_plot(key_poses: NDArray[np.float64], covariances: NDArray[n
 
 
 def _save(figure: "Figure", path: Path) -> None:
+    figure.align_ylabels()
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH, metadata={"Software": None})
     write_atomically(path, buffer.getvalue())
