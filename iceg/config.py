@@ -72,13 +72,13 @@ class Config:
             raise ConfigError(f"seed: found {self.seed}, expected 0 or more")
 
 
-def read_config(path: Path) -> Config:
+def read_config(path: Path | str) -> Config:
     """Read a TOML file; what it does not name keeps its default.
 
     Raises:
         ConfigError: unreadable, an unknown key, a wrong type or a value out of range, named with file and key.
     """
-    return read_settings(Config, path)
+    return read_settings(Config, Path(path))
 
 
 def parse_config(text: str, where: str = "configuration") -> Config:

@@ -74,7 +74,7 @@ def check_directory(directory: Path, *, overwrite: bool) -> None:
         raise ResultsError(f"{directory}: is not empty; choose another folder, or replace its results with --overwrite")
 
 
-def write_results(result: "SlamResult", directory: Path, *, overwrite: bool = False) -> None:
+def write_results(result: "SlamResult", directory: Path | str, *, overwrite: bool = False) -> None:
     """Write everything a run found, all files or none.
 
     The files are made in a hidden folder inside `directory` and moved into place when all are complete: whatever
@@ -88,6 +88,7 @@ def write_results(result: "SlamResult", directory: Path, *, overwrite: bool = Fa
     Raises:
         ResultsError: the folder is not empty, or cannot be written to.
     """
+    directory = Path(directory)
     writers = {name: partial(write, result) for name, write in _WRITERS.items()}
     write_folder(directory, writers, result.summary, overwrite=overwrite)
 
@@ -122,7 +123,7 @@ def write_folder(
         raise ResultsError(f"{directory}: results cannot be written: {reason(err)}") from err
 
 
-def read_covariances(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+def read_covariances(path: Path | str) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
     """Read back `covariances.csv`.
 
     Args:
@@ -134,6 +135,7 @@ def read_covariances(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]
     Raises:
         TableError: the file cannot be read or is not as expected.
     """
+    path = Path(path)
     table = read_csv_table(path, _COVARIANCE_COLUMNS)
     covariances = np.empty((len(table), 3, 3))
     rows, columns = _UPPER_TRIANGLE
@@ -141,12 +143,13 @@ def read_covariances(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]
     return table[:, 0].astype(np.int64), table[:, 1:4], covariances
 
 
-def read_summary(directory: Path) -> dict[str, Any]:
+def read_summary(directory: Path | str) -> dict[str, Any]:
     """Read back `summary.json`.
 
     Raises:
         ResultsError: the folder holds no readable summary.
     """
+    directory = Path(directory)
     path = directory / "summary.json"
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))

@@ -47,12 +47,13 @@ class RunFolder:
     closures: tuple[Closure, ...]
 
 
-def read_run_folder(directory: Path) -> RunFolder:
+def read_run_folder(directory: Path | str) -> RunFolder:
     """Read what a run has left behind.
 
     Raises:
         IcegError: a file is missing or not as expected, named.
     """
+    directory = Path(directory)
     if not directory.is_dir():
         raise ResultsError(f"{directory}: is no folder, expected one that a run has written")
     if is_of_dp_slam(directory):

@@ -58,7 +58,7 @@ def format_tum(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> str:
     return (_LINE * len(columns)) % tuple(columns.ravel().tolist())
 
 
-def read_tum(path: Path) -> Trajectory:
+def read_tum(path: Path | str) -> Trajectory:
     """Read a TUM file; what leaves the plane (z, roll, pitch) is dropped.
 
     Args:
@@ -70,6 +70,7 @@ def read_tum(path: Path) -> Trajectory:
     Raises:
         TrajectoryError: the file cannot be read, holds no pose, or a line is not 8 finite numbers.
     """
+    path = Path(path)
     try:
         with path.open(encoding="utf-8") as file:
             rows = [line.split() for line in file]

@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 import iceg
 from frontends.scan import Log, ScanError
 from graph.measurement import RelativePose
+from iceg.evaluation.trajectory import read_truth_csv
+from iceg.show.run_plots import plot_results
+from iceg.slam.manual_closures import read_manual_closures
+from iceg.tum import read_tum
 
 REPOSITORY = Path(__file__).parent.parent
 N_SCANS = 200
@@ -110,3 +114,17 @@ def test_a_laser_elsewhere_on_the_robot() -> None:
 def test_numbers_that_are_no_scan(ranges: list[float], field_of_view: float) -> None:
     with pytest.raises(ScanError, match="expected"):
         iceg.Scan.from_ranges(ranges, field_of_view=field_of_view)
+
+
+def test_plain_strings_name_files_and_folders(shown: dict[str, Any], tmp_path: Path) -> None:
+    folder, result = str(tmp_path / "out"), shown["first"]
+    iceg.write_results(result, folder)
+    run_folder = iceg.read_run_folder(folder)
+    np.testing.assert_allclose(run_folder.trajectory.poses, result.trajectory, atol=1e-6)
+    assert [path.name for path in plot_results(folder)] == ["map.png", "trajectory.png", "uncertainty.png"]
+    assert iceg.read_config(f"{folder}/config.toml") == result.config
+    assert len(read_tum(f"{folder}/trajectory.tum")) == N_SCANS
+    assert len(read_truth_csv(str(iceg.demo_truth_path()))) == 1848
+    table = tmp_path / "closures.csv"
+    table.write_text("scan_i,scan_j,x_m,y_m,theta_rad\n0,100,1,0,0\n")
+    assert len(read_manual_closures(str(table))) == 1

@@ -119,7 +119,7 @@ def cross_validation(factors: Sequence[Factor], poses: NDArray[np.float64]) -> d
     }
 
 
-def cross_validation_report(folder: Path) -> dict[str, float]:
+def cross_validation_report(folder: Path | str) -> dict[str, float]:
     """The figures for the graph that a run left behind.
 
     Args:
@@ -129,6 +129,7 @@ def cross_validation_report(folder: Path) -> dict[str, float]:
         GraphError: the graph is missing, cannot be read or does not determine every pose.
         EvaluationError: nothing in it is known twice.
     """
+    folder = Path(folder)
     path = folder / "graph.g2o" if folder.is_dir() else folder
     graph = read_g2o(path)
     optimum = optimize(graph.factors, graph.poses).poses

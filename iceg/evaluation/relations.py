@@ -70,7 +70,7 @@ class RelationErrors:
     rotation: NDArray[np.float64]
 
 
-def read_relations_csv(path: Path) -> Relations:
+def read_relations_csv(path: Path | str) -> Relations:
     """Read relations by scan index; only rows with `certain` = 1 are kept, the others counted as dropped.
 
     Args:
@@ -80,6 +80,7 @@ def read_relations_csv(path: Path) -> Relations:
         TableError: the file cannot be read, its header or a row is not as expected.
         EvaluationError: nothing in it is certain, or what should name a scan does not.
     """
+    path = Path(path)
     table = read_csv_table(path, _CSV_COLUMNS)
     certain = table[:, 5] == 1
     if not certain.any():
@@ -95,7 +96,7 @@ def read_relations_csv(path: Path) -> Relations:
     )
 
 
-def read_relations(path: Path, stamps: NDArray[np.float64]) -> Relations:
+def read_relations(path: Path | str, stamps: NDArray[np.float64]) -> Relations:
     """Read relations in the benchmark's original format, by stamp, and tie them to the scans of a log.
 
     Args:
@@ -110,6 +111,7 @@ def read_relations(path: Path, stamps: NDArray[np.float64]) -> Relations:
         TableError: the file cannot be read or a line is not 8 numbers.
         EvaluationError: no relation could be tied to the log.
     """
+    path = Path(path)
     table = read_blank_separated_table(path, _STAMP_COLUMNS)
     scans_i, ok_i = nearest_scans(table[:, 0], stamps)
     scans_j, ok_j = nearest_scans(table[:, 1], stamps)

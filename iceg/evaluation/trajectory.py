@@ -39,7 +39,7 @@ class TrajectoryErrors:
     rot_rmse: float
 
 
-def read_reference_csv(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def read_reference_csv(path: Path | str) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Read reference poses of some scans.
 
     Args:
@@ -52,13 +52,14 @@ def read_reference_csv(path: Path) -> tuple[NDArray[np.int64], NDArray[np.float6
         TableError: the file cannot be read or is not as expected.
         EvaluationError: what should name a scan does not.
     """
+    path = Path(path)
     table = read_csv_table(path, _REFERENCE_COLUMNS)
     scans = table[:, 0]
     check_scan_numbers(scans, path)
     return scans.astype(np.int64), table[:, 1:]
 
 
-def read_truth_csv(path: Path) -> NDArray[np.float64]:
+def read_truth_csv(path: Path | str) -> NDArray[np.float64]:
     """Read the true pose of every scan.
 
     Args:
@@ -70,7 +71,7 @@ def read_truth_csv(path: Path) -> NDArray[np.float64]:
     Raises:
         TableError: the file cannot be read or is not as expected.
     """
-    return read_csv_table(path, _TRUTH_COLUMNS)[:, 1:]
+    return read_csv_table(Path(path), _TRUTH_COLUMNS)[:, 1:]
 
 
 def poses_of_scans(T_map_robot: NDArray[np.float64], scans: NDArray[np.int64], path: Path) -> NDArray[np.float64]:

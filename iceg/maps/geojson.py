@@ -14,7 +14,7 @@ from iceg.maps.feature_map import Landmarks
 _HEAD = '{"type": "FeatureCollection", "frame": "map", "units": {"length": "m", "angle": "rad"}, "features": [\n'
 
 
-def write_geojson(landmarks: Landmarks, path: Path) -> None:
+def write_geojson(landmarks: Landmarks, path: Path | str) -> None:
     """Write landmarks as GeoJSON points, one a line, in metres of the map frame.
 
     Lengths and angles are written to a millionth, variances to six digits.
@@ -26,6 +26,7 @@ def write_geojson(landmarks: Landmarks, path: Path) -> None:
     Raises:
         FeatureMapError: a number that should be there is not finite.
     """
+    path = Path(path)
     write_atomically(path, f"{_HEAD}{_features(landmarks)}\n]}}\n".encode())
 
 

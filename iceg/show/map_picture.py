@@ -41,7 +41,9 @@ class _Entry:
     size: int = 0
 
 
-def save_map_png(path: Path, layers: MapLayers, *, min_seen: int = 3, long_side: int = 2000, title: str = "") -> None:
+def save_map_png(
+    path: Path | str, layers: MapLayers, *, min_seen: int = 3, long_side: int = 2000, title: str = ""
+) -> None:
     """Save the picture of a map with its legend and scale bar.
 
     Args:
@@ -51,6 +53,7 @@ def save_map_png(path: Path, layers: MapLayers, *, min_seen: int = 3, long_side:
         long_side: of the map, in pixels, about: a cell gets a whole number of pixels where there is room for one.
         title: a line beside the scale bar.
     """
+    path = Path(path)
     layers = layers.settled(min_seen)
     box = known_box(layers.grid, layers.trajectory)
     image = map_image(layers, box=box, long_side=long_side)

@@ -22,7 +22,7 @@ PICTURES = ("map.png", "trajectory.png", "uncertainty.png")
 _DOTS_PER_INCH = 120
 
 
-def plot_results(directory: Path) -> tuple[Path, ...]:
+def plot_results(directory: Path | str) -> tuple[Path, ...]:
     """Draw all pictures of a run from the files in its folder.
 
     Args:
@@ -34,6 +34,7 @@ def plot_results(directory: Path) -> tuple[Path, ...]:
     Raises:
         IcegError: a file is missing or not as expected.
     """
+    directory = Path(directory)
     from iceg.show.map_picture import save_map_png
 
     map_png, trajectory_png, uncertainty_png = (directory / name for name in PICTURES)

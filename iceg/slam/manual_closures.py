@@ -65,7 +65,7 @@ class ManualClosure:
             )
 
 
-def read_manual_closures(path: Path) -> list[ManualClosure]:
+def read_manual_closures(path: Path | str) -> list[ManualClosure]:
     """Read closures by hand.
 
     Args:
@@ -75,6 +75,7 @@ def read_manual_closures(path: Path) -> list[ManualClosure]:
     Raises:
         IcegError: path:line, what was found and what was expected.
     """
+    path = Path(path)
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file)
