@@ -143,6 +143,10 @@ class Log:
     message_counts: Mapping[str, int] = field(default_factory=dict)
     truth: NDArray[np.float64] | None = None
 
+    def __repr__(self) -> str:
+        odometry = "" if self.has_odometry else ", no odometry"
+        return f"Log({self.path.name}: {len(self)} scans of {self.geometry.n_beams} beams{odometry})"
+
     def __len__(self) -> int:
         """Number of scans."""
         return len(self.ranges)

@@ -46,6 +46,13 @@ class RunFolder:
     landmarks: Landmarks
     closures: tuple[Closure, ...]
 
+    def __repr__(self) -> str:
+        accepted = sum(closure.verdict == "accepted" for closure in self.closures)
+        return (
+            f"RunFolder({len(self.trajectory)} scans, {len(self.key_scans)} key poses, "
+            f"{accepted} of {len(self.closures)} closures accepted, {len(self.landmarks)} landmarks)"
+        )
+
 
 def read_run_folder(directory: Path | str) -> RunFolder:
     """Read what a run has left behind.

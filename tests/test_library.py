@@ -116,6 +116,15 @@ def test_numbers_that_are_no_scan(ranges: list[float], field_of_view: float) -> 
         iceg.Scan.from_ranges(ranges, field_of_view=field_of_view)
 
 
+def test_a_notebook_shows_what_is_there_in_a_line(shown: dict[str, Any], log: Log, tmp_path: Path) -> None:
+    result = shown["first"]
+    assert repr(log) == f"Log(office.clf.gz: {N_SCANS} scans of 181 beams)"
+    assert repr(result).startswith(f"SlamResult(office.clf.gz: {N_SCANS} scans, {len(result.key_scans)} key poses, ")
+    assert repr(result).endswith(" landmarks, 0 warnings)")
+    iceg.write_results(result, tmp_path / "out")
+    assert repr(iceg.read_run_folder(tmp_path / "out")).startswith(f"RunFolder({N_SCANS} scans, ")
+
+
 def test_plain_strings_name_files_and_folders(shown: dict[str, Any], tmp_path: Path) -> None:
     folder, result = str(tmp_path / "out"), shown["first"]
     iceg.write_results(result, folder)

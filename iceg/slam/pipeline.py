@@ -80,6 +80,14 @@ class SlamResult:
     closures: list[Closure]
     summary: dict[str, Any]
 
+    def __repr__(self) -> str:
+        accepted = sum(closure.verdict == "accepted" for closure in self.closures)
+        return (
+            f"SlamResult({self.log.path.name}: {len(self.trajectory)} scans, {len(self.key_scans)} key poses, "
+            f"{len(self.measured)} factors, {accepted} of {len(self.closures)} closures accepted, "
+            f"{len(self.landmarks)} landmarks, {len(self.summary['warnings'])} warnings)"
+        )
+
 
 def run(
     log: Log,
