@@ -13,7 +13,7 @@ from frontends.scan import Scan, ScanGeometry
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import squared_norm, summed_ratios
 from graph.odometry import OdometryModel
-from graph.se2 import between, compose, wrap_angle
+from graph.se2 import between, compose, inverse, wrap_angle
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.config import FrontEndConfig, KeyScanConfig
 from iceg.slam.map_matcher import FollowingMatcher, MapMatcher
@@ -40,6 +40,8 @@ _CONTRADICTED = 25.0
 """Squared Mahalanobis distance from which on a match contradicts odometry: one near odometry is preferred …"""
 _LEAST_SHARE, _SHARE_PER_DISTANCE2 = 0.75, 1.0 / 800.0
 """… if it explains nearly as much: this share at least, and all of it but for so much per squared distance."""
+_ALONG = 0.5
+"""Key scans on trial come along to what was known if together they explain this share of what the newest does there."""
 _REFUTED = 200.0
 """Squared Mahalanobis distance from which on odometry is no longer imprecise but wrong: the match stands alone."""
 _TRACKING_COVARIANCE = np.diag((0.02, 0.02, 0.01)) ** 2
@@ -221,9 +223,12 @@ class FrontEnd:
     def _follow(self, scan: Scan, guess: NDArray[np.float64]) -> None:
         """Pose of a scan in the track frame; odometry carries it where nothing credible is found."""
         found = self._find(self._reference, scan, guess)
-        self._on_trial = isinstance(found, NoMatch) and self._trial is not None
-        if self._on_trial:
-            found = self._find(self._trial, scan, guess)
+        self._on_trial = False
+        if self._trial is not None and (isinstance(found, NoMatch) or self._is_off(found)):
+            on_trial = self._find(self._trial, scan, guess)
+            self._on_trial = isinstance(found, NoMatch) or self._is_clearer(scan, on_trial, found)
+            if self._on_trial:
+                found = on_trial
         before = self._T_track_robot
         if isinstance(found, NoMatch):
             self.failures += 1
@@ -232,6 +237,31 @@ class FrontEnd:
             self._T_track_robot, self._newest_step = guess, (straight_on, guess)
         else:
             self._T_track_robot, self._newest_step = found, (before, found)
+
+    def _is_off(self, found: NDArray[np.float64]) -> bool:
+        """Whether a pose contradicts odometry since the last key scan."""
+        expected = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
+        return squared_norm(between(found, expected), self._motion.covariance + _TRACKING_COVARIANCE) >= _CONTRADICTED
+
+    def _is_clearer(self, scan: Scan, on_trial: NDArray[np.float64] | NoMatch, found: NDArray[np.float64]) -> bool:
+        """Whether a scan speaks for where the reference on trial has it, and against a pose on the other one.
+
+        After a scan that matched nothing, a glimpse of what was known before may look alike elsewhere. Where it is
+        true, the key scans on trial were misplaced, and moved along with this one they lie on what was known, too.
+        """
+        if isinstance(on_trial, NoMatch) or self._map_matcher is None or self._is_off(on_trial):
+            return False
+        known = self._map_matcher.agreement(self._reference, scan, found).evidence
+        if known >= _LEAST_SHARE * self._map_matcher.agreement(self._trial, scan, on_trial).evidence:
+            return False
+        moved = compose(found, inverse(on_trial))
+        keys = [self.keys[key] for key in self._trial_keys]
+        places = [compose(moved, key.T_track_robot) for key in keys]
+        along = [
+            self._map_matcher.agreement(self._reference, key.scan, T).evidence
+            for key, T in zip(keys, places, strict=True)
+        ]
+        return sum(along) < _ALONG * known
 
     def _find(self, reference: Any, scan: Scan, guess: NDArray[np.float64]) -> NDArray[np.float64] | NoMatch:  # noqa: ANN401
         """Pose of a scan against one reference, in the track frame."""
