@@ -31,17 +31,17 @@ _LINE_ROUNDS = 3
 _APART = 1e5
 _THINNEST = 4
 """Rather than keep less than one in so many beams, fewer scans take part."""
-_FARTHER = 1.5
+_FARTHER = 1.3
 """Steps are taken so much longer: a full one brings little more than half of what is left, because weights and lines
-follow the points."""
+follow the points. Longer ones overshoot where it brings more."""
 _OTHER_PIECES = 0.5
 """After steps longer than so many cells the points are grouped into pieces of wall anew."""
 _STAND_FOR = 4.0
 """Points that stand for more others than this count for more, by the power 2/3 of the excess: the fewer are taken, the
 less alike they err. So the NEES of long runs, whose points are thinned, falls no further."""
-_TOLERANCE, _MOST_PRODUCTS = 0.1, 60
-"""Conjugate gradients stop at this share of the first residual, since a step does not bring all anyway; at most so many
-products are taken."""
+_TOLERANCE, _MOST_PRODUCTS = 0.03, 60
+"""Conjugate gradients stop at this share of the first residual: with a tenth, the first pose, which few points hold
+along a corridor, stays behind. At most so many products are taken."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
