@@ -14,7 +14,7 @@ from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
-from iceg.slam import back_end, relocalisation
+from iceg.slam import back_end, relocalisation, untied_steps
 from iceg.slam.closure_attempt import Attempt, Place, closure_factor
 from iceg.slam.closure_candidates import Candidate
 from iceg.slam.config import FrontEndConfig, LoopClosureConfig
@@ -106,7 +106,7 @@ def _relocalised(
     track: Track,
     places: Mapping[int, Sequence[Array]],
     monkeypatch: pytest.MonkeyPatch,
-    strength: float = LOST,
+    strength: float | None = LOST,
     held: Sequence[Attempt] = (),
 ) -> Estimate:
     """With the places found alike; closures found on the way hold the path."""
@@ -116,11 +116,13 @@ def _relocalised(
 
 
 def _searched(
-    track: Track, places: Mapping[int, Sequence[Array]], strength: float = LOST, held: Sequence[Attempt] = ()
+    track: Track, places: Mapping[int, Sequence[Array]], strength: float | None = LOST, held: Sequence[Attempt] = ()
 ) -> Estimate:
     factors = _path(track) + [closure_factor(closure) for closure in held]
     before = Estimate(factors=factors, poses=_poses(track), attempts=list(held))
-    doubts = {_BREAK: Doubt(reason="nothing matched what was known before", strength=strength)}
+    doubts = {}
+    if strength is not None:
+        doubts[_BREAK] = Doubt(reason="nothing matched what was known before", strength=strength)
     return relocalise(_Closer(track, places), track, before, doubts, LoopClosureConfig())
 
 
@@ -202,6 +204,20 @@ def test_what_only_a_second_comparison_of_places_finds_must_be_sure(
     monkeypatch.setattr(relocalisation, "alike_places", _only_the_second_time([(_EARLIER, key) for key in places]))
     again = _searched(track, places)
     assert [at.outcome for at in again.breaks] == [outcome]
+
+
+@pytest.mark.parametrize(("n_held", "outcomes"), [(0, ["contradicted"]), (1, ["contradicted"]), (3, [])])
+def test_closures_that_hold_the_path_speak_against_those_that_contradict_it(
+    track: Track, monkeypatch: pytest.MonkeyPatch, n_held: int, outcomes: list[str]
+) -> None:
+    # Eight agree, too far off for drift; each that holds the path takes two with it, and six must be left.
+    far = np.array([40.0, -30.0, 2.0])
+    monkeypatch.setattr(untied_steps, "_WEAK_SCORE", 2.0)
+    poses, last = _poses(track), len(track.keys) - 1
+    whole = _Closer(track, {last: [between(poses[0], poses[last])]}).match_anywhere(0, last, poses)
+    held = [whole] * n_held
+    found = _relocalised(track, {k: [_moved(track, k, far)] for k in _AGAIN}, monkeypatch, strength=None, held=held)
+    assert [at.outcome for at in found.breaks] == outcomes
 
 
 def _only_the_second_time(pairs: list[tuple[int, int]]) -> Callable[..., list[tuple[int, int]]]:

@@ -120,7 +120,7 @@ class JointRefinementConfig:
 
     enabled: bool = True
     """Off leaves the poses where matches and odometry put them."""
-    steps: int = 2
+    steps: int = 3
     """Most Gauss-Newton steps."""
     tolerance: float = 0.002
     """A step that moves the key poses by less than this on average is the last [m]."""

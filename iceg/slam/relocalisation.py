@@ -28,7 +28,7 @@ from iceg.slam.path_parts import PathParts
 from iceg.slam.place_hypothesis import Hypothesis, about_parts, about_single_steps, agreeing_sets
 from iceg.slam.place_votes import Vote
 from iceg.slam.track import Track
-from iceg.slam.untied_steps import UntiedSteps
+from iceg.slam.untied_steps import UntiedSteps, closures_across
 
 _MOST_HYPOTHESES = 6
 _MOST_PLACES = 3
@@ -293,6 +293,9 @@ class _Relocalisation:
     def _break(self, key: int, hypothesis: Hypothesis, exam: Exam, closures: list[Attempt]) -> _Outcome:
         """Record a break; the parts are joined only where something else spoke against the path, too."""
         doubt, is_known = self._steps.doubt(key), key in self._steps.doubts
+        if not is_known:  # the closures that hold the path together there contradict it, too
+            held = closures_across(self._factors, len(self._poses), self._config)[key]
+            exam = replace(exam, against=exam.against + int(held))
         if not (exam.is_sure or (is_known and not self._looks_again)):
             return "open"
         correction = hypothesis.correction(self._poses)
