@@ -97,7 +97,7 @@ class _Examiner:
         del poses
         return Exam(agreeing=list(hypothesis.closures), against=self.against)
 
-    def of_estimate(self, hypothesis: Hypothesis, poses: Array, among: NDArray[np.bool_]) -> Exam:
+    def of_estimate(self, hypothesis: Hypothesis, poses: Array, among: NDArray[np.bool_] | None = None) -> Exam:
         del hypothesis, poses, among
         return Exam(agreeing=[], against=0)
 
@@ -147,15 +147,42 @@ def test_the_set_that_agrees_picks_among_the_places_of_each(track: Track, monkey
     np.testing.assert_allclose(between(found.poses[_EARLIER], found.poses[key]), _moved(track, key, _HERE), atol=0.05)
 
 
-@pytest.mark.parametrize(("n_alone", "joins"), [(4, True), (3, False)])
+@pytest.mark.parametrize(
+    ("n_alone", "strength", "expected"),
+    [
+        (4, REFUTED, ["joined"]),
+        (3, 1.0, []),
+        pytest.param(3, REFUTED, ["contradicted"], id="told where match and odometry contradict each other"),
+        (2, REFUTED, []),
+    ],
+)
 def test_a_path_that_was_not_lost_is_not_broken_by_what_fits_elsewhere_too(
-    track: Track, monkeypatch: pytest.MonkeyPatch, n_alone: int, joins: bool
+    track: Track, monkeypatch: pytest.MonkeyPatch, n_alone: int, strength: float, expected: list[str]
 ) -> None:
     places = {k: [_moved(track, k, _HERE), _by_chance(k)] for k in _AGAIN}
     for key in list(_AGAIN)[:n_alone]:
         places[key] = places[key][:1]
-    found = _relocalised(track, places, monkeypatch, strength=2.0)
-    assert [at.outcome for at in found.breaks] == ["joined"] * joins
+    found = _relocalised(track, places, monkeypatch, strength=strength)
+    assert [at.outcome for at in found.breaks] == expected
+    if expected != ["joined"]:
+        np.testing.assert_array_equal(found.poses, _poses(track))
+    for at in found.breaks:
+        moved = np.hypot(*(compose(_HERE, _poses(track)[_BREAK]) - _poses(track)[_BREAK])[:2])
+        assert at.moved == pytest.approx(moved, abs=0.1)
+        assert at.closures == len(_AGAIN)
+
+
+@pytest.mark.parametrize(("agree", "against", "is_told"), [(5, 1, True), (3, 2, True), (2, 1, False), (4, 4, False)])
+def test_what_is_told_without_acting_on_it_is_credible(
+    track: Track, monkeypatch: pytest.MonkeyPatch, agree: int, against: int, is_told: bool
+) -> None:
+    monkeypatch.setattr(
+        _Examiner, "of_hypothesis", lambda _, claim, _poses: Exam(agreeing=claim.closures[:agree], against=against)
+    )
+    places = {k: [_moved(track, k, _HERE)] for k in _AGAIN}
+    found = _relocalised(track, places, monkeypatch, strength=REFUTED)
+    assert [at.outcome for at in found.breaks] == ["contradicted"] * is_told
+    assert not any(attempt.accepted for attempt in found.attempts)
 
 
 def test_two_sets_about_as_strong_close_nothing_and_it_is_said(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -306,6 +333,33 @@ def test_of_two_steps_that_odometry_contradicts_the_one_whose_match_explains_les
     (found,) = about_single_steps([closure], steps)
     assert scores[worse] + 0.05 < scores[better]
     assert found.key == worse
+
+
+@pytest.mark.parametrize(
+    ("untied", "is_drift"), [(None, True), ((0, 60), True), ((0, 100), True), ((30, 34), False), ((50, 51), False)]
+)
+def test_where_something_speaks_against_a_path_it_drifts_only_along_what_no_closure_holds(
+    untied: tuple[int, int] | None, is_drift: bool
+) -> None:
+    # 80 steps of 0.1 m each explain 1.5 m; four of them do not.
+    poses, covariance = np.zeros((100, 3)), np.diag([0.1, 0.1, 0.05]) ** 2
+    poses[:, 0] = np.arange(100)
+    step = np.array([1.0, 0.0, 0.0])
+    path = [Factor(kind="odometry", i=k, j=k + 1, T_i_j=step, covariance=covariance) for k in range(99)]
+    match = RelativePose(
+        T_ref_cur=np.array([81.5, 0.0, 0.0]),
+        covariance=covariance,
+        score=0.9,
+        inliers=150,
+        overlap=0.9,
+        weak_directions=np.zeros((0, 3)),
+    )
+    closure = Attempt(key_old=10, key_new=90, match=match, accepted=True, reason="scripted")
+    steps = None
+    if untied is not None:
+        steps = np.zeros(100, dtype=np.bool_)
+        steps[slice(*untied)] = True
+    assert Hypothesis(key=50, closures=[closure]).is_drift(path, poses, steps) == is_drift
 
 
 def test_hypotheses_are_apart_by_how_far_they_put_the_same_scan(track: Track) -> None:

@@ -45,9 +45,9 @@ class Break:
     Attributes:
         key: the first key pose after it.
         outcome: "joined" by loop closures on both sides; "apart": nothing ties what follows to what was before, and
-            odometry alone says where it is; "contradicted": closures disagree with the path, nothing else speaks
-            against it, and the map follows the path; "credible": closures agree with where odometry led on, though not
-            so many that chance is out of the question.
+            odometry alone says where it is; "contradicted": closures disagree with the path, but nothing else speaks
+            against it or they are few, and the map follows the path; "credible": closures agree with where odometry led
+            on, though not so many that chance is out of the question.
         reason: what was noticed there.
         closures: how many agree about it; of one that is "apart", how many agree with where odometry led on.
         moved: how far they say that the robot is from where the path puts it [m].

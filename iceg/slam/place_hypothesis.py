@@ -21,6 +21,8 @@ _MOST = 0.75
 """Share of the most closures that span one step, from which on a step may be the one that they are about."""
 _CHANCE_SIGMAS2 = 25.0
 """Chance explains an offset up to this squared Mahalanobis distance."""
+_TIED = 0.01
+"""Of the covariance of a step that closures span, so much is left."""
 _BIAS_SIGMAS2 = 9.0
 """The path explains an offset if errors of up to three standard deviations at every step, all alike, do."""
 
@@ -63,19 +65,25 @@ class Hypothesis:
         )
         return float(np.hypot(x - x_other, y - y_other))
 
-    def is_drift(self, factors: Sequence[Factor], poses: NDArray[np.float64], *, is_biased: bool) -> bool:
+    def is_drift(
+        self, factors: Sequence[Factor], poses: NDArray[np.float64], untied: NDArray[np.bool_] | None = None
+    ) -> bool:
         """Whether the errors of the path explain it, step by step.
 
         Args:
             factors: of the graph.
             poses: (k, 3) T_map_robot.
-            is_biased: the errors may be larger than the path claims, and all alike.
+            untied: (k,) the steps to key poses that no closure holds, where something else speaks against the path: it
+                drifts along them, hardly elsewhere. If left out, errors may be larger than it claims, and all alike.
         """
         cumulative = cumulative_covariances(_path(factors), poses)
+        if untied is not None:
+            steps = np.diff(cumulative, axis=0, prepend=np.zeros((1, 3, 3)))
+            cumulative = np.cumsum(np.where(untied[:, None, None], 1.0, _TIED) * steps, axis=0)
         for closure in self.closures:
             error = logmap(_correction(closure, poses))
             covariance = cumulative[closure.key_new] - cumulative[closure.key_old]
-            most = _BIAS_SIGMAS2 * (closure.key_new - closure.key_old) if is_biased else _CHANCE_SIGMAS2
+            most = _BIAS_SIGMAS2 * (closure.key_new - closure.key_old) if untied is None else _CHANCE_SIGMAS2
             if error @ np.linalg.solve(covariance, error) > most:
                 return False
         return True

@@ -23,7 +23,7 @@ from iceg.slam.closure_candidates import Candidate
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.examination import Exam, Examiner
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.path_break import ADRIFT, LOST, REFUTED, UNKNOWN_STEP, Break, Doubt
+from iceg.slam.path_break import ADRIFT, LOST, REFUTED, UNKNOWN_STEP, Break, Doubt, Outcome
 from iceg.slam.path_parts import PathParts
 from iceg.slam.place_hypothesis import Hypothesis, about_parts, about_single_steps, agreeing_sets
 from iceg.slam.place_votes import Vote
@@ -133,11 +133,14 @@ class _Relocalisation:
         return [key for key, doubt in self._steps.doubts.items() if doubt.strength >= LOST]
 
     def _join(self, found: Sequence[Sequence[Attempt]]) -> bool:
-        """Act on sets of closures that agree; whether they join any parts."""
+        """Act on sets of closures that agree, and tell what is too little to act on; whether they join any parts."""
         sets = [self._settled(claims) for claims in found[:_MOST_HYPOTHESES]]
         has_joined = False
         while sets and self._join_one(sets):  # what is joined may decide what was left open
             has_joined = True
+        for closures in sets:
+            for hypothesis in self._hypotheses(closures):
+                self._tell(hypothesis)
         return has_joined
 
     def _join_one(self, sets: list[list[Attempt]]) -> bool:
@@ -226,11 +229,15 @@ class _Relocalisation:
     def _is_supported(self, hypothesis: Hypothesis) -> bool:
         """Whether enough key scans fit one place only, or where the robot was lost anyway, this one among others."""
         fewest, doubt = self._config.place_confirmations, self._steps.doubts.get(hypothesis.key)
-        sure = {(attempt.key_old, attempt.key_new) for attempt in self._tried if attempt.accepted}
-        alone = [c for c in hypothesis.closures if (c.key_old, c.key_new) in sure]
-        if Hypothesis(key=hypothesis.key, closures=alone).support >= fewest:
+        if self._sure_support(hypothesis) >= fewest:
             return True
         return doubt is not None and doubt.strength >= LOST and hypothesis.support >= fewest
+
+    def _sure_support(self, hypothesis: Hypothesis) -> int:
+        """How many key scans of a hypothesis fit one place only."""
+        sure = {(attempt.key_old, attempt.key_new) for attempt in self._tried if attempt.accepted}
+        alone = [c for c in hypothesis.closures if (c.key_old, c.key_new) in sure]
+        return Hypothesis(key=hypothesis.key, closures=alone).support
 
     def _settled(self, claims: Sequence[Attempt]) -> list[Attempt]:
         """Claims that agree, each matched where it was made; an ambiguous one that confirms the path says nothing."""
@@ -253,7 +260,7 @@ class _Relocalisation:
         """Examine a hypothesis, and where they differ the present estimate and others; act on what holds."""
         exam = self._examiner.of_hypothesis(hypothesis, self._poses)
         closures = _distinct([*exam.agreeing, *hypothesis.closures])
-        is_confirmed = sum(is_near(closure, self._poses) for closure in closures) > 0.5 * len(closures)
+        is_confirmed = self._is_confirmed(closures)
         if not exam.is_passed:
             return "open"
         whole, first = self._parts().whole, hypothesis.closures[0]
@@ -264,13 +271,51 @@ class _Relocalisation:
             self._alike[hypothesis.key] = rival
             return "open"
         key = hypothesis.key if among[first.key_new] else int(max(whole[first.key_old], whole[first.key_new]))
-        doubt = self._steps.doubts.get(key)
-        is_intact = doubt is None or doubt.strength < REFUTED
-        if is_confirmed or hypothesis.is_drift(self._path, self._poses, is_biased=is_intact):
+        untied = self._steps.untied if self._is_refuted(key) else None
+        if is_confirmed or hypothesis.is_drift(self._path, self._poses, untied):
             self._steps.doubts.pop(key, None)
             self._close(closures)
             return "closed"
         return self._break(key, hypothesis, exam, closures)
+
+    def _is_confirmed(self, closures: Sequence[Attempt]) -> bool:
+        """Whether most of them say what the present estimate says."""
+        return sum(is_near(closure, self._poses) for closure in closures) > 0.5 * len(closures)
+
+    def _is_refuted(self, key: int) -> bool:
+        """Whether odometry and match contradict each other before a key pose, or the robot was lost there."""
+        doubt = self._steps.doubts.get(key)
+        return doubt is not None and doubt.strength >= REFUTED
+
+    def _tell(self, hypothesis: Hypothesis) -> None:
+        """Say what is too little to act on, where odometry and match contradict each other and nothing else agrees."""
+        key, doubt = hypothesis.key, self._steps.doubts.get(hypothesis.key)
+        if doubt is None or not REFUTED <= doubt.strength < LOST or key in self._breaks or key in self._alike:
+            return
+        if self._sure_support(hypothesis) < self._config.confirmations:
+            return
+        exam = self._against_the_path(key, self._examiner.of_hypothesis(hypothesis, self._poses))
+        closures = _distinct([*exam.agreeing, *hypothesis.closures])
+        if not exam.is_credible or self._is_confirmed(closures):
+            return
+        if exam.beats(self._examiner.of_estimate(hypothesis, self._poses)):
+            self._note(key, "contradicted", closures, hypothesis.correction(self._poses))
+
+    def _against_the_path(self, key: int, exam: Exam) -> Exam:
+        """An examination in which the closures that hold the path together before a key pose speak against it, too."""
+        held = closures_across(self._factors, len(self._poses), self._config)[key]
+        return replace(exam, against=exam.against + int(held))
+
+    def _note(self, key: int, outcome: Outcome, closures: Sequence[Attempt], correction: NDArray[np.float64]) -> None:
+        """Record a break, and by how much closures that agree move what follows."""
+        moved = (compose(correction, self._poses[key]) - self._poses[key])[:2]
+        self._breaks[key] = Break(
+            key=key,
+            outcome=outcome,
+            reason=self._steps.doubt(key).reason,
+            closures=len({closure.key_new for closure in closures}),
+            moved=float(np.hypot(*moved)),
+        )
 
     def _rival(self, hypothesis: Hypothesis, exam: Exam, others: Sequence[Hypothesis]) -> Vote | None:
         """What speaks for another place of the same scans, if a hypothesis does not clearly beat it."""
@@ -292,24 +337,16 @@ class _Relocalisation:
 
     def _break(self, key: int, hypothesis: Hypothesis, exam: Exam, closures: list[Attempt]) -> _Outcome:
         """Record a break; the parts are joined only where something else spoke against the path, too."""
-        doubt, is_known = self._steps.doubt(key), key in self._steps.doubts
-        if not is_known:  # the closures that hold the path together there contradict it, too
-            held = closures_across(self._factors, len(self._poses), self._config)[key]
-            exam = replace(exam, against=exam.against + int(held))
+        is_known = key in self._steps.doubts
+        if not is_known:
+            exam = self._against_the_path(key, exam)
         if not (exam.is_sure or (is_known and not self._looks_again)):
             return "open"
         correction = hypothesis.correction(self._poses)
         moving = self._moving(key, hypothesis)
         if not moving[min(closure.key_new for closure in hypothesis.closures)]:
             correction = inverse(correction)
-        moved = (compose(correction, self._poses[key]) - self._poses[key])[:2]
-        self._breaks[key] = Break(
-            key=key,
-            outcome="joined" if is_known else "contradicted",
-            reason=doubt.reason,
-            closures=len({closure.key_new for closure in closures}),
-            moved=float(np.hypot(*moved)),
-        )
+        self._note(key, "joined" if is_known else "contradicted", closures, correction)
         self._steps.doubts.pop(key, None)
         self._steps.untied[key] = False
         if not is_known:
