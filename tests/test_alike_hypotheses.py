@@ -172,17 +172,27 @@ def test_a_path_that_was_not_lost_is_not_broken_by_what_fits_elsewhere_too(
         assert at.closures == len(_AGAIN)
 
 
-@pytest.mark.parametrize(("agree", "against", "is_told"), [(5, 1, True), (3, 2, True), (2, 1, False), (4, 4, False)])
+@pytest.mark.parametrize(
+    ("agree", "against", "n_held", "is_told"),
+    [(5, 1, 0, True), (3, 2, 0, True), (2, 1, 0, False), (4, 4, 0, False), (5, 1, 3, True), (5, 1, 4, False)],
+)
 def test_what_is_told_without_acting_on_it_is_credible(
-    track: Track, monkeypatch: pytest.MonkeyPatch, agree: int, against: int, is_told: bool
+    track: Track, monkeypatch: pytest.MonkeyPatch, agree: int, against: int, n_held: int, is_told: bool
 ) -> None:
     monkeypatch.setattr(
         _Examiner, "of_hypothesis", lambda _, claim, _poses: Exam(agreeing=claim.closures[:agree], against=against)
     )
     places = {k: [_moved(track, k, _HERE)] for k in _AGAIN}
-    found = _relocalised(track, places, monkeypatch, strength=REFUTED)
+    held = [_over_the_whole_path(track)] * n_held
+    found = _relocalised(track, places, monkeypatch, strength=REFUTED, held=held)
     assert [at.outcome for at in found.breaks] == ["contradicted"] * is_told
-    assert not any(attempt.accepted for attempt in found.attempts)
+    assert [attempt for attempt in found.attempts if attempt.accepted] == held
+
+
+def _over_the_whole_path(track: Track) -> Attempt:
+    """A closure that says what the path says."""
+    poses, last = _poses(track), len(track.keys) - 1
+    return _Closer(track, {last: [between(poses[0], poses[last])]}).match_anywhere(0, last, poses)
 
 
 def test_two_sets_about_as_strong_close_nothing_and_it_is_said(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -240,9 +250,7 @@ def test_closures_that_hold_the_path_speak_against_those_that_contradict_it(
     # Eight agree, too far off for drift; each that holds the path takes two with it, and six must be left.
     far = np.array([40.0, -30.0, 2.0])
     monkeypatch.setattr(untied_steps, "_WEAK_SCORE", 2.0)
-    poses, last = _poses(track), len(track.keys) - 1
-    whole = _Closer(track, {last: [between(poses[0], poses[last])]}).match_anywhere(0, last, poses)
-    held = [whole] * n_held
+    held = [_over_the_whole_path(track)] * n_held
     found = _relocalised(track, {k: [_moved(track, k, far)] for k in _AGAIN}, monkeypatch, strength=None, held=held)
     assert [at.outcome for at in found.breaks] == outcomes
 
