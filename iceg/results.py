@@ -60,7 +60,11 @@ def check_directory(directory: Path, *, overwrite: bool) -> None:
         ResultsError: it is a file or below one, cannot be written to, or is not empty although nothing may be
             overwritten.
     """
-    there = next(path for path in (directory, *directory.absolute().parents) if path.exists())
+    paths = (directory, *directory.absolute().parents)
+    there = next(path for path in paths if path.exists())
+    broken = next((path for path in paths if path.is_symlink() and not path.exists()), None)
+    if broken is not None:
+        raise ResultsError(f"{directory}: {broken} is a link that leads nowhere, expected a folder")
     if not there.is_dir():
         raise ResultsError(f"{directory}: {'' if there == directory else f'{there} '}is a file, expected a folder")
     try:

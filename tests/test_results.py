@@ -208,6 +208,14 @@ def test_a_folder_in_which_nobody_can_write_is_refused_before_the_run() -> None:
         check_directory(Path("/proc/out"), overwrite=False)
 
 
+@pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")
+def test_a_link_that_leads_nowhere_is_refused_before_the_run(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "nowhere")
+    for directory in (tmp_path / "link", tmp_path / "link" / "out"):
+        with pytest.raises(ResultsError, match=r"/link is a link that leads nowhere, expected a folder"):
+            check_directory(directory, overwrite=False)
+
+
 def test_the_check_of_a_folder_leaves_nothing_behind(tmp_path: Path) -> None:
     check_directory(tmp_path / "some" / "where", overwrite=False)
     assert names(tmp_path) == []
