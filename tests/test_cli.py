@@ -264,6 +264,11 @@ def test_eval_of_a_run_folder_judges_its_covariances(tmp_path: Path, capsys: pyt
         (["eval", "TRAJECTORY", "--truth", "missing.csv"], 1, "missing.csv: cannot be read"),
         (["eval", "missing.tum", "--truth", "TRUTH"], 1, "missing.tum: cannot be read"),
         (["eval", "TRAJECTORY", "--truth", "TRUTH"], 1, "holds 1 poses, the trajectory 3"),
+        (
+            ["eval", "TRAJECTORY", "--reference", "ONE"],
+            1,
+            "one.csv: found 1 pose to compare, an alignment needs at least",
+        ),
         (["info", "missing.clf"], 1, "missing.clf"),
         (["run", "missing.clf", "-o", "OUT"], 1, "missing.clf"),
         (["plot", "missing-folder"], 1, "missing-folder"),
@@ -279,9 +284,11 @@ def test_errors_are_one_clear_line(
 ) -> None:
     truth = tmp_path / "truth.csv"
     truth.write_text("t_s,x_m,y_m,theta_rad\n0,0,0,0\n")
+    (tmp_path / "one.csv").write_text("scan,x_m,y_m,theta_rad\n0,0,0,0\n")
     places = {
         "TRAJECTORY": str(write_trajectory(tmp_path / "t.tum", walk(3))),
         "TRUTH": str(truth),
+        "ONE": str(tmp_path / "one.csv"),
         "OUT": str(tmp_path / "out"),
         "BELOW_A_FILE": str(truth / "out"),
     }

@@ -40,6 +40,7 @@ def run_log(
     Raises:
         IcegError: the log cannot be read, or the results not be written.
     """
+    from graph.errors import GraphError
     from iceg.results import check_directory, write_results
     from iceg.show.progress import ProgressBar, compile_note
 
@@ -58,8 +59,11 @@ def run_log(
 
             by_hand = read_manual_closures(closures) if closures else []
             check_manual_closures(by_hand, len(log))
-            with ProgressBar(log) as progress:
-                result = run(log, config, progress, closures=by_hand)
+            try:
+                with ProgressBar(log) as progress:
+                    result = run(log, config, progress, closures=by_hand)
+            except GraphError as err:
+                raise GraphError(f"{path}: {err}") from err
             write_results(result, directory, overwrite=overwrite)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(what_was_kept(directory, before)) from None
@@ -95,12 +99,16 @@ def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, di
 
     factor = real_time_factor(result.log.stamps, seconds)
     speed = f", {factor:.0f}x real time" if factor else ""
-    print(f"{len(result.log)} scans in {seconds:.1f} s{speed}, everything included")
+    print(f"{_counted(len(result.log), 'scan')} in {seconds:.1f} s{speed}, everything included")
     matched = f", {100 * progress.accepted / progress.tried:.1f} % of the matches accepted" if progress.tried else ""
-    print(f"{len(result.key_scans)} key poses, {len(result.landmarks)} landmarks{matched}")
+    print(f"{_counted(len(result.key_scans), 'key pose')}, {_counted(len(result.landmarks), 'landmark')}{matched}")
     _tell_finish(result)
     _tell_doubts(result)
     print(f"Results are in {directory}: map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more")
+
+
+def _counted(n: int, what: str) -> str:
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
 def _tell_finish(result: "SlamResult") -> None:

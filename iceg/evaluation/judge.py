@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iceg.evaluation.consistency import consistency, pose_nees
+from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.relations import read_relations, read_relations_csv
 from iceg.evaluation.report import consistency_report, relations_report, trajectory_report
 from iceg.evaluation.trajectory import (
@@ -59,6 +60,8 @@ def reference_report(trajectory: Path, reference: Path) -> dict[str, float]:
         IcegError: as `relations_csv_report`.
     """
     scans, T_world_robot = read_reference_csv(reference)
+    if len(scans) < 2:
+        raise EvaluationError(f"{reference}: found 1 pose to compare, an alignment needs at least 2")
     estimated = poses_of_scans(read_poses(trajectory), scans, reference)
     return trajectory_report(trajectory_errors(estimated, T_world_robot))
 
