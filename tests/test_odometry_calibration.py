@@ -101,6 +101,21 @@ def test_what_was_done_to_odometry_is_found(scale: float, heading_scale: float, 
     assert found.heading_shift == pytest.approx(shift, abs=0.1)
 
 
+@pytest.mark.parametrize("scans", [-5, 4])
+def test_odometry_that_is_several_scans_late_is_read_in_time(scans: int) -> None:
+    truth = _drive(1500)
+    late = truth[np.clip(np.arange(len(truth)) - scans, 0, len(truth) - 1)]
+    calibration = calibrate_odometry(_track(truth, every=4), late)
+    assert calibration.heading_shift == pytest.approx(scans, abs=0.1)
+    assert calibration.translation_shift == pytest.approx(scans, abs=0.1)
+    assert calibration.is_late
+    assert not calibrate_odometry(_track(truth, every=4), truth).is_late
+    inner = slice(20, -20)
+    corrected = calibration.apply(late)[inner]
+    steps, true_steps = (between(poses[:-1], poses[1:]) for poses in (corrected, truth[inner]))
+    np.testing.assert_allclose(steps, true_steps, atol=3e-3)
+
+
 def test_a_drifting_heading_does_not_pass_for_a_laser_that_looks_askew() -> None:
     truth = _drive(2500)
     found = calibrate_odometry(_track(truth, 6, noise=0.001), _spoiled(truth, 0, 0, 0.06, 0, np.zeros(3)))

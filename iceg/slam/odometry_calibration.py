@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse, wrap_angle
+from iceg.slam.odometry_delay import whole_delay
 from iceg.slam.odometry_noise import Differences, lasting_noise, odometry_noise, robust_deviation
 from iceg.slam.odometry_steps import sudden_steps
 from iceg.slam.track import KeyScan, Track
@@ -21,6 +22,8 @@ _ROBUST_ROUNDS = 15
 """Rounds of iteratively reweighted least squares."""
 _FEWEST_KEYS = 20
 """Fewest matched key scans to calibrate from."""
+_LATE = 1.0
+"""Scans that odometry may be late without harm."""
 _WINDOW = 5
 """Key scans over which moves are compared: noise in the steps of odometry makes a scale fitted to them too small."""
 _TURNING = 0.3
@@ -51,6 +54,11 @@ class OdometryCalibration:
     T_odometry_laser: tuple[float, float, float] = (0.0, 0.0, 0.0)
     noise: OdometryModel
     lasting_noise: OdometryModel = field(default_factory=OdometryModel)
+
+    @property
+    def is_late(self) -> bool:
+        """Whether odometry is so late, or early, that what it predicted may have led matches astray."""
+        return abs(self.heading_shift) > _LATE
 
     def apply(self, odometry: NDArray[np.float64]) -> NDArray[np.float64]:
         """Correct a log's odometry.
@@ -96,6 +104,20 @@ def calibrate_odometry(track: Track, odometry: NDArray[np.float64]) -> OdometryC
     samples = _Samples.collect(track, odometry)
     if samples is None:
         return OdometryCalibration(noise=OdometryModel())
+    delay = whole_delay(samples.matched[:, 2], samples.starts, samples.ends, odometry)
+    if delay:
+        in_time = OdometryCalibration(heading_shift=delay, translation_shift=delay, noise=OdometryModel())
+        found = _calibrated(track, in_time.apply(odometry))
+        return replace(
+            found, heading_shift=found.heading_shift + delay, translation_shift=found.translation_shift + delay
+        )
+    return _calibrated(track, odometry, samples)
+
+
+def _calibrated(track: Track, odometry: NDArray[np.float64], samples: "_Samples | None" = None) -> OdometryCalibration:
+    """Fit to the motions between matched key scans, of which there are enough; odometry is off by a scan or so."""
+    samples = samples or _Samples.collect(track, odometry)
+    assert samples is not None
     windows = _Samples.collect(track, odometry, _WINDOW) or samples
     turns = _fit_turns(samples, windows)
     # A heading that drifts leads aside, too, and that must not pass for a laser that looks askew.

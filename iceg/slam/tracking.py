@@ -58,7 +58,7 @@ def track_calibrating(
 ) -> tuple[Track, OdometryCalibration]:
     """Run the front end over a log; what its first part tells about the odometry helps with the rest.
 
-    Where odometry had to carry a scan of the first part, that part is tracked again with the better odometry.
+    Where odometry had to carry a scan of the first part, or was late, that part is tracked again with the better one.
 
     Args:
         log: the log.
@@ -79,7 +79,7 @@ def track_calibrating(
         first = journey.track()
         calibration = calibrate_odometry(first, log.odometry[:n_first])
         odometry = calibration.apply(log.odometry)
-        if first.failures:
+        if first.failures or calibration.is_late:
             journey = _Journey(log, matcher, calibration.noise, config, progress)
         journey.trust(calibration.noise)
     journey.advance(len(log), odometry)

@@ -1,0 +1,43 @@
+"""By how many scans the odometry is late, or early, where that is more than a linear fit can tell.
+
+A shift moves what odometry claims by the shift times the change of speed: true of a fraction of a scan, no longer of
+several, over which a robot may begin a turn and end it. So turns are compared at whole shifts first.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.se2 import between, wrap_angle
+from iceg.slam.odometry_steps import sudden_steps
+
+_MOST = 16
+"""Scans up to which a delay is looked for."""
+_WRONG = 0.3
+"""A match that differs by more [rad] differs by no more than this: it may be wrong itself."""
+_CLEARLY = 2.0
+"""So many times smaller must the mean square of the differences become."""
+
+
+def whole_delay(
+    turns: NDArray[np.float64], starts: NDArray[np.int64], ends: NDArray[np.int64], odometry: NDArray[np.float64]
+) -> int:
+    """Scans later at which odometry must be read, to a whole number; 0 where that does not clearly explain more.
+
+    Nor is a delay looked for where odometry jumps, or the log pauses while the robot drives: which of the two it is
+    decides whether the step is late, too.
+
+    Args:
+        turns: (m,) change of heading between two scans by matches [rad].
+        starts: (m,) the first scan of each …
+        ends: … and the last one.
+        odometry: (n, 3) raw, one pose per scan.
+    """
+    if sudden_steps(odometry).any():
+        return 0
+    heading = np.concatenate([[0.0], np.cumsum(between(odometry[:-1], odometry[1:])[:, 2])])
+    shifts, last = np.arange(-_MOST, _MOST + 1), len(heading) - 1
+    at = np.clip(np.stack([starts, ends])[:, None, :] + shifts[:, None], 0, last)
+    differences = wrap_angle(turns - (heading[at[1]] - heading[at[0]]))
+    squares = np.mean(np.minimum(np.abs(differences), _WRONG) ** 2, axis=1)
+    best = int(np.argmin(squares))
+    return int(shifts[best]) if _CLEARLY * squares[best] < squares[_MOST] else 0
