@@ -126,10 +126,7 @@ def run(
     with clock.stage("finish"):
         solution, finished = _finish(solution, track, log, matcher, config, by_hand)
     with clock.stage("covariances"):
-        known = finished.covariances
-        if known is None:
-            known = marginal_covariances(solution.graph.factors, solution.poses)
-        covariances = with_both_ways(known, solution, finished.factors.measured, track, config.loops)
+        covariances = _covariances(finished, solution, track, config)
     trajectory = track.trajectory(solution.poses)
     with clock.stage("feature_map"):
         landmarks = _landmarks(track, solution.poses, matcher, config)
@@ -224,6 +221,14 @@ def _finish(
             return solution, finished
     graph = PoseGraph.from_factors(finished.factors.carried, finished.poses, config.graph)
     return replace(solution, graph=graph, poses=finished.poses, attempts=finished.attempts), finished
+
+
+def _covariances(finished: Finished, solution: Solution, track: Track, config: Config) -> NDArray[np.float64]:
+    """(k, 3, 3) of the key poses: as the walls tell, else the graph, and wider where a match is in doubt."""
+    known = finished.covariances
+    if known is None:
+        known = marginal_covariances(solution.graph.factors, solution.poses)
+    return with_both_ways(known, solution, finished.factors.measured, track, config.loops)
 
 
 def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, config: Config) -> Landmarks:
