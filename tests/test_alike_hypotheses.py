@@ -236,6 +236,7 @@ def test_what_only_a_second_comparison_of_places_finds_must_be_sure(
     # Ten agree: at first three against them are few enough; those who look again find more that agree by chance.
     places = {k: [_moved(track, k, _HERE)] for k in _AGAIN}
     monkeypatch.setattr(_Examiner, "against", against)
+    monkeypatch.setattr(Hypothesis, "breadth", Hypothesis.support)
     at_first = _relocalised(track, places, monkeypatch)
     assert [at.outcome for at in at_first.breaks] == ["joined"]
     monkeypatch.setattr(relocalisation, "alike_places", _only_the_second_time([(_EARLIER, key) for key in places]))
@@ -368,6 +369,26 @@ def test_where_something_speaks_against_a_path_it_drifts_only_along_what_no_clos
         steps = np.zeros(100, dtype=np.bool_)
         steps[slice(*untied)] = True
     assert Hypothesis(key=50, closures=[closure]).is_drift(path, poses, steps) == is_drift
+
+
+@pytest.mark.parametrize(("against", "outcome"), [(2, "joined"), (3, "apart")])
+def test_what_a_single_place_before_the_loss_says_must_be_sure(
+    track: Track, monkeypatch: pytest.MonkeyPatch, against: int, outcome: str
+) -> None:
+    places = {k: [_moved(track, k, _HERE)] for k in _AGAIN}
+    monkeypatch.setattr(_Examiner, "against", against)
+    assert [at.outcome for at in _relocalised(track, places, monkeypatch).breaks] == [outcome]
+
+
+def test_a_short_stretch_that_fits_many_places_knows_little() -> None:
+    def claimed(ends: list[tuple[int, int]]) -> Hypothesis:
+        closures = [Attempt(key_old=i, key_new=j, match=None, accepted=True, reason="scripted") for i, j in ends]
+        return Hypothesis(key=_BREAK, closures=closures)
+
+    few_before = claimed([(old, new) for old in (0, 4) for new in (208, 212, 600, 604)])
+    assert (few_before.support, few_before.breadth) == (4, 2)
+    few_after = claimed([(old, new) for old in (0, 4, 8) for new in (208, 212)])
+    assert (few_after.support, few_after.breadth) == (2, 2)
 
 
 def test_hypotheses_are_apart_by_how_far_they_put_the_same_scan(track: Track) -> None:

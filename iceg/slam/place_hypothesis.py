@@ -44,6 +44,11 @@ class Hypothesis:
         """How many key scans say so."""
         return len({closure.key_new for closure in self.closures})
 
+    @property
+    def breadth(self) -> int:
+        """How many places say so, of the side where fewer do: a short stretch that fits many places knows little."""
+        return min(self.support, len({closure.key_old for closure in self.closures}))
+
     def correction(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(3,) what moves the poses after the break, in the map: that of the closure nearest to the break."""
         return _correction(min(self.closures, key=lambda closure: closure.key_new), poses)

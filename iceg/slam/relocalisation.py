@@ -336,11 +336,16 @@ class _Relocalisation:
         return None
 
     def _break(self, key: int, hypothesis: Hypothesis, exam: Exam, closures: list[Attempt]) -> _Outcome:
-        """Record a break; the parts are joined only where something else spoke against the path, too."""
+        """Record a break; the parts are joined only where something else spoke against the path, too.
+
+        It needs to be sure where nothing did, where places are compared anew, and where a short stretch is all there
+        is to compare: the three metres before a loss fit many places along a corridor of even doors.
+        """
         is_known = key in self._steps.doubts
         if not is_known:
             exam = self._against_the_path(key, exam)
-        if not (exam.is_sure or (is_known and not self._looks_again)):
+        is_broad = hypothesis.breadth >= self._config.place_confirmations
+        if not (exam.is_sure or (is_known and is_broad and not self._looks_again)):
             return "open"
         correction = hypothesis.correction(self._poses)
         moving = self._moving(key, hypothesis)
