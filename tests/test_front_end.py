@@ -137,6 +137,38 @@ def test_a_match_that_sees_one_direction_only_does_not_overrule_odometry() -> No
     assert [key.index for key in front_end.keys if isinstance(key.match, NoMatch)] == [0, 18]
 
 
+class PeopleMatcher(TruthMatcher):
+    """For a few scans it takes people, who walk along, for walls."""
+
+    fooled = range(20, 33)  # among them two key scans
+
+    def match(
+        self,
+        reference: NDArray[np.float64],
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> RelativePose | NoMatch:
+        match = super().match(reference, scan, T_ref_guess, covariance_guess)
+        if isinstance(match, NoMatch) or _number(scan) not in self.fooled:
+            return match
+        return replace(match, T_ref_cur=compose(match.T_ref_cur, np.array([0.0, 0.4, 0.0])))
+
+
+@pytest.mark.parametrize(("returns", "is_fooled"), [(9, False), (31, True)])
+def test_a_few_beams_say_nothing_against_odometry(returns: int, is_fooled: bool) -> None:
+    truth = _straight(50)
+    front_end = FrontEnd(PeopleMatcher(np.vstack([np.zeros(3), truth])), OdometryModel(), _CONFIG)
+    poses = []
+    for index in range(50):
+        scan = _scan(index + 1)
+        if index + 1 in PeopleMatcher.fooled:
+            scan.ranges[returns:] = np.nan
+        poses.append(front_end.add(index, scan, np.array([0.1, 0.0, 0.0])))
+    assert np.allclose(poses, truth, atol=1e-3) != is_fooled
+    assert not front_end.lost, "odometry knows the way"
+
+
 def test_unmatched_key_scans_stay_out_of_the_reference_until_the_robot_is_lost() -> None:
     truth = _straight(60)
     front_end = FrontEnd(

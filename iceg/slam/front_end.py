@@ -44,6 +44,8 @@ _ALONG = 0.5
 """Key scans on trial come along to what was known if together they explain this share of what the newest does there."""
 _REFUTED = 200.0
 """Squared Mahalanobis distance from which on odometry is no longer imprecise but wrong: the match stands alone."""
+_FEW_RETURNS = 1.0 / 3.0
+"""… and a match of a scan with a smaller share of returns says nothing against odometry."""
 _TRACKING_COVARIANCE = np.diag((0.02, 0.02, 0.01)) ** 2
 """Of a pose between two key scans [m², m², rad²]."""
 _SAME_OPTIMUM = (0.08, 0.05)
@@ -238,10 +240,10 @@ class FrontEnd:
         else:
             self._T_track_robot, self._newest_step = found, (before, found)
 
-    def _is_off(self, found: NDArray[np.float64]) -> bool:
-        """Whether a pose contradicts odometry since the last key scan."""
+    def _is_off(self, found: NDArray[np.float64], covariance: NDArray[np.float64] = _TRACKING_COVARIANCE) -> bool:
+        """Whether a pose, known with this covariance, contradicts odometry since the last key scan."""
         expected = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
-        return squared_norm(between(found, expected), self._motion.covariance + _TRACKING_COVARIANCE) >= _CONTRADICTED
+        return squared_norm(between(found, expected), self._motion.covariance + covariance) >= _CONTRADICTED
 
     def _is_clearer(self, scan: Scan, on_trial: NDArray[np.float64] | NoMatch, found: NDArray[np.float64]) -> bool:
         """Whether a scan speaks for where the reference on trial has it, and against a pose on the other one.
@@ -273,7 +275,19 @@ class FrontEnd:
         held = self._held(reference, scan, found, _TRACKING_COVARIANCE)
         if held is not None:
             return held.T_ref_cur
+        if self._is_rash(scan, found, _TRACKING_COVARIANCE):
+            return _SEES_TOO_LITTLE
         return found if self._is_plausible(reference, scan, guess, found) else _IMPLAUSIBLE
+
+    def _is_rash(
+        self, scan: Scan, found: NDArray[np.float64], covariance: NDArray[np.float64], *, is_vague: bool = False
+    ) -> bool:
+        """Whether a match contradicts odometry on the word of a few beams, or of one direction alone.
+
+        Where hardly anything else is in reach, people close by pass for walls, and take the robot with them.
+        """
+        sees_little = np.count_nonzero(scan.ranges >= 0.0) < _FEW_RETURNS * len(scan.ranges)
+        return self._knows_motion and (sees_little or is_vague) and self._is_off(found, covariance)
 
     def _held(
         self,
@@ -330,15 +344,9 @@ class FrontEnd:
         held = self._held(reference, scan, match.T_ref_cur, match.covariance)
         if held is not None:
             return held
-        if len(match.weak_directions) > 1 and self._contradicts(match):
+        if self._is_rash(scan, match.T_ref_cur, match.covariance, is_vague=len(match.weak_directions) > 1):
             return _SEES_TOO_LITTLE
         return match if self._is_plausible(reference, scan, self._T_track_robot, match.T_ref_cur) else _IMPLAUSIBLE
-
-    def _contradicts(self, match: RelativePose) -> bool:
-        """Whether a match contradicts odometry in what it does observe."""
-        expected = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
-        offset = between(match.T_ref_cur, expected)
-        return self._knows_motion and squared_norm(offset, self._motion.covariance + match.covariance) >= _CONTRADICTED
 
     def _anchor(self) -> int:
         """The key scan that stands for the reference: the newest in it."""
@@ -394,7 +402,8 @@ class FrontEnd:
         if self._adrift >= _ADRIFT_AFTER:
             self.adrift.append(index)
         self._motion, self._knows_motion, self._adrift = self._odometry.start(), self._has_odometry, 0
-        self._extend_reference(isinstance(match, NoMatch))
+        # one that sees too little lies where odometry has it, and on no new ground
+        self._extend_reference(isinstance(match, NoMatch) and match is not _SEES_TOO_LITTLE)
 
     def _extend_reference(self, is_unmatched: bool) -> None:
         """Let the newest key scan join the reference it matched; an unmatched one begins a reference on trial.
