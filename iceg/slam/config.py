@@ -102,9 +102,10 @@ class LoopClosureConfig:
     relocalise: bool = True
     """Where no closure ties what follows to what was before, look for places by what they look like, anywhere."""
     places: int = 120
-    """Most pairs of places that look alike and are matched …"""
+    """Most pairs of places that look alike and are matched; where nothing gives a break away, no more than there are
+    steps that no closure ties …"""
     places_each: int = 3
-    """… and most for one place, or where nothing gives a break away, for each step that no closure ties."""
+    """… and most for one place."""
     place_confirmations: int = 4
     """Key scans that must agree before places found by their looks are believed."""
     support_offsets: tuple[int, ...] = (-4, -2, 0, 2, 4)

@@ -220,11 +220,9 @@ class _Relocalisation:
         return agreeing_sets(claims, self._path, poses, self._config.place_confirmations)
 
     def _places_wanted(self) -> int:
-        """How many pairs of places are worth a match: where nothing gives a break away, a few for each untied step."""
+        """How many pairs of places are worth a match: where nothing gives a break away, one for each untied step."""
         most = self._config.places
-        if self._steps.doubts:
-            return most
-        return min(most, self._config.places_each * int(np.count_nonzero(self._steps.untied)))
+        return most if self._steps.doubts else min(most, int(np.count_nonzero(self._steps.untied)))
 
     def _is_supported(self, hypothesis: Hypothesis) -> bool:
         """Whether enough key scans fit one place only, or where the robot was lost anyway, this one among others."""
