@@ -251,6 +251,7 @@ def test_closures_that_hold_the_path_speak_against_those_that_contradict_it(
     # Eight agree, too far off for drift; each that holds the path takes two with it, and six must be left.
     far = np.array([40.0, -30.0, 2.0])
     monkeypatch.setattr(untied_steps, "_WEAK_SCORE", 2.0)
+    monkeypatch.setattr(relocalisation, "_EXPLAINED", 2.0)
     held = [_over_the_whole_path(track)] * n_held
     found = _relocalised(track, {k: [_moved(track, k, far)] for k in _AGAIN}, monkeypatch, strength=None, held=held)
     assert [at.outcome for at in found.breaks] == outcomes

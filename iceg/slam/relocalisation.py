@@ -37,6 +37,9 @@ _OTHER_PLACE = 2.0
 """Hypotheses that put the same scans so far apart are about different places [m]."""
 _AS_STRONG = 0.5
 """Another is weighed that has this share of the key scans of a hypothesis."""
+_EXPLAINED = 0.8
+"""A step whose match explains this share of its scan is believed, if nothing else speaks against it: those who walk
+past even doors, or rooms alike, find many key scans that agree about another place."""
 _EXACT = np.array([0.1, 0.1, 0.03])
 """How well a place that a search found is known [m, m, rad]."""
 _BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
@@ -341,6 +344,8 @@ class _Relocalisation:
         """
         is_known = key in self._steps.doubts
         if not is_known:
+            if self._steps.doubt(key).strength <= 1.0 - _EXPLAINED:
+                return "open"
             exam = self._against_the_path(key, exam)
         is_broad = hypothesis.breadth >= self._config.place_confirmations
         if not (exam.is_sure or (is_known and is_broad and not self._looks_again)):
