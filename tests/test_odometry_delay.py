@@ -52,6 +52,12 @@ def test_a_fraction_of_a_scan_is_left_to_the_linear_fit() -> None:
     assert _found(truth, halfway) == 0
 
 
+@pytest.mark.parametrize("scans", [-1, 1])
+def test_a_single_scan_is_left_to_it_too(scans: int) -> None:
+    truth = _drive()
+    assert _found(truth, _late(truth, scans)) == 0
+
+
 def test_who_goes_straight_on_tells_nothing() -> None:
     truth = _drive(turns=0.0)
     assert _found(truth, _late(truth, 5)) == 0

@@ -68,6 +68,7 @@ COVERED = NoMatch(reason="the laser is covered")
 """What becomes of a scan that sees nothing."""
 _IMPLAUSIBLE = NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
 _SEES_TOO_LITTLE = NoMatch(reason="contradicts odometry, and observes next to nothing")
+_FEW_SEE = NoMatch(reason="contradicts odometry, and few beams return")
 
 
 class FrontEnd:
@@ -275,19 +276,22 @@ class FrontEnd:
         held = self._held(reference, scan, found, _TRACKING_COVARIANCE)
         if held is not None:
             return held.T_ref_cur
-        if self._is_rash(scan, found, _TRACKING_COVARIANCE):
-            return _SEES_TOO_LITTLE
+        rash = self._rash(scan, found, _TRACKING_COVARIANCE)
+        if rash is not None:
+            return rash
         return found if self._is_plausible(reference, scan, guess, found) else _IMPLAUSIBLE
 
-    def _is_rash(
+    def _rash(
         self, scan: Scan, found: NDArray[np.float64], covariance: NDArray[np.float64], *, is_vague: bool = False
-    ) -> bool:
-        """Whether a match contradicts odometry on the word of a few beams, or of one direction alone.
+    ) -> NoMatch | None:
+        """Why not to believe a match that contradicts odometry on the word of a few beams, or of one direction alone.
 
         Where hardly anything else is in reach, people close by pass for walls, and take the robot with them.
         """
-        sees_little = np.count_nonzero(scan.ranges >= 0.0) < _FEW_RETURNS * len(scan.ranges)
-        return self._knows_motion and (sees_little or is_vague) and self._is_off(found, covariance)
+        few_see = np.count_nonzero(scan.ranges >= 0.0) < _FEW_RETURNS * len(scan.ranges)
+        if not (self._knows_motion and (few_see or is_vague) and self._is_off(found, covariance)):
+            return None
+        return _FEW_SEE if few_see else _SEES_TOO_LITTLE
 
     def _held(
         self,
@@ -344,8 +348,9 @@ class FrontEnd:
         held = self._held(reference, scan, match.T_ref_cur, match.covariance)
         if held is not None:
             return held
-        if self._is_rash(scan, match.T_ref_cur, match.covariance, is_vague=len(match.weak_directions) > 1):
-            return _SEES_TOO_LITTLE
+        rash = self._rash(scan, match.T_ref_cur, match.covariance, is_vague=len(match.weak_directions) > 1)
+        if rash is not None:
+            return rash
         return match if self._is_plausible(reference, scan, self._T_track_robot, match.T_ref_cur) else _IMPLAUSIBLE
 
     def _anchor(self) -> int:
@@ -383,7 +388,7 @@ class FrontEnd:
     def _add_key(self, index: int, scan: Scan) -> None:
         match = self._match(scan)
         anchor = self._anchor()
-        if match is _SEES_TOO_LITTLE:
+        if match is _SEES_TOO_LITTLE or match is _FEW_SEE:
             self._T_track_robot = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
         if not isinstance(match, NoMatch):
             T_track_match = match.T_ref_cur
@@ -402,8 +407,8 @@ class FrontEnd:
         if self._adrift >= _ADRIFT_AFTER:
             self.adrift.append(index)
         self._motion, self._knows_motion, self._adrift = self._odometry.start(), self._has_odometry, 0
-        # one that sees too little lies where odometry has it, and on no new ground
-        self._extend_reference(isinstance(match, NoMatch) and match is not _SEES_TOO_LITTLE)
+        # A scan of few returns lies where odometry has it, and not on new ground.
+        self._extend_reference(isinstance(match, NoMatch) and match is not _FEW_SEE)
 
     def _extend_reference(self, is_unmatched: bool) -> None:
         """Let the newest key scan join the reference it matched; an unmatched one begins a reference on trial.

@@ -12,6 +12,8 @@ from iceg.slam.odometry_steps import sudden_steps
 
 _MOST = 16
 """Scans up to which a delay is looked for."""
+_LINEAR = 1
+"""Up to so many scans a linear fit tells better, and the delays of turns and of the way apart."""
 _WRONG = 0.3
 """A match that differs by more [rad] differs by no more than this: it may be wrong itself."""
 _CLEARLY = 2.0
@@ -40,4 +42,5 @@ def whole_delay(
     differences = wrap_angle(turns - (heading[at[1]] - heading[at[0]]))
     squares = np.mean(np.minimum(np.abs(differences), _WRONG) ** 2, axis=1)
     best = int(np.argmin(squares))
-    return int(shifts[best]) if _CLEARLY * squares[best] < squares[_MOST] else 0
+    is_clear = abs(shifts[best]) > _LINEAR and _CLEARLY * squares[best] < squares[_MOST]
+    return int(shifts[best]) if is_clear else 0
