@@ -89,13 +89,7 @@ def follow_scans(
         ranges,
         steps,
         odometry.variances,
-        kernels.Laser(
-            directions=geometry.directions_robot,
-            origin=geometry.origin_robot,
-            reach=reach,
-            jump=JUMP,
-            slim=open_ground,
-        ),
+        _laser(geometry, reach, open_ground=open_ground),
         kernels.Field(surfels=local_map.surfels, nearest=field.nearest, origin=field.origin, cell=field.cell),
         polish,
         limits,
@@ -109,6 +103,11 @@ def follow_scans(
         motion=OdometryMotion(T_key_robot=way.T_key_robot, covariance=way.covariance, distance=distance, turn=turn),
         points=_first(returns, n_points) if n_points else None,
     )
+
+
+def _laser(geometry: ScanGeometry, reach: float, *, open_ground: bool) -> kernels.Laser:
+    directions, origin = geometry.directions_robot, geometry.origin_robot
+    return kernels.Laser(directions=directions, origin=origin, reach=reach, jump=JUMP, slim=open_ground)
 
 
 def _first(returns: kernels.Returns, n: int) -> ScanPoints:
