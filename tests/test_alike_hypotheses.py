@@ -345,6 +345,16 @@ def test_of_two_steps_that_odometry_contradicts_the_one_whose_match_explains_les
     assert found.key == worse
 
 
+@pytest.mark.parametrize(("share", "outcomes"), [(0.0, []), (0.05, []), (0.5, ["drifted"]), (1.0, ["drifted"])])
+def test_drift_beyond_chance_is_told(
+    track: Track, monkeypatch: pytest.MonkeyPatch, share: float, outcomes: list[str]
+) -> None:
+    monkeypatch.setattr(untied_steps, "_WEAK_SCORE", 2.0)
+    found = _relocalised(track, {k: [_moved(track, k, share * _HERE)] for k in _AGAIN}, monkeypatch, strength=None)
+    assert [at.outcome for at in found.breaks] == outcomes
+    assert any(factor.kind == "closure" for factor in found.factors)
+
+
 @pytest.mark.parametrize(
     ("untied", "is_drift"), [(None, True), ((0, 60), True), ((0, 100), True), ((30, 34), False), ((50, 51), False)]
 )

@@ -10,7 +10,7 @@ from graph.factors import Factor
 from graph.measurement import NoMatch
 from iceg.slam.track import Track
 
-Outcome = Literal["joined", "apart", "contradicted", "credible"]
+Outcome = Literal["joined", "apart", "contradicted", "credible", "drifted"]
 
 REFUTED = 1.99
 """Strength of a doubt from which on odometry and match contradict each other beyond all chance."""
@@ -47,7 +47,8 @@ class Break:
         outcome: "joined" by loop closures on both sides; "apart": nothing ties what follows to what was before, and
             odometry alone says where it is; "contradicted": closures disagree with the path, but nothing else speaks
             against it or they are few, and the map follows the path; "credible": closures agree with where odometry led
-            on, though not so many that chance is out of the question.
+            on, though not so many that chance is out of the question; "drifted": closures put it where only errors at
+            every step, all alike, would explain, and the map follows them.
         reason: what was noticed there.
         closures: how many agree about it; of one that is "apart", how many agree with where odometry led on.
         moved: how far they say that the robot is from where the path puts it [m].
@@ -107,6 +108,11 @@ def describe_break(found: Break, track: Track) -> str:
         return (
             f"the path may be broken {where}: odometry led on, and {found.closures} key scans agree with where it did, "
             "but not all; the map follows them"
+        )
+    if found.outcome == "drifted":
+        return (
+            f"the path may be broken {where}: {found.closures} key scans that agree put the robot {found.moved:.1f} m "
+            "from where the path does, more than chance explains; it is taken for drift, and the map follows them"
         )
     return (
         f"the path may be broken {where}: {found.closures} key scans that agree put the robot {found.moved:.1f} m from "

@@ -70,6 +70,10 @@ class Hypothesis:
         )
         return float(np.hypot(x - x_other, y - y_other))
 
+    def is_chance(self, factors: Sequence[Factor], poses: NDArray[np.float64]) -> bool:
+        """Whether the path explains it by chance, without errors that are all alike; arguments as of `is_drift`."""
+        return self.is_drift(factors, poses, np.ones(len(poses), dtype=np.bool_))
+
     def is_drift(
         self, factors: Sequence[Factor], poses: NDArray[np.float64], untied: NDArray[np.bool_] | None = None
     ) -> bool:

@@ -274,6 +274,8 @@ class _Relocalisation:
         key = hypothesis.key if among[first.key_new] else int(max(whole[first.key_old], whole[first.key_new]))
         untied = self._steps.untied if self._is_refuted(key) else None
         if is_confirmed or hypothesis.is_drift(self._path, self._poses, untied):
+            if not is_confirmed and not hypothesis.is_chance(self._path, self._poses):
+                self._note(key, "drifted", closures, hypothesis.correction(self._poses))
             self._steps.doubts.pop(key, None)
             self._close(closures)
             return "closed"
