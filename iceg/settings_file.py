@@ -146,10 +146,6 @@ class _Reader:
         return ", ".join(prefix + key for key in values)
 
 
-_CLOSE = 0.7
-"""A name as like another as this is taken for a slip of the fingers (`difflib`)."""
-
-
 def _closest(name: str, names: Mapping[str, str]) -> str | None:
     """The key of the name most like the one given; None where the likeness is no slip of the fingers."""
     close = difflib.get_close_matches(name, names, n=1, cutoff=_CLOSE)
