@@ -155,13 +155,13 @@ class PeopleMatcher(TruthMatcher):
         return replace(match, T_ref_cur=compose(match.T_ref_cur, np.array([0.0, 0.4, 0.0])))
 
 
-@pytest.mark.parametrize(("returns", "is_fooled"), [(9, False), (31, True)])
-def test_a_few_beams_say_nothing_against_odometry(returns: int, is_fooled: bool) -> None:
+@pytest.mark.parametrize(("returns", "distance", "is_fooled"), [(9, 5.0, False), (9, 15.0, True), (31, 5.0, True)])
+def test_a_few_beams_close_by_say_nothing_against_odometry(returns: int, distance: float, is_fooled: bool) -> None:
     truth = _straight(50)
     front_end = FrontEnd(PeopleMatcher(np.vstack([np.zeros(3), truth])), OdometryModel(), _CONFIG)
     poses = []
     for index in range(50):
-        scan = _scan(index + 1)
+        scan = _scan(index + 1, distance)
         if index + 1 in PeopleMatcher.fooled:
             scan.ranges[returns:] = np.nan
         poses.append(front_end.add(index, scan, np.array([0.1, 0.0, 0.0])))

@@ -44,8 +44,9 @@ _ALONG = 0.5
 """Key scans on trial come along to what was known if together they explain this share of what the newest does there."""
 _REFUTED = 200.0
 """Squared Mahalanobis distance from which on odometry is no longer imprecise but wrong: the match stands alone."""
-_FEW_RETURNS = 1.0 / 3.0
-"""… and a match of a scan with a smaller share of returns says nothing against odometry."""
+_FEW_RETURNS, _AFAR = 1.0 / 3.0, 10.0
+"""… and a match of a scan with a smaller share of returns says nothing against odometry, unless most come from beyond
+so many metres: there nobody is taken for a wall."""
 _TRACKING_COVARIANCE = np.diag((0.02, 0.02, 0.01)) ** 2
 """Of a pose between two key scans [m², m², rad²]."""
 _SAME_OPTIMUM = (0.08, 0.05)
@@ -288,7 +289,8 @@ class FrontEnd:
 
         Where hardly anything else is in reach, people close by pass for walls, and take the robot with them.
         """
-        few_see = np.count_nonzero(scan.ranges >= 0.0) < _FEW_RETURNS * len(scan.ranges)
+        returns, far = np.count_nonzero(scan.ranges >= 0.0), np.count_nonzero(scan.ranges > _AFAR)
+        few_see = returns < _FEW_RETURNS * len(scan.ranges) and far <= 0.5 * returns
         if not (self._knows_motion and (few_see or is_vague) and self._is_off(found, covariance)):
             return None
         return _FEW_SEE if few_see else _SEES_TOO_LITTLE
