@@ -109,9 +109,9 @@ def test_odometry_carries_where_nothing_matches() -> None:
 
 
 class BlurredMatcher(TruthMatcher):
-    """At one scan it sees one direction only, and puts the robot elsewhere."""
+    """At some scans it sees one direction only, and puts the robot elsewhere."""
 
-    blurred = 19  # a key scan
+    blurred = range(19, 20)  # a key scan
     error = np.array([1.0, 0.0, 0.5])
     weak_directions = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
 
@@ -123,7 +123,7 @@ class BlurredMatcher(TruthMatcher):
         covariance_guess: NDArray[np.float64],
     ) -> RelativePose | NoMatch:
         match = super().match(reference, scan, T_ref_guess, covariance_guess)
-        if isinstance(match, NoMatch) or _number(scan) != self.blurred:
+        if isinstance(match, NoMatch) or _number(scan) not in self.blurred:
             return match
         wrong, covariance = compose(match.T_ref_cur, self.error), np.diag([1e-6, 1.0, 1.0])
         return replace(match, T_ref_cur=wrong, covariance=covariance, weak_directions=self.weak_directions)
@@ -137,10 +137,18 @@ def test_a_match_that_sees_one_direction_only_does_not_overrule_odometry() -> No
     assert [key.index for key in front_end.keys if isinstance(key.match, NoMatch)] == [0, 18]
 
 
+def test_where_three_key_scans_see_one_direction_only_new_ground_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(BlurredMatcher, "blurred", range(19, 37))
+    truth = _straight(40)
+    front_end = FrontEnd(BlurredMatcher(np.vstack([np.zeros(3), truth])), OdometryModel(), _CONFIG)
+    _follow(front_end, truth)
+    assert front_end.lost
+
+
 class PeopleMatcher(TruthMatcher):
     """For a few scans it takes people, who walk along, for walls."""
 
-    fooled = range(20, 33)  # among them two key scans
+    fooled = range(20, 40)  # among them three key scans
 
     def match(
         self,
