@@ -203,7 +203,7 @@ def _write_map(result: "SlamResult", folder: Path) -> None:
 def _write_picture(result: "SlamResult", folder: Path) -> None:
     from iceg.show.map_image import MapLayers
     from iceg.show.map_picture import save_map_png
-    from iceg.slam.closure import joined_scans
+    from iceg.slam.closures.closure import joined_scans
 
     layers = MapLayers(
         grid=result.grid,

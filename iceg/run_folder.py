@@ -15,7 +15,7 @@ from iceg.ice.features import KIND_NAMES
 from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
 from iceg.results import CLOSURE_COLUMNS, ResultsError, read_covariances, read_summary
-from iceg.slam.closure import Closure, Verdict
+from iceg.slam.closures.closure import Closure, Verdict
 from iceg.tum import Trajectory, read_tum
 
 _FILES = ("trajectory.tum", "covariances.csv", "closures.csv", "features.geojson", "map.yaml")

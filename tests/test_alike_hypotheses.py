@@ -14,18 +14,19 @@ from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
-from iceg.slam import back_end, relocalisation, untied_steps
-from iceg.slam.closure_attempt import Attempt, Place, closure_factor
-from iceg.slam.closure_candidates import Candidate
+from iceg.slam import back_end
+from iceg.slam.broken_path import relocalisation, untied_steps
+from iceg.slam.broken_path.examination import Exam
+from iceg.slam.broken_path.path_break import LOST, REFUTED, Doubt
+from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_single_steps
+from iceg.slam.broken_path.relocalisation import Estimate, relocalise
+from iceg.slam.broken_path.untied_steps import UntiedSteps
+from iceg.slam.closures.attempt import Attempt, Place, closure_factor
+from iceg.slam.closures.candidates import Candidate
 from iceg.slam.config import FrontEndConfig, LoopClosureConfig
-from iceg.slam.examination import Exam
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.path_break import LOST, REFUTED, Doubt
-from iceg.slam.place_hypothesis import Hypothesis, about_single_steps
-from iceg.slam.relocalisation import Estimate, relocalise
-from iceg.slam.track import Track
-from iceg.slam.tracking import track_log
-from iceg.slam.untied_steps import UntiedSteps
+from iceg.slam.tracking.log_tracking import track_log
+from iceg.slam.tracking.track import Track
 
 Array = NDArray[np.float64]
 

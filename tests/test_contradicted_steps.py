@@ -14,10 +14,10 @@ from graph.odometry import OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import compose
 from iceg.slam.back_end import Solution
+from iceg.slam.broken_path.path_break import Break
 from iceg.slam.config import LoopClosureConfig
-from iceg.slam.contradicted_steps import with_both_ways
-from iceg.slam.path_break import Break
-from iceg.slam.track import KeyScan, Track
+from iceg.slam.odometry.contradicted_steps import with_both_ways
+from iceg.slam.tracking.track import KeyScan, Track
 
 _N, _TURNED = 61, 30
 _STEP = np.array([1.0, 0.0, 0.0])

@@ -9,9 +9,9 @@ from graph.factors import Factor
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryMotion
 from graph.se2 import between, compose
+from iceg.slam.broken_path.path_break import UNKNOWN_STEP, Break
 from iceg.slam.final_factors import FinalFactors
-from iceg.slam.path_break import UNKNOWN_STEP, Break
-from iceg.slam.track import KeyScan, Track
+from iceg.slam.tracking.track import KeyScan, Track
 
 _STEP = np.array([0.5, 0.0, 0.1])
 _MOVED = np.array([[0.0, 0.0, 0.0], [0.01, -0.02, 0.003], [-0.03, 0.01, -0.01]])

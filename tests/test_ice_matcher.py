@@ -14,7 +14,7 @@ from iceg.ice.hypotheses import SearchWindow, distinct, search_window
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.config import FrontEndConfig
-from iceg.slam.tracking import track_log
+from iceg.slam.tracking.log_tracking import track_log
 from tests.walls import see
 
 F64 = NDArray[np.float64]

@@ -15,7 +15,7 @@ from iceg.evaluation.relations import Relations, read_relations_csv
 from iceg.ice.config import IceConfig
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.config import FrontEndConfig
-from iceg.slam.tracking import track_log
+from iceg.slam.tracking.log_tracking import track_log
 
 
 def some(relations: Relations, kept: slice) -> Relations:

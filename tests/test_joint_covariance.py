@@ -7,8 +7,8 @@ from threadpoolctl import threadpool_limits
 
 from graph.factors import Factor
 from graph.se2 import adjoint, between, compose
-from iceg.slam import joint_covariance
-from iceg.slam.joint_covariance import Walls, joint_covariances
+from iceg.slam.joint import covariance as joint_covariance
+from iceg.slam.joint.covariance import Walls, joint_covariances
 
 Array = NDArray[np.float64]
 

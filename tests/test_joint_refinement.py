@@ -16,15 +16,15 @@ from graph.problem import Problem
 from graph.se2 import between, compose, expmap, transform_points
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.ice.matcher import IceMatcher
-from iceg.slam import _joint_kernels as kernels
-from iceg.slam._joint_system_kernels import JointSystem, PointsOnLines, fill, normal_equations, product
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.config import FinishConfig, FrontEndConfig, JointRefinementConfig, LoopClosureConfig, SlamConfigError
 from iceg.slam.finish import Finished, finish
-from iceg.slam.joint_refinement import Clouds, key_clouds, refine_jointly
+from iceg.slam.joint import _wall_kernels as kernels
+from iceg.slam.joint._system_kernels import JointSystem, PointsOnLines, fill, normal_equations, product
+from iceg.slam.joint.refinement import Clouds, key_clouds, refine_jointly
 from iceg.slam.pipeline import run
-from iceg.slam.track import Track
-from iceg.slam.tracking import track_log
+from iceg.slam.tracking.log_tracking import track_log
+from iceg.slam.tracking.track import Track
 
 Array = NDArray[np.float64]
 
@@ -391,7 +391,7 @@ def test_a_run_says_where_its_covariances_come_from(office: Simulation, monkeypa
     def singular(*_: object) -> Array:
         raise np.linalg.LinAlgError
 
-    monkeypatch.setattr("iceg.slam.joint_refinement.joint_covariances", singular)
+    monkeypatch.setattr("iceg.slam.joint.refinement.joint_covariances", singular)
     without = run(log)
     assert without.summary["finish"][-1]["covariances_from"] == "graph"
     assert any("covariances of the key poses are those of the graph" in w for w in without.summary["warnings"])

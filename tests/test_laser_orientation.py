@@ -16,9 +16,9 @@ from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
 from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
 from iceg.slam.config import FinishConfig, FrontEndConfig
-from iceg.slam.laser_orientation import laser_orientation
 from iceg.slam.pipeline import run
-from iceg.slam.tracking import track_log
+from iceg.slam.tracking.laser_orientation import laser_orientation
+from iceg.slam.tracking.log_tracking import track_log
 
 _SCANS = 500
 _QUICK = Config(grid=GridConfig(resolution=0.2), finish=FinishConfig(enabled=False))

@@ -12,7 +12,7 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap
 from iceg.evaluation.consistency import nees, relative_pose_errors
 from iceg.slam.long_steps import LONG_STEP, long_steps
-from iceg.slam.track import KeyScan, Track
+from iceg.slam.tracking.track import KeyScan, Track
 
 Array = NDArray[np.float64]
 

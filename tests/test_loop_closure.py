@@ -15,18 +15,18 @@ from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose, compose_covariance
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import KNOWN_SPACING, BackEnd, solve_track
-from iceg.slam.closure_attempt import Attempt
-from iceg.slam.closure_candidates import Candidate, EarlierPasses
-from iceg.slam.closure_verification import ClosureVerifier
+from iceg.slam.closures.attempt import Attempt
+from iceg.slam.closures.candidates import Candidate, EarlierPasses
+from iceg.slam.closures.verification import ClosureVerifier
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.finish import finish
 from iceg.slam.long_steps import long_steps
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.match_errors import placement_covariance
 from iceg.slam.rematch import _spaced_keys
-from iceg.slam.track import Track
-from iceg.slam.tracking import track_log
+from iceg.slam.tracking.log_tracking import track_log
+from iceg.slam.tracking.match_errors import placement_covariance
+from iceg.slam.tracking.track import Track
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from iceg.slam.marginal_blocks import diagonal_of_inverse
+from iceg.slam.joint.marginal_blocks import diagonal_of_inverse
 
 Array = NDArray[np.float64]
 

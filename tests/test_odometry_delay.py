@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from graph.se2 import wrap_angle
-from iceg.slam.odometry_delay import whole_delay
+from iceg.slam.odometry.delay import whole_delay
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap, logmap
-from iceg.slam.odometry_noise import (
+from iceg.slam.odometry.noise import (
     Differences,
     _best_of_all_sets,
     _non_negative_fit,

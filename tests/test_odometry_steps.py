@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from graph.odometry import OdometryModel
 from graph.se2 import compose
-from iceg.slam.odometry_calibration import OdometryCalibration
-from iceg.slam.odometry_steps import sudden_steps
+from iceg.slam.odometry.calibration import OdometryCalibration
+from iceg.slam.odometry.steps import sudden_steps
 
 
 def _driven(steps: NDArray[np.float64]) -> NDArray[np.float64]:

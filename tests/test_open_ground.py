@@ -17,8 +17,8 @@ from graph.se2 import between
 from iceg.evaluation.degradation import DEGRADATIONS
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.config import FrontEndConfig
-from iceg.slam.open_ground import is_open_ground
-from iceg.slam.tracking import track_log
+from iceg.slam.tracking.log_tracking import track_log
+from iceg.slam.tracking.open_ground import is_open_ground
 
 
 def log_of(ranges: NDArray[np.float64]) -> Log:

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from iceg.slam.closure_attempt import Attempt
-from iceg.slam.path_parts import PathParts
-from iceg.slam.place_hypothesis import about_parts
+from iceg.slam.broken_path.path_parts import PathParts
+from iceg.slam.broken_path.place_hypothesis import about_parts
+from iceg.slam.closures.attempt import Attempt
 
 
 def _keys(*ranges: tuple[int, int]) -> set[int]:

@@ -14,15 +14,15 @@ from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import BackEnd, Solution
-from iceg.slam.closure_attempt import Attempt, Place
-from iceg.slam.closure_candidates import Candidate
+from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, describe_vote, unsettled
+from iceg.slam.closures.attempt import Attempt, Place
+from iceg.slam.closures.candidates import Candidate
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.finish import finish
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.place_votes import PlaceVotes, Vote, describe_vote, unsettled
-from iceg.slam.track import Track
-from iceg.slam.tracking import track_log
+from iceg.slam.tracking.log_tracking import track_log
+from iceg.slam.tracking.track import Track
 
 Array = NDArray[np.float64]
 

@@ -20,17 +20,17 @@ from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
 from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
 from iceg.slam import back_end
-from iceg.slam.broken_track import retied
-from iceg.slam.closure_attempt import Attempt
-from iceg.slam.closure_candidates import Candidate
-from iceg.slam.closure_reference import References
+from iceg.slam.broken_path.examination import Exam, Examiner
+from iceg.slam.closures.attempt import Attempt
+from iceg.slam.closures.candidates import Candidate
+from iceg.slam.closures.reference import References
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
-from iceg.slam.examination import Exam, Examiner
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.pipeline import SlamResult, run
-from iceg.slam.track import Track
-from iceg.slam.tracking import track_log
+from iceg.slam.tracking.broken_track import retied
+from iceg.slam.tracking.log_tracking import track_log
+from iceg.slam.tracking.track import Track
 
 _QUICK = Config(grid=GridConfig(resolution=0.2), finish=FinishConfig(enabled=False))
 

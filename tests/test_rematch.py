@@ -13,14 +13,14 @@ from graph.measurement import RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between
 from iceg.ice.matcher import IceMatcher
-from iceg.slam.closure_attempt import Attempt
-from iceg.slam.closure_candidates import Candidate
-from iceg.slam.closure_record import with_earlier
+from iceg.slam.closures.attempt import Attempt
+from iceg.slam.closures.candidates import Candidate
+from iceg.slam.closures.record import with_earlier
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.rematch import match_again
-from iceg.slam.track import Track
-from iceg.slam.tracking import track_log
+from iceg.slam.tracking.log_tracking import track_log
+from iceg.slam.tracking.track import Track
 
 F64 = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from iceg.maps.geojson import write_geojson
 from iceg.maps.grid import OccupancyGrid, write_ros_map
 from iceg.run_folder import read_run_folder
 from iceg.show.run_plots import PICTURES, plot_results
-from iceg.slam.closure import Closure
+from iceg.slam.closures.closure import Closure
 from iceg.tum import format_tum
 
 

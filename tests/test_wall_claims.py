@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from iceg.slam.wall_claims import believed_covariances
+from iceg.slam.joint.wall_claims import believed_covariances
 
 Array = NDArray[np.float64]
 

@@ -54,7 +54,7 @@ def run_log(
 
             log = read_log(path, skip_bad_lines=skip_bad_lines, **dataclasses.asdict(config.log))
             tell_warnings(log)
-            from iceg.slam.manual_closures import check_manual_closures, read_manual_closures
+            from iceg.slam.closures.manual import check_manual_closures, read_manual_closures
             from iceg.slam.pipeline import run
 
             by_hand = read_manual_closures(closures) if closures else []

@@ -29,7 +29,7 @@ from iceg.evaluation.trajectory import (
 )
 from iceg.maps.config import GridConfig
 from iceg.slam.config import FinishConfig, JointRefinementConfig, LoopClosureConfig
-from iceg.slam.odometry_calibration import OdometryCalibration
+from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.pipeline import SlamResult, run
 
 Covariances = Literal["calibrated", "constant", "identity"]

@@ -14,7 +14,7 @@ from iceg.evaluation.relations import Relations
 from iceg.ice.hypotheses import SearchWindow
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
-from iceg.slam.track import Track
+from iceg.slam.tracking.track import Track
 
 SEPARATE_PASSES = 200
 """Two scans more than this far apart in the log count as two passes."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from graph.atomic import write_atomically
 from iceg.run_folder import is_of_dp_slam, read_ros_map, read_run_folder
 from iceg.show.map_image import MapLayers
-from iceg.slam.closure import joined_scans
+from iceg.slam.closures.closure import joined_scans
 from iceg.tum import read_tum
 
 if TYPE_CHECKING:

@@ -15,16 +15,16 @@ from graph.noise import squared_norm
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose, wrap_angle
-from iceg.slam.closure_attempt import PARTNER_KEYS, Attempt, is_near, say_the_same
-from iceg.slam.closure_candidates import Candidate, is_adrift
+from iceg.slam.broken_path.path_break import ADRIFT, LOST, Break, Doubt
+from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, unsettled
+from iceg.slam.broken_path.relocalisation import Estimate, relocalise
+from iceg.slam.closures.attempt import PARTNER_KEYS, Attempt, is_near, say_the_same
+from iceg.slam.closures.candidates import Candidate, is_adrift
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.long_steps import LONG_STEP, long_steps
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.path_break import ADRIFT, LOST, Break, Doubt
-from iceg.slam.place_votes import PlaceVotes, Vote, unsettled
-from iceg.slam.relocalisation import Estimate, relocalise
-from iceg.slam.track import Track
+from iceg.slam.tracking.track import Track
 
 _UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
 """Covariance of a step between key scans that neither odometry nor a match has seen."""

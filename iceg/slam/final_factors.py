@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from graph.factors import Factor
 from graph.se2 import between, compose, inverse
-from iceg.slam.path_break import Break, let_go
-from iceg.slam.track import Track
+from iceg.slam.broken_path.path_break import Break, let_go
+from iceg.slam.tracking.track import Track
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,14 +15,14 @@ from graph.factors import Factor, RobustKernel
 from graph.problem import Problem
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import Solution
-from iceg.slam.closure_attempt import Attempt, closure_factor
-from iceg.slam.closure_record import with_earlier, without_contradicted
+from iceg.slam.closures.attempt import Attempt, closure_factor
+from iceg.slam.closures.record import with_earlier, without_contradicted
 from iceg.slam.config import FinishConfig, LoopClosureConfig
 from iceg.slam.final_factors import FinalFactors
-from iceg.slam.joint_refinement import JointRefinement, key_clouds, refine_jointly
+from iceg.slam.joint.refinement import JointRefinement, key_clouds, refine_jointly
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.rematch import match_again, second_look
-from iceg.slam.track import Track
+from iceg.slam.tracking.track import Track
 
 Stage = Literal["solve", "rematch", "joint"]
 

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from graph.measurement import NoMatch, RelativePose
 from graph.se2 import adjoint, between, chain_covariance, compose, inverse
-from iceg.slam.match_errors import OWN
-from iceg.slam.track import KeyScan, Track
+from iceg.slam.tracking.match_errors import OWN
+from iceg.slam.tracking.track import KeyScan, Track
 
 LONG_STEP = 6
 """Key scans from one to the next."""

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from frontends.matcher import Matcher
 from iceg.ice.matcher import IceMatcher
-from iceg.slam.closure_attempt import Attempt
-from iceg.slam.closure_candidates import Candidate, EarlierPasses
-from iceg.slam.closure_verification import ClosureVerifier
+from iceg.slam.closures.attempt import Attempt
+from iceg.slam.closures.candidates import Candidate, EarlierPasses
+from iceg.slam.closures.verification import ClosureVerifier
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
-from iceg.slam.track import Track
+from iceg.slam.tracking.track import Track
 
 
 class LoopCloser:

@@ -22,30 +22,30 @@ from iceg.ice.matcher import IceMatcher
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.slam.back_end import Solution, solve_track
-from iceg.slam.broken_track import retied
-from iceg.slam.closure import Closure
-from iceg.slam.contradicted_steps import with_both_ways
-from iceg.slam.final_factors import FinalFactors
-from iceg.slam.finish import Finished, Round, finish
-from iceg.slam.laser_orientation import track_as_mounted
-from iceg.slam.manual_closures import (
+from iceg.slam.broken_path.path_break import describe_break
+from iceg.slam.broken_path.place_votes import describe_vote
+from iceg.slam.closures.closure import Closure
+from iceg.slam.closures.manual import (
     ManualClosure,
     add_by_hand,
     check_manual_closures,
     manual_factors,
     manual_records,
 )
-from iceg.slam.odometry_calibration import OdometryCalibration, calibrate_odometry
-from iceg.slam.odometry_standstill import describe_dead, with_odometry_between_readings
-from iceg.slam.open_ground import is_open_ground
-from iceg.slam.path_break import describe_break
+from iceg.slam.final_factors import FinalFactors
+from iceg.slam.finish import Finished, Round, finish
+from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
+from iceg.slam.odometry.contradicted_steps import with_both_ways
+from iceg.slam.odometry.standstill import describe_dead, with_odometry_between_readings
 from iceg.slam.path_uncertainty import LeastKnown, least_known
-from iceg.slam.place_votes import describe_vote
 from iceg.slam.progress import Progress, ProgressCallback
-from iceg.slam.repeated_scans import without_frozen_scans
-from iceg.slam.split_half import with_measured_doubt
-from iceg.slam.track import Track
-from iceg.slam.tracking import track_calibrating
+from iceg.slam.tracking.broken_track import retied
+from iceg.slam.tracking.laser_orientation import track_as_mounted
+from iceg.slam.tracking.log_tracking import track_calibrating
+from iceg.slam.tracking.open_ground import is_open_ground
+from iceg.slam.tracking.repeated_scans import without_frozen_scans
+from iceg.slam.tracking.split_half import with_measured_doubt
+from iceg.slam.tracking.track import Track
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

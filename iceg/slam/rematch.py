@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 from graph.factors import Factor
 from graph.se2 import between
 from iceg.slam.back_end import KNOWN_SPACING
-from iceg.slam.closure_attempt import Attempt, say_the_same
-from iceg.slam.closure_candidates import Candidate
+from iceg.slam.closures.attempt import Attempt, say_the_same
+from iceg.slam.closures.candidates import Candidate
 from iceg.slam.config import FinishConfig
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.track import Track
+from iceg.slam.tracking.track import Track
 
 _ELSEWHERE_DISTANCE, _ELSEWHERE_TURN = 0.25, 0.08
 """A match farther than this from the estimate contradicts it [m, rad]."""

@@ -10,7 +10,7 @@ from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.recall import recall_benchmark
 from iceg.evaluation.relations import read_relations_csv
 from iceg.ice.matcher import IceMatcher
-from iceg.slam.tracking import track_log
+from iceg.slam.tracking.log_tracking import track_log
 
 WINDOWS = ((0.5, radians(20.0)), (1.0, radians(45.0)), (3.0, radians(180.0)))
 

@@ -17,18 +17,18 @@ from numpy.typing import NDArray
 from graph.batch import BatchConfig, optimize
 from graph.factors import Factor
 from graph.se2 import compose, inverse
-from iceg.slam.alike_places import alike_places
-from iceg.slam.closure_attempt import Attempt, closure_factor, is_near, lies_near
-from iceg.slam.closure_candidates import Candidate
+from iceg.slam.broken_path.alike_places import alike_places
+from iceg.slam.broken_path.examination import Exam, Examiner
+from iceg.slam.broken_path.path_break import ADRIFT, LOST, REFUTED, UNKNOWN_STEP, Break, Doubt, Outcome
+from iceg.slam.broken_path.path_parts import PathParts
+from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_parts, about_single_steps, agreeing_sets
+from iceg.slam.broken_path.place_votes import Vote
+from iceg.slam.broken_path.untied_steps import UntiedSteps, closures_across
+from iceg.slam.closures.attempt import Attempt, closure_factor, is_near, lies_near
+from iceg.slam.closures.candidates import Candidate
 from iceg.slam.config import LoopClosureConfig
-from iceg.slam.examination import Exam, Examiner
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.path_break import ADRIFT, LOST, REFUTED, UNKNOWN_STEP, Break, Doubt, Outcome
-from iceg.slam.path_parts import PathParts
-from iceg.slam.place_hypothesis import Hypothesis, about_parts, about_single_steps, agreeing_sets
-from iceg.slam.place_votes import Vote
-from iceg.slam.track import Track
-from iceg.slam.untied_steps import UntiedSteps, closures_across
+from iceg.slam.tracking.track import Track
 
 _MOST_HYPOTHESES = 6
 _MOST_PLACES = 3

@@ -8,7 +8,7 @@ import numpy as np
 
 from graph.factors import Factor
 from graph.measurement import NoMatch
-from iceg.slam.track import Track
+from iceg.slam.tracking.track import Track
 
 Outcome = Literal["joined", "apart", "contradicted", "credible", "drifted"]
 

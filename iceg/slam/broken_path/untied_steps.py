@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from graph.factors import Factor
 from graph.measurement import NoMatch
+from iceg.slam.broken_path.path_break import LOST, Doubt
 from iceg.slam.config import LoopClosureConfig
-from iceg.slam.path_break import LOST, Doubt
-from iceg.slam.track import KeyScan, Track
+from iceg.slam.tracking.track import KeyScan, Track
 
 _LOG_END = 12.0
 """A break so near to the beginning or the end of the path matters to nobody [m]."""

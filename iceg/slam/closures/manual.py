@@ -16,8 +16,8 @@ from graph.factors import Factor
 from graph.pose_graph import PoseGraph
 from graph.se2 import adjoint, compose, inverse
 from iceg.slam.back_end import Solution
-from iceg.slam.closure import Closure
-from iceg.slam.track import Track
+from iceg.slam.closures.closure import Closure
+from iceg.slam.tracking.track import Track
 from iceg.tables import TableError, parse_numbers
 
 _COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad")

@@ -14,8 +14,8 @@ from threadpoolctl import threadpool_limits
 
 from graph.factors import Factor
 from graph.se2 import adjoint, between, chain_covariance, compose_covariance
-from iceg.slam._joint_system_kernels import JointSystem, PointsOnLines, fill, normal_equations
-from iceg.slam.marginal_blocks import diagonal_of_inverse
+from iceg.slam.joint._system_kernels import JointSystem, PointsOnLines, fill, normal_equations
+from iceg.slam.joint.marginal_blocks import diagonal_of_inverse
 
 _MOST_ANCHORS = 500
 _FIRST_ALONE = 8

@@ -19,8 +19,8 @@ from iceg.ice import _hypothesis_kernels as hypothesis_kernels
 from iceg.ice.features import FeatureRows
 from iceg.ice.matcher import IceMatcher, Observation
 from iceg.ice.sweeps import joined, starts_of
-from iceg.slam import _signature_kernels as kernels
-from iceg.slam.track import KeyScan
+from iceg.slam.closures import _signature_kernels as kernels
+from iceg.slam.tracking.track import KeyScan
 
 _HALF = 5
 """Key scans on either side that make up the place."""

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from graph.factors import Factor
 from graph.problem import Problem
-from iceg.slam.closure_attempt import Attempt
+from iceg.slam.closures.attempt import Attempt
 
 _CONTRADICTED = 0.01
 """A closure whose robust kernel leaves it a smaller weight than this is wrong."""

@@ -18,12 +18,12 @@ from graph.factors import Factor
 from graph.problem import Linearization, Problem
 from graph.se2 import compose, expmap, inverse
 from iceg.ice.points import thinned_points
-from iceg.slam import _joint_kernels as kernels
-from iceg.slam._joint_system_kernels import product
 from iceg.slam.config import JointRefinementConfig
-from iceg.slam.joint_covariance import Walls, joint_covariances
-from iceg.slam.track import Track
-from iceg.slam.wall_claims import believed_covariances
+from iceg.slam.joint import _wall_kernels as kernels
+from iceg.slam.joint._system_kernels import product
+from iceg.slam.joint.covariance import Walls, joint_covariances
+from iceg.slam.joint.wall_claims import believed_covariances
+from iceg.slam.tracking.track import Track
 
 _LEAST_NOISE = 0.004
 """The residuals of points are never taken to be smaller than this [m]."""

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.se2 import between, compose
-from iceg.slam.closure_attempt import Attempt, closed_pose, lies_near
-from iceg.slam.closure_candidates import ANCHOR_SPACING, Candidate
+from iceg.slam.broken_path.place_hypothesis import Hypothesis
+from iceg.slam.closures.attempt import Attempt, closed_pose, lies_near
+from iceg.slam.closures.candidates import ANCHOR_SPACING, Candidate
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.place_hypothesis import Hypothesis
-from iceg.slam.track import Track
+from iceg.slam.tracking.track import Track
 
 _FEWEST_VOTES, _MAJORITY = 6, 3.0
 """A hypothesis needs at least so many votes, and so many times those against it …"""

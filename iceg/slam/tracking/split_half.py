@@ -18,7 +18,7 @@ from frontends.matcher import Matcher
 from frontends.scan import Scan
 from graph.measurement import NoMatch, RelativePose
 from graph.se2 import between, logmap
-from iceg.slam.track import KeyScan, Track
+from iceg.slam.tracking.track import KeyScan, Track
 
 _BEHIND = 12
 """Key scans in the local map of a test."""

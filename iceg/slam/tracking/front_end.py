@@ -16,8 +16,8 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse, wrap_angle
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.config import FrontEndConfig, KeyScanConfig
-from iceg.slam.map_matcher import FollowingMatcher, MapMatcher
-from iceg.slam.track import KeyScan
+from iceg.slam.tracking.map_matcher import FollowingMatcher, MapMatcher
+from iceg.slam.tracking.track import KeyScan
 
 _ODOMETRY_SPEAKS = 4.0
 """Ratio of variances (match over odometry) from which on a direction is shared with odometry."""

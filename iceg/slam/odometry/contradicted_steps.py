@@ -16,9 +16,9 @@ from graph.factors import Factor
 from graph.measurement import NoMatch
 from graph.se2 import adjoint, between, compose, logmap
 from iceg.slam.back_end import Solution
+from iceg.slam.broken_path.untied_steps import amid_the_path, closures_across
 from iceg.slam.config import LoopClosureConfig
-from iceg.slam.track import KeyScan, Track
-from iceg.slam.untied_steps import amid_the_path, closures_across
+from iceg.slam.tracking.track import KeyScan, Track
 
 _SETTLED = 6
 """So many closures that span such a step settle it, as so many must agree to join the parts of a broken path."""

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from frontends.scan import Log
 from graph.se2 import between, compose
-from iceg.slam.odometry_steps import is_moving
-from iceg.slam.repeated_scans import is_repeated
+from iceg.slam.odometry.steps import is_moving
+from iceg.slam.tracking.repeated_scans import is_repeated
 
 _SELDOM = 0.5
 """Where more of the moves than this follow upon a standstill, odometry is read more seldom than the laser."""

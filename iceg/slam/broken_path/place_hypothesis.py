@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from graph.consistency import cumulative_covariances, maximum_clique, pairwise_consistency
 from graph.factors import Factor
 from graph.se2 import compose, inverse, logmap
-from iceg.slam.closure_attempt import Attempt, closed_pose, closure_factor
-from iceg.slam.path_parts import PathParts
-from iceg.slam.untied_steps import UntiedSteps
+from iceg.slam.broken_path.path_parts import PathParts
+from iceg.slam.broken_path.untied_steps import UntiedSteps
+from iceg.slam.closures.attempt import Attempt, closed_pose, closure_factor
 
 _MOST = 0.75
 """Share of the most closures that span one step, from which on a step may be the one that they are about."""

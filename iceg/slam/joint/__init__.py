@@ -1,0 +1,1 @@
+"""Poses and walls refined together, and how well they are known afterwards."""
