@@ -3,7 +3,7 @@
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,7 +14,6 @@ from frontends.matchers import make_matcher
 from frontends.scan import Log
 from graph.batch import marginal_covariances
 from graph.factors import Factor
-from graph.measurement import RelativePose
 from graph.pose_graph import PoseGraph
 from iceg.config import Config
 from iceg.ice.features import extract_features
@@ -22,8 +21,6 @@ from iceg.ice.matcher import IceMatcher
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.slam.back_end import Solution, solve_track
-from iceg.slam.broken_path.path_break import describe_break
-from iceg.slam.broken_path.place_votes import describe_vote
 from iceg.slam.closures.closure import Closure
 from iceg.slam.closures.manual import (
     ManualClosure,
@@ -33,12 +30,13 @@ from iceg.slam.closures.manual import (
     manual_records,
 )
 from iceg.slam.final_factors import FinalFactors
-from iceg.slam.finish import Finished, Round, finish
+from iceg.slam.finish import Finished, finish
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.contradicted_steps import with_both_ways
-from iceg.slam.odometry.standstill import describe_dead, with_odometry_between_readings
-from iceg.slam.path_uncertainty import LeastKnown, least_known
+from iceg.slam.odometry.standstill import with_odometry_between_readings
+from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import Progress, ProgressCallback
+from iceg.slam.summary import summarise
 from iceg.slam.tracking.broken_track import retied
 from iceg.slam.tracking.laser_orientation import track_as_mounted
 from iceg.slam.tracking.log_tracking import track_calibrating
@@ -145,9 +143,11 @@ def run(
         landmarks=landmarks,
         grid=grid,
         closures=_closures(track, solution) + manual_records(closures, track),
-        summary=_summary(
-            log, track, solution, calibration, finished.rounds, clock, least_known(key_scans, covariances), doubt
-        ),
+        summary={
+            **summarise(log, track, solution, calibration, finished.rounds, least_known(key_scans, covariances), doubt),
+            "seconds": clock.seconds,
+            "cpu_seconds": clock.cpu_seconds,
+        },
     )
 
 
@@ -254,63 +254,3 @@ def _closures(track: Track, solution: Solution) -> list[Closure]:
         )
         for attempt in solution.attempts
     ]
-
-
-def _summary(
-    log: Log,
-    track: Track,
-    solution: Solution,
-    calibration: OdometryCalibration,
-    rounds: list[Round],
-    clock: _StageClock,
-    worst: LeastKnown,
-    grid_doubt: str | None,
-) -> dict[str, Any]:
-    factors = solution.graph.factors
-    matches = [key.match for key in track.keys if isinstance(key.match, RelativePose)]
-    doubts = [sentence for sentence in (grid_doubt, worst.warning()) if sentence is not None]
-    doubts += [describe_dead(*stretch) for stretch in track.dead]
-    if rounds and rounds[-1].covariances_from == "graph":
-        doubts.append(
-            "covariances of the key poses are those of the graph: the walls do not tell them, or not credibly"
-        )
-    kinds = ("prior", "odometry", "ice", "stretch", "closure")
-    return {
-        "log": log.path.name,
-        "scans": len(log),
-        "skipped_lines": log.skipped_lines,
-        "warnings": [
-            *log.warnings,
-            *doubts,
-            *(describe_break(found, track) for found in solution.breaks),
-            *(describe_vote(vote, track) for vote in solution.alike),
-        ],
-        "key_poses": len(track.keys),
-        "scans_carried_by_odometry": track.failures,
-        "lost_at_scans": track.lost,
-        "breaks": [
-            {"scan": track.keys[found.key].index, "outcome": found.outcome, "moved_m": round(found.moved, 3)}
-            for found in solution.breaks
-        ],
-        "odometry_jumps": len(solution.odometry_jumps),
-        "odometry_breaks_at_scans": track.breaks,
-        "match_doubt": round(track.match_doubt, 3),
-        "weak_matches": sum(not match.is_fully_observed for match in matches),
-        "factors": {kind: sum(1 for factor in factors if factor.kind == kind) for kind in kinds},
-        "closures": {
-            "tried": len(solution.attempts),
-            "accepted": sum(1 for attempt in solution.attempts if attempt.accepted),
-        },
-        "finish": [asdict(done) for done in rounds],
-        "odometry": {
-            "translation_scale": calibration.translation_scale,
-            "heading_scale": calibration.heading_scale,
-            "heading_per_metre_rad": calibration.heading_per_metre,
-            "heading_shift_scans": calibration.heading_shift,
-            "translation_shift_scans": calibration.translation_shift,
-            "T_odometry_laser": list(calibration.T_odometry_laser),
-        },
-        "seconds": clock.seconds,
-        "cpu_seconds": clock.cpu_seconds,
-        "least_known": {"scan": worst.scan, "position_std_m": round(worst.deviation, 4)},
-    }

@@ -1,0 +1,86 @@
+"""What a run tells of itself: counts, warnings, what became of each doubt, and the calibration of the odometry."""
+
+from dataclasses import asdict
+from typing import Any
+
+from frontends.scan import Log
+from graph.measurement import RelativePose
+from iceg.slam.back_end import Solution
+from iceg.slam.broken_path.path_break import describe_break
+from iceg.slam.broken_path.place_votes import describe_vote
+from iceg.slam.finish import Round
+from iceg.slam.odometry.calibration import OdometryCalibration
+from iceg.slam.odometry.standstill import describe_dead
+from iceg.slam.path_uncertainty import LeastKnown
+from iceg.slam.tracking.track import Track
+
+
+def summarise(
+    log: Log,
+    track: Track,
+    solution: Solution,
+    calibration: OdometryCalibration,
+    rounds: list[Round],
+    worst: LeastKnown,
+    grid_doubt: str | None,
+) -> dict[str, Any]:
+    """Sum up a run, for `summary.json`.
+
+    Args:
+        log: the log.
+        track: what the front end made of it.
+        solution: the graph at the end, its record of closures and breaks.
+        calibration: of the odometry.
+        rounds: what the offline finish did.
+        worst: the key pose known least.
+        grid_doubt: what the occupancy grid warns of, None for nothing.
+
+    Returns:
+        Counts, warnings and calibration under the names of `summary.json`; lengths in metres, angles in radians.
+    """
+    factors = solution.graph.factors
+    matches = [key.match for key in track.keys if isinstance(key.match, RelativePose)]
+    doubts = [sentence for sentence in (grid_doubt, worst.warning()) if sentence is not None]
+    doubts += [describe_dead(*stretch) for stretch in track.dead]
+    if rounds and rounds[-1].covariances_from == "graph":
+        doubts.append(
+            "covariances of the key poses are those of the graph: the walls do not tell them, or not credibly"
+        )
+    kinds = ("prior", "odometry", "ice", "stretch", "closure")
+    return {
+        "log": log.path.name,
+        "scans": len(log),
+        "skipped_lines": log.skipped_lines,
+        "warnings": [
+            *log.warnings,
+            *doubts,
+            *(describe_break(found, track) for found in solution.breaks),
+            *(describe_vote(vote, track) for vote in solution.alike),
+        ],
+        "key_poses": len(track.keys),
+        "scans_carried_by_odometry": track.failures,
+        "lost_at_scans": track.lost,
+        "breaks": [
+            {"scan": track.keys[found.key].index, "outcome": found.outcome, "moved_m": round(found.moved, 3)}
+            for found in solution.breaks
+        ],
+        "odometry_jumps": len(solution.odometry_jumps),
+        "odometry_breaks_at_scans": track.breaks,
+        "match_doubt": round(track.match_doubt, 3),
+        "weak_matches": sum(not match.is_fully_observed for match in matches),
+        "factors": {kind: sum(1 for factor in factors if factor.kind == kind) for kind in kinds},
+        "closures": {
+            "tried": len(solution.attempts),
+            "accepted": sum(1 for attempt in solution.attempts if attempt.accepted),
+        },
+        "finish": [asdict(done) for done in rounds],
+        "odometry": {
+            "translation_scale": calibration.translation_scale,
+            "heading_scale": calibration.heading_scale,
+            "heading_per_metre_rad": calibration.heading_per_metre,
+            "heading_shift_scans": calibration.heading_shift,
+            "translation_shift_scans": calibration.translation_shift,
+            "T_odometry_laser": list(calibration.T_odometry_laser),
+        },
+        "least_known": {"scan": worst.scan, "position_std_m": round(worst.deviation, 4)},
+    }
