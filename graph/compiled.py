@@ -1,15 +1,39 @@
 """How inner loops are compiled."""
 
-from typing import Final, cast
+import logging
+from collections.abc import Callable
+from functools import cache
+from typing import Any, Final, TypeVar, cast
 
 import numpy as np
 from numba import njit
 
-compiled = njit(cache=True, error_model="numpy")
-"""Decorator of a compiled function: kept on disk for the next run; division by zero gives infinity or NaN, as in NumPy.
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+_kept = njit(cache=True, error_model="numpy")
+_for_this_process = njit(error_model="numpy")
 
-Python's check of every divisor would cost a tenth of the time to compile.
-"""
+
+def compiled(function: _Function) -> _Function:
+    """Decorator of a compiled function.
+
+    It is kept on disk for the next run, where that can be written: beside the source, in the folder of the user's
+    caches, or where `NUMBA_CACHE_DIR` says. Division by zero gives infinity or NaN, as in NumPy: Python's check of
+    every divisor would cost a tenth of the time to compile.
+    """
+    try:
+        return cast("_Function", _kept(function))
+    except RuntimeError:
+        _warn()
+        return cast("_Function", _for_this_process(function))
+
+
+@cache
+def _warn() -> None:
+    """Once, not for every kernel."""
+    logging.getLogger(__name__).warning(
+        "compiled kernels cannot be kept, each run compiles them: set NUMBA_CACHE_DIR to a folder that can be written"
+    )
+
 
 ZERO: Final = cast("int", np.int64(0))
 """A zero that is a number among others to a compiled function which hands it to the next …"""

@@ -1,6 +1,8 @@
 """How inner loops are compiled: numbers and arrays handed from one to the next."""
 
 import os
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -29,3 +31,19 @@ def test_assign_copies_into_what_is_there(shape: tuple[int, ...]) -> None:
     whole = np.full((2, *shape), -1.0)
     assign(whole[1], values)
     np.testing.assert_array_equal(whole, [np.full(shape, -1.0), values])
+
+
+@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled")
+def test_where_nothing_can_be_written_kernels_are_compiled_for_the_process_and_that_is_said_once() -> None:
+    code = (
+        "import numpy as np\n"
+        "from frontends.logs._number_kernels import scan_numbers\n"
+        "out = np.empty(2)\n"
+        "assert scan_numbers(np.frombuffer(b'1.5 -2', np.uint8), 0, 6, out) == (2, 6)\n"
+        "assert out.tolist() == [1.5, -2.0]\n"
+    )
+    elsewhere = {"NUMBA_CACHE_LOCATOR_CLASSES": "IPythonCacheLocator"}  # finds no folder outside of a notebook
+    words = [sys.executable, "-c", code]
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=os.environ | elsewhere)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("set NUMBA_CACHE_DIR") == 1
