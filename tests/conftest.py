@@ -2,19 +2,20 @@
 
 import os
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
-# Compiling a kernel inside an example is no slowness of the example; and CI draws the same examples every time.
-settings.register_profile("here", deadline=None)
-settings.register_profile("ci", deadline=None, derandomize=True)
+# Compiling a kernel inside an example is no slowness of the example. The same examples every time, kept nowhere: what
+# one run finds, all find; `--hypothesis-profile others` draws new ones.
+settings.register_profile("others", deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("same", settings.get_profile("others"), derandomize=True, database=None)
+settings.load_profile("same")
 
 REPOSITORY = Path(__file__).parent.parent
 IN_CI = os.environ.get("CI", "").lower() in {"true", "1"}
-
-settings.load_profile("ci" if IN_CI else "here")
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in a shell's background, and the commands tested inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -30,3 +31,14 @@ def data_dir() -> Path:
     if IN_CI:
         pytest.fail(reason)
     pytest.skip(reason)
+
+
+@pytest.fixture(scope="session")
+def own_jupyter(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Notebooks are run by this Python: what Jupyter has in the user's home is not looked at, nor written to."""
+    folder = tmp_path_factory.mktemp("jupyter")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.delenv("JUPYTER_PATH", raising=False)
+        for name in ("JUPYTER_CONFIG_DIR", "JUPYTER_DATA_DIR", "JUPYTER_RUNTIME_DIR", "IPYTHONDIR"):
+            patch.setenv(name, str(folder / name.lower()))
+        yield

@@ -179,7 +179,6 @@ def test_false_closures_in_the_embedded_log_change_nothing(office: SlamResult) -
     assert undefended > 5.0 * clean, "the defence is needed"
 
 
-@pytest.mark.timeout(600)
 def test_false_closures_in_intel_change_nothing(data_dir: Path) -> None:
     # From the odometry on: chained matches, no help from the clean solution.
     result = iceg.run(iceg.read_log(data_dir / "intel.clf.gz"), COARSE)

@@ -23,13 +23,14 @@ def test_a_notebook_carries_no_outputs(path: Path) -> None:
         assert cell.get("execution_count") is None, cell.source
 
 
+@pytest.mark.usefixtures("own_jupyter")
 @pytest.mark.parametrize("path", [path for path in NOTEBOOKS if path.stem not in LONG], ids=lambda path: path.stem)
 def test_a_notebook_runs_and_its_claims_hold(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("ICEG_DATA", raising=False)  # the embedded log is enough here; all public ones take minutes
     notebook = read(path)
     assert any("assert " in cell.source for cell in notebook.cells), "a notebook asserts what it claims"
     resources = {"metadata": {"path": str(path.parent)}}
-    NotebookClient(notebook, timeout=240, kernel_name="python3", resources=resources).execute()
+    NotebookClient(notebook, startup_timeout=600, kernel_name="python3", resources=resources).execute()
 
 
 def test_there_are_notebooks() -> None:

@@ -19,7 +19,8 @@ def read() -> nbformat.NotebookNode:
 
 
 @pytest.fixture(scope="module")
-def executed() -> Iterator[nbformat.NotebookNode]:
+def executed(own_jupyter: None) -> Iterator[nbformat.NotebookNode]:
+    del own_jupyter
     # A backend chosen for the tests would keep the notebook from showing its figures.
     with pytest.MonkeyPatch.context() as patch:
         patch.delenv("MPLBACKEND", raising=False)
@@ -27,9 +28,8 @@ def executed() -> Iterator[nbformat.NotebookNode]:
 
 
 def _execute() -> nbformat.NotebookNode:
-    client = NotebookClient(
-        read(), timeout=500, kernel_name="python3", resources={"metadata": {"path": str(PATH.parent)}}
-    )
+    resources = {"metadata": {"path": str(PATH.parent)}}
+    client = NotebookClient(read(), startup_timeout=600, kernel_name="python3", resources=resources)
     executed: nbformat.NotebookNode = client.execute()
     return executed
 
@@ -49,7 +49,6 @@ def test_it_is_committed_in_its_quick_form_without_outputs() -> None:
     assert not any(cell.get("outputs") for cell in cells)
 
 
-@pytest.mark.timeout(900)
 def test_every_figure_and_table_is_there(executed: nbformat.NotebookNode) -> None:
     assert len(outputs(executed, "image/png")) >= 6  # Figs. 3 to 7 and a basin
     tables = "\n".join(outputs(executed, "text/markdown"))
@@ -59,7 +58,6 @@ def test_every_figure_and_table_is_there(executed: nbformat.NotebookNode) -> Non
     assert re.search(r"\| *csm *\|", tables)
 
 
-@pytest.mark.timeout(900)
 def test_each_experiment_asserts_its_claim_and_says_why_figures_differ(executed: nbformat.NotebookNode) -> None:
     text = "\n".join(cell.source for cell in executed.cells if cell.cell_type == "markdown")
     for name in ("Table I", "Fig. 5", "Fig. 6", "Fig. 7"):

@@ -204,7 +204,7 @@ def test_a_folder_without_permission_is_named(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not Path("/proc/self").is_dir(), reason="no /proc here")
 def test_a_folder_in_which_nobody_can_write_is_refused_before_the_run() -> None:
-    with pytest.raises(ResultsError, match=r"/proc/out: found /proc, where nothing can be written \(No such file"):
+    with pytest.raises(ResultsError, match=r"/proc/out: found /proc, where nothing can be written \("):
         check_directory(Path("/proc/out"), overwrite=False)
 
 
@@ -247,6 +247,9 @@ def test_the_summary_is_valid_json_for_strict_readers(tmp_path: Path) -> None:
 
 
 def test_the_memory_a_process_held_is_its_own() -> None:
+    status = Path("/proc/self/status")
+    if not status.is_file() or "VmHWM" not in status.read_text(encoding="ascii"):
+        pytest.skip("this system tells what a process or its parent held")
     code = "from iceg.memory import peak_memory_mb; print(peak_memory_mb())"
     ballast = np.ones(40_000_000)  # 320 MB that the child is not to be charged with
     peak = float(subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True).stdout)

@@ -18,7 +18,7 @@ from iceg.evaluation.bench.outcome import FIGURES_FILE, TRAJECTORY_FILE, Outcome
 from iceg.evaluation.bench.runs import ONE_CORE
 from iceg.evaluation.errors import EvaluationError
 
-_CONNECT_TIMEOUT = 15
+_CONNECT_TIMEOUT = 60
 _INTERRUPTED = 130
 
 
