@@ -3,6 +3,11 @@
 import subprocess
 import sys
 
+import numba
+import pytest
+
+from iceg.cli.quick_start import load_kernels_lightly
+
 _KERNEL = (
     "import sys\n"
     "import numpy as np\n"
@@ -40,3 +45,55 @@ def test_scipy_that_is_there_already_stays() -> None:
         "from iceg.cli.quick_start import load_numba_without_scipy\nload_numba_without_scipy()\n"
         "assert sys.modules['scipy.linalg'] is scipy.linalg\n"
     )
+
+
+_CACHED = (
+    "import numpy as np\n"
+    "from iceg.cli.quick_start import load_kernels_lightly\n"
+    "load_kernels_lightly()\n"
+    "from frontends.logs._number_kernels import scan_numbers\n"
+    "text, out = np.frombuffer(b'1.5 -2', np.uint8), np.empty(2)\n"
+    "assert (*scan_numbers(text, 0, 6, out), *out) == (2, 6, 1.5, -2.0)\n"
+    "[library] = [known.library for known in scan_numbers.overloads.values()]\n"
+)
+
+
+def test_a_kernel_loaded_from_its_cache_leaves_unread_what_only_others_need() -> None:
+    run(_CACHED)  # which compiles it where no run has yet
+    run(f"{_CACHED}assert library.unread\n")
+
+
+def test_a_kernel_loaded_from_its_cache_can_be_built_into_others() -> None:
+    run(_CACHED)
+    run(
+        f"{_CACHED}"
+        "from numba import njit\n"
+        "@njit\n"
+        "def twice(text, start, stop, out):\n"
+        "    scan_numbers(text, start, stop, out)\n"
+        "    return out * 2.0\n"
+        "assert library.unread\n"
+        "assert twice(text, 0, 6, out).tolist() == [3.0, -4.0]\n"
+        "assert not library.unread\n"
+    )
+
+
+def test_what_is_compiled_after_it_runs_and_recurses() -> None:
+    run(
+        f"{_CACHED}"
+        "from numba import njit\n"
+        "@njit\n"
+        "def factorial(n):\n"
+        "    return 1 if n < 2 else n * factorial(n - 1)\n"
+        "assert factorial(5) == 120\n"
+    )
+
+
+def test_a_numba_with_other_insides_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    from numba.core.registry import cpu_target
+
+    codegen = cpu_target.target_context.codegen()
+    before = codegen._library_class
+    monkeypatch.setattr(numba, "__version__", "1.0.0")
+    load_kernels_lightly()
+    assert codegen._library_class is before
