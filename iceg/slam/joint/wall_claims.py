@@ -1,10 +1,14 @@
-"""How much better than the graph the walls may know where the key poses are.
+"""How much better than the graph the walls may know where the key poses are, and that they know it no worse.
 
 The walls' covariances take it for certain which points lie on one wall. That was looked for within some centimetres
 of where the graph put the poses. Where the graph knows them far worse, as after a long way among people, or along
 corridors with few beams, points lie on the wrong piece of wall, the refinement cannot leave its place, and the claim is
 void. The graph's own covariances are too large where all is well (NEES 1.2; their standard deviations are up to 2.8
 times those of the walls, over 130 simulated runs) but hold where logs go wrong.
+
+Points far from the laser tell nothing in the walls' covariances, nor do matches. On open ground hardly anything stands
+near, and odometry would be left alone: 20 m claimed on a campus of 1.6 km that is known to 3 cm. The graph has the
+matches; what it knows better it knows.
 """
 
 import numpy as np
@@ -15,7 +19,7 @@ _MOST = 3.0
 
 
 def believed_covariances(walls: NDArray[np.float64], graph: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """The walls' covariances, nowhere far smaller than the graph's.
+    """The walls' covariances, nowhere far smaller than the graph's, nor larger.
 
     Args:
         walls: (k, 3, 3) marginals of the key poses from the points on shared walls, relative to the first …
@@ -34,6 +38,7 @@ def believed_covariances(walls: NDArray[np.float64], graph: NDArray[np.float64])
         return believed
     whitened = np.linalg.solve(root, np.swapaxes(np.linalg.solve(root, walls[1:]), 1, 2))
     shares, axes = np.linalg.eigh(0.5 * (whitened + np.swapaxes(whitened, 1, 2)))
-    lacking = root @ axes * np.sqrt(np.maximum(0.0, 1.0 / _MOST**2 - shares))[:, None, :]
-    believed[1:] += lacking @ np.swapaxes(lacking, 1, 2)
+    directions = root @ axes
+    lacking = np.clip(shares, 1.0 / _MOST**2, 1.0) - shares
+    believed[1:] += directions * lacking[:, None, :] @ np.swapaxes(directions, 1, 2)
     return believed

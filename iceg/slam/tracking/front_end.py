@@ -17,17 +17,13 @@ from graph.se2 import between, compose, inverse, wrap_angle
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.config import FrontEndConfig, KeyScanConfig
 from iceg.slam.tracking.map_matcher import FollowingMatcher, MapMatcher
+from iceg.slam.tracking.sight import BLIND_RANGE, BLIND_SHARE, FEWEST_RETURNS, is_blind, sees_little
 from iceg.slam.tracking.track import KeyScan
 
 _ODOMETRY_SPEAKS = 4.0
 """Ratio of variances (match over odometry) from which on a direction is shared with odometry."""
 
 
-_BLIND_RANGE = 0.5
-"""A scan most of whose beams end within this sees nothing: the laser is covered [m]."""
-_BLIND_SHARE = 0.8
-_FEWEST_RETURNS = 0.1
-"""A scan with a smaller share of returns sees nothing either."""
 _JUMP_DISTANCE, _JUMP_TURN, _JUMP_SIGMAS = 0.3, 0.26, 4.0
 """A match farther from odometry than this [m, rad] and than so many standard deviations is a jump …"""
 _JUMP_FIT, _JUMP_VIEW = 0.75, 0.75
@@ -44,9 +40,6 @@ _ALONG = 0.5
 """Key scans on trial come along to what was known if together they explain this share of what the newest does there."""
 _REFUTED = 200.0
 """Squared Mahalanobis distance from which on odometry is no longer imprecise but wrong: the match stands alone."""
-_FEW_RETURNS, _AFAR = 1.0 / 3.0, 10.0
-"""… and a match of a scan with a smaller share of returns says nothing against odometry, unless most come from beyond
-so many metres: there nobody is taken for a wall."""
 _TRACKING_COVARIANCE = np.diag((0.02, 0.02, 0.01)) ** 2
 """Of a pose between two key scans [m², m², rad²]."""
 _SAME_OPTIMUM = (0.08, 0.05)
@@ -122,7 +115,7 @@ class FrontEnd:
         Returns:
             (3,) its pose in the front end's own frame. The scan is tied to the newest of `keys`, which may be itself.
         """
-        self._is_blind = _is_blind(scan)
+        self._is_blind = is_blind(scan)
         if not self.keys:
             self._start(index, scan)
             return self._T_track_robot
@@ -289,8 +282,7 @@ class FrontEnd:
 
         Where hardly anything else is in reach, people close by pass for walls, and take the robot with them.
         """
-        returns, far = np.count_nonzero(scan.ranges >= 0.0), np.count_nonzero(scan.ranges > _AFAR)
-        few_see = returns < _FEW_RETURNS * len(scan.ranges) and far <= 0.5 * returns
+        few_see = sees_little(scan)
         if not (self._knows_motion and (few_see or is_vague) and self._is_off(found, covariance)):
             return None
         return _FEW_SEE if few_see else _SEES_TOO_LITTLE
@@ -442,17 +434,11 @@ class FrontEnd:
         return self._matcher.prepare([key.scan for key in keys], np.array([key.T_track_robot for key in keys]))
 
 
-def _is_blind(scan: Scan) -> bool:
-    """Whether nearly all beams end at once, or none returns: something covers the laser."""
-    returns, close = np.count_nonzero(scan.ranges >= 0.0), np.count_nonzero(scan.ranges < _BLIND_RANGE)
-    return bool(returns < _FEWEST_RETURNS * len(scan.ranges) or close > _BLIND_SHARE * returns)
-
-
 def _limits(key_scans: KeyScanConfig) -> Limits:
     return Limits(
-        blind_range=_BLIND_RANGE,
-        blind_share=_BLIND_SHARE,
-        fewest_returns=_FEWEST_RETURNS,
+        blind_range=BLIND_RANGE,
+        blind_share=BLIND_SHARE,
+        fewest_returns=FEWEST_RETURNS,
         moved=_JUMP_DISTANCE,
         turned=_JUMP_TURN,
         apart=_SAME_OPTIMUM[0],
