@@ -199,6 +199,19 @@ def test_a_covered_laser_is_not_matched_and_not_lost() -> None:
     assert not front_end.lost
 
 
+@pytest.mark.parametrize("is_lost", [False, True])
+def test_a_few_beams_from_afar_are_matched_and_begin_no_new_ground(is_lost: bool) -> None:
+    truth, fails = _straight(60), frozenset(range(20, 60)) if is_lost else frozenset[int]()
+    front_end = FrontEnd(TruthMatcher(np.vstack([np.zeros(3), truth]), fails), OdometryModel(), _CONFIG)
+    geometry = ScanGeometry(bearings=np.linspace(-1.5, 1.5, 361), range_min=0.1, range_max=80.0)
+    for index in range(60):
+        ranges = np.full(361, np.nan, np.float32)
+        ranges[0], ranges[1:30] = index + 1, 25.0
+        front_end.add(index, Scan(ranges=ranges, geometry=geometry), np.array([0.1, 0.0, 0.0]))
+    assert (front_end.failures > 30) == is_lost
+    assert not front_end.lost
+
+
 def test_without_odometry_the_velocity_is_taken_as_constant() -> None:
     truth = _straight(40)
     fails = frozenset(range(20, 25))

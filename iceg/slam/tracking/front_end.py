@@ -17,7 +17,14 @@ from graph.se2 import between, compose, inverse, wrap_angle
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.config import FrontEndConfig, KeyScanConfig
 from iceg.slam.tracking.map_matcher import FollowingMatcher, MapMatcher
-from iceg.slam.tracking.sight import BLIND_RANGE, BLIND_SHARE, FEWEST_RETURNS, is_blind, sees_little
+from iceg.slam.tracking.sight import (
+    BLIND_RANGE,
+    BLIND_SHARE,
+    FEWEST_RETURNS,
+    is_blind,
+    sees_little,
+    sees_next_to_nothing,
+)
 from iceg.slam.tracking.track import KeyScan
 
 _ODOMETRY_SPEAKS = 4.0
@@ -408,12 +415,12 @@ class FrontEnd:
         """Let the newest key scan join the reference it matched; an unmatched one begins a reference on trial.
 
         The one on trial takes over once nothing but it has matched for a while: the robot came upon new ground, or was
-        carried away.
+        carried away. A scan that sees next to nothing does not tell.
         """
-        newest = len(self.keys) - 1
-        if self._is_blind:
+        newest, is_new = len(self.keys) - 1, is_unmatched or self._on_trial
+        if self._is_blind or (is_new and sees_next_to_nothing(self.keys[-1].scan)):
             return
-        if is_unmatched or self._on_trial:
+        if is_new:
             self._trial_keys.append(newest)
             self._trial = self._prepared(self._trial_keys)
             if len(self._trial_keys) >= _LOST_AFTER:

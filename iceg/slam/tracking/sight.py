@@ -20,9 +20,14 @@ _AFAR = 10.0
 def is_blind(scan: Scan) -> bool:
     """Whether nearly all beams end at once, or next to none returns: something covers the laser."""
     returns, close = np.count_nonzero(scan.ranges >= 0.0), np.count_nonzero(scan.ranges < BLIND_RANGE)
-    if returns < FEWEST_RETURNS * len(scan.ranges) and (returns < _FEWEST_AFAR or not _sees_afar(scan)):
+    if sees_next_to_nothing(scan) and (returns < _FEWEST_AFAR or not _sees_afar(scan)):
         return True
     return bool(close > BLIND_SHARE * returns)
+
+
+def sees_next_to_nothing(scan: Scan) -> bool:
+    """Whether so few beams return that it means nothing if they match nothing."""
+    return bool(np.count_nonzero(scan.ranges >= 0.0) < FEWEST_RETURNS * len(scan.ranges))
 
 
 def sees_little(scan: Scan) -> bool:
