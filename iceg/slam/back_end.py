@@ -45,6 +45,9 @@ odometry is between this and 1."""
 _JUMP_DISTANCE2, _USUAL_DISTANCE2 = 25.0, 3.0
 """Squared Mahalanobis distance from which on odometry contradicts a match, and the one it is then widened to."""
 
+_REFUSED = _JUMP_DISTANCE2 / _USUAL_DISTANCE2
+"""Factor on the covariance of odometry where it was believed against a match: the wheels may have slipped after all."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solution:
@@ -321,7 +324,25 @@ def solve_track(
         back_end.add(key, motion)
         if progress is not None:
             progress(track.keys[key].index + 1)
-    return _relocalised(back_end.solution(), back_end.doubts, closer, track, graph_config)
+    solution = _relocalised(back_end.solution(), back_end.doubts, closer, track, graph_config)
+    return _with_slips(solution, track, graph_config)
+
+
+def _with_slips(solution: Solution, track: Track, graph_config: PoseGraphConfig) -> Solution:
+    """The same with less trust in odometry where it was believed against a match.
+
+    Not before: among people, who are what such matches usually see, it is right, and the searches for loops rest on it.
+    """
+    if not any(key.is_refused for key in track.keys):
+        return solution
+    factors = [
+        replace(factor, covariance=factor.covariance * _REFUSED)
+        if factor.kind == "odometry" and track.keys[factor.j].is_refused
+        else factor
+        for factor in solution.graph.factors
+    ]
+    graph = PoseGraph.from_factors(factors, solution.poses, graph_config)
+    return replace(solution, graph=graph, poses=graph.all_poses())
 
 
 def _relocalised(

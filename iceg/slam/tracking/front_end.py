@@ -25,7 +25,7 @@ from iceg.slam.tracking.sight import (
     sees_little,
     sees_next_to_nothing,
 )
-from iceg.slam.tracking.track import KeyScan
+from iceg.slam.tracking.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan
 
 _ODOMETRY_SPEAKS = 4.0
 """Ratio of variances (match over odometry) from which on a direction is shared with odometry."""
@@ -68,8 +68,6 @@ _UNKNOWN_ODOMETRY = OdometryModel(
 COVERED = NoMatch(reason="the laser is covered")
 """What becomes of a scan that sees nothing."""
 _IMPLAUSIBLE = NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
-_SEES_TOO_LITTLE = NoMatch(reason="contradicts odometry, and observes next to nothing")
-_FEW_SEE = NoMatch(reason="contradicts odometry, and few beams return")
 
 
 class FrontEnd:
@@ -292,7 +290,7 @@ class FrontEnd:
         few_see = sees_little(scan)
         if not (self._knows_motion and (few_see or is_vague) and self._is_off(found, covariance)):
             return None
-        return _FEW_SEE if few_see else _SEES_TOO_LITTLE
+        return FEW_SEE if few_see else SEES_TOO_LITTLE
 
     def _held(
         self,
@@ -389,7 +387,7 @@ class FrontEnd:
     def _add_key(self, index: int, scan: Scan) -> None:
         match = self._match(scan)
         anchor = self._anchor()
-        if match is _SEES_TOO_LITTLE or match is _FEW_SEE:
+        if match is SEES_TOO_LITTLE or match is FEW_SEE:
             self._T_track_robot = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
         if not isinstance(match, NoMatch):
             T_track_match = match.T_ref_cur
@@ -409,7 +407,7 @@ class FrontEnd:
             self.adrift.append(index)
         self._motion, self._knows_motion, self._adrift = self._odometry.start(), self._has_odometry, 0
         # A scan of few returns lies where odometry has it, and not on new ground.
-        self._extend_reference(isinstance(match, NoMatch) and match is not _FEW_SEE)
+        self._extend_reference(isinstance(match, NoMatch) and match is not FEW_SEE)
 
     def _extend_reference(self, is_unmatched: bool) -> None:
         """Let the newest key scan join the reference it matched; an unmatched one begins a reference on trial.

@@ -10,6 +10,10 @@ from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryMotion
 from graph.se2 import compose
 
+SEES_TOO_LITTLE = NoMatch(reason="contradicts odometry, and observes next to nothing")
+FEW_SEE = NoMatch(reason="contradicts odometry, and few beams return")
+"""What becomes of a match that is not believed against odometry."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeyScan:
@@ -30,6 +34,11 @@ class KeyScan:
     match: RelativePose | NoMatch
     anchor: int
     T_track_robot: NDArray[np.float64]
+
+    @property
+    def is_refused(self) -> bool:
+        """Whether there was a match, which was not believed against odometry."""
+        return self.match in (FEW_SEE, SEES_TOO_LITTLE)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
