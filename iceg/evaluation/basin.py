@@ -18,11 +18,9 @@ from iceg.config import MatcherName
 from iceg.evaluation.bench.tables import Row
 from iceg.evaluation.consistency import Consistency, consistency, nees, relative_pose_errors
 from iceg.evaluation.errors import EvaluationError
-from iceg.evaluation.scan_pairs import ScanPair, errors_against
+from iceg.evaluation.scan_pairs import ScanPair, errors_against, is_success
 from iceg.ice.config import HypothesisConfig, IceConfig, Search
 
-SUCCESS_M, SUCCESS_RAD = 0.15, radians(3.0)
-"""A match within these of the true pose has succeeded."""
 _CERTAINLY_OUTSIDE = 16.27
 """99.9 % of the chi-square distribution with three degrees of freedom."""
 _LEAST_SIGMA_M, _LEAST_SIGMA_RAD = 0.05, radians(2.0)
@@ -49,11 +47,6 @@ class Trials:
     def success(self) -> float:
         """Share that succeeded."""
         return float(self.succeeded.mean())
-
-    @property
-    def refused(self) -> float:
-        """Share that the matcher itself gave up."""
-        return float(np.isnan(self.errors[:, 0]).mean())
 
     @property
     def wrong(self) -> float:
@@ -284,8 +277,7 @@ def _trials(
         if isinstance(match, NoMatch):
             continue
         errors[k], covariances[k] = relative_pose_errors(match.T_ref_cur, pair.T_ref_cur), match.covariance
-        distance, turn = errors_against(match.T_ref_cur, pair.T_ref_cur)
-        succeeded[k] = bool(distance < SUCCESS_M) and bool(turn < SUCCESS_RAD)
+        succeeded[k] = is_success(*errors_against(match.T_ref_cur, pair.T_ref_cur))
     return Trials(errors=errors, covariances=covariances, succeeded=succeeded, milliseconds=milliseconds)
 
 

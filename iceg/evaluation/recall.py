@@ -8,22 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Log, Scan
-from graph.se2 import between, wrap_angle
+from graph.se2 import between
 from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.relations import Relations
+from iceg.evaluation.scan_pairs import SEPARATE_PASSES, errors_against, is_success
 from iceg.ice.hypotheses import SearchWindow
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.tracking.track import Track
 
-SEPARATE_PASSES = 200
-"""Two scans more than this far apart in the log count as two passes."""
 _HALF = 8
 """Key scans to either side that make up the reference."""
 _RECALL_M, _RECALL_RAD = 0.3, radians(6.0)
 """A hypothesis this near to the true pose is right."""
-_SUCCESS_M, _SUCCESS_RAD = 0.15, radians(3.0)
-"""A match this near to the true pose has succeeded."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +48,7 @@ class RecallResult:
     @property
     def median_error(self) -> float:
         """Median translation error of the matches that succeeded [m]."""
-        good = (self.translation_errors < _SUCCESS_M) & (self.rotation_errors < _SUCCESS_RAD)
+        good = is_success(self.translation_errors, self.rotation_errors)
         return float(np.median(self.translation_errors[good])) if good.any() else float("nan")
 
 
@@ -103,7 +100,7 @@ def recall_benchmark(
     return RecallResult(
         n=len(trials),
         recall=float(np.mean([trial.recalled for trial in trials])),
-        success=float(np.mean((errors[:, 0] < _SUCCESS_M) & (errors[:, 1] < _SUCCESS_RAD))),
+        success=float(np.mean(is_success(errors[:, 0], errors[:, 1]))),
         median_ms=1e3 * float(np.median([trial.seconds for trial in trials])),
         hypotheses=float(np.mean([trial.hypotheses for trial in trials])),
         translation_errors=errors[:, 0],
@@ -126,18 +123,14 @@ def _try(
     refined = matcher.align(local_map, scan, window)
     seconds = time.process_time() - started
     hypotheses, _ = matcher.rank(local_map, matcher.observe(scan), window)
-    distances, turns = _errors(hypotheses, T_i_j)
-    error_m, error_rad = _errors(refined.T_ref_cur, T_i_j)
+    distances, turns = errors_against(hypotheses, T_i_j)
+    error_m, error_rad = errors_against(refined.T_ref_cur, T_i_j)
     return _Trial(
         recalled=bool(((distances < _RECALL_M) & (turns < _RECALL_RAD)).any()),
         error=(float(error_m), float(error_rad)),
         seconds=seconds,
         hypotheses=len(hypotheses),
     )
-
-
-def _errors(poses: NDArray[np.float64], true: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    return np.hypot(poses[..., 0] - true[0], poses[..., 1] - true[1]), np.abs(wrap_angle(poses[..., 2] - true[2]))
 
 
 class _Places:

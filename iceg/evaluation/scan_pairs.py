@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
+from math import radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,8 @@ from iceg.evaluation.relations import Relations
 
 SEPARATE_PASSES = 200
 """Two scans more than this far apart in the log count as two passes."""
+_SUCCESS_M, _SUCCESS_RAD = 0.15, radians(3.0)
+"""A match within these of the true pose has succeeded."""
 _SEEN_BY_BOTH_M = 0.3
 """A point this near to one of the other scan is seen by both."""
 
@@ -147,6 +150,11 @@ def errors_against(
     """Distance [m] and angle [rad], not negative, between poses (..., 3)."""
     off = between(T_true, T_ref_cur)
     return np.hypot(off[..., 0], off[..., 1]), np.abs(off[..., 2])
+
+
+def is_success(distance: NDArray[np.float64], angle: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether matches with such errors, see `errors_against`, found the place: 0.15 m and 3° at most."""
+    return (distance < _SUCCESS_M) & (angle < _SUCCESS_RAD)
 
 
 def _first_that_share(pairs: Iterator[ScanPair], n: int | None, least_shared: float, where: str) -> list[ScanPair]:
