@@ -5,6 +5,7 @@ import math
 import platform
 import shutil
 import signal
+import sys
 import tempfile
 import threading
 import time
@@ -239,13 +240,18 @@ _WRITERS: Mapping[str, Callable[["SlamResult", Path], None]] = {
 
 def _circumstances() -> dict[str, Any]:
     """What the figures of a run depend on besides log and settings."""
-    from importlib.metadata import version
-
     packages = ("iceg", "gtsam", "numpy", "scipy", "numba", "matplotlib")
     return {
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in packages}},
+        "versions": {"python": platform.python_version(), **{name: _version(name) for name in packages}},
         "peak_memory_mb": peak_memory_mb(),
     }
+
+
+def _version(name: str) -> str:
+    """Of a package, as it says itself where it is loaded: reading what was installed takes milliseconds each."""
+    from importlib.metadata import version
+
+    return getattr(sys.modules.get(name), "__version__", None) or version(name)
 
 
 def _format_summary(summary: Mapping[str, Any]) -> str:

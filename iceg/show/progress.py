@@ -4,6 +4,7 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from threading import RLock
 from typing import NoReturn, Self
 
 import numpy as np
@@ -18,6 +19,8 @@ _BAR = _BAR_AT_FIRST.replace("{postfix}", ", {remaining} left{postfix}")
 _TELLING = 0.1
 """From this share of the scans on their mean time tells what is left: the first ones may wait a minute for kernels."""
 _INTERVAL_ON_TERMINAL_S, _INTERVAL_IN_FILE_S = 0.1, 5.0
+
+tqdm.set_lock(RLock())  # its own is for bars of several processes, and loads all of multiprocessing
 
 
 class ProgressBar:
