@@ -120,6 +120,7 @@ def test_long_runs_have_anchors(monkeypatch: pytest.MonkeyPatch) -> None:
     match = [Factor(kind="ice", i=i, j=i + 1, T_i_j=STEP, covariance=1e-5 * np.eye(3)) for i in range(59)]
     factors = [*_factors(poses), *match]
     exact = joint_covariances(factors, poses, starts, walls, PRECISION)
+    monkeypatch.setattr(joint_covariance, "_ALL_ALONE", 22)
     monkeypatch.setattr(joint_covariance, "_MOST_ANCHORS", 22)
     coarse = joint_covariances(factors, poses, starts, walls, PRECISION)
     ratio = np.trace(coarse[1:], axis1=1, axis2=2) / np.trace(exact[1:], axis1=1, axis2=2)
@@ -128,11 +129,24 @@ def test_long_runs_have_anchors(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (np.linalg.eigvalsh(coarse) > 0.0).all()
 
 
+def test_runs_of_middling_length_have_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
+    poses = _path(60)
+    walls, starts = _walls(60, 12)
+    exact = joint_covariances(_factors(poses), poses, starts, walls, PRECISION)
+    monkeypatch.setattr(joint_covariance, "_ALL_ALONE", 59)
+    pairs = joint_covariances(_factors(poses), poses, starts, walls, PRECISION)
+    deviations = np.sqrt(np.diagonal(pairs[1:], axis1=1, axis2=2) / np.diagonal(exact[1:], axis1=1, axis2=2))
+    assert np.median(deviations) == pytest.approx(1.0, abs=0.1)
+    assert (deviations != 1.0).any()
+    assert (deviations > 0.8).all()
+
+
 def test_groups_leave_the_odometry_of_a_path_that_sees_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     poses = _path(41)
     walls, starts = _walls(41, 6)
     walls.weights[:] = 0.0
     exact = joint_covariances(_factors(poses), poses, starts, walls, PRECISION)
+    monkeypatch.setattr(joint_covariance, "_ALL_ALONE", 15)
     monkeypatch.setattr(joint_covariance, "_MOST_ANCHORS", 15)
     coarse = joint_covariances(_factors(poses), poses, starts, walls, PRECISION)
     anchors = [*range(8), *range(8, 41, 5)]

@@ -17,7 +17,9 @@ from graph.se2 import adjoint, between, chain_covariance, compose_covariance
 from iceg.slam.joint._system_kernels import JointSystem, PointsOnLines, fill, normal_equations
 from iceg.slam.joint.marginal_blocks import diagonal_of_inverse
 
-_MOST_ANCHORS = 500
+_ALL_ALONE, _MOST_ANCHORS = 250, 500
+"""So many key poses are all unknowns; of more, two at least are one, and there are hardly more unknowns than the second
+number: time grows with their cube."""
 _FIRST_ALONE = 8
 """So many key poses at the start stay unknowns of their own: what the first is off against the walls is in all others,
 and a rigid group would give it the points of the whole group (σ was half of what it is at 1,700 key poses)."""
@@ -67,8 +69,8 @@ def joint_covariances(
     """Marginal covariances of the key poses from odometry and the points on shared walls.
 
     In long runs only every so many key poses are unknowns; the points of those between lie rigidly on the one before.
-    On runs of 900 to 7,400 key poses, the standard deviations are within 2 % of those without groups in the median, and
-    within 10 % for 99 of 100 key poses.
+    On runs of 420 to 7,400 key poses, the standard deviations are within 3 % of those without groups in the median, and
+    within 15 % for 98 of 100 key poses.
 
     Args:
         factors: of the graph; those of odometry count, and matches where there is none.
@@ -105,9 +107,9 @@ def joint_covariances(
 
 def _anchors(k: int) -> NDArray[np.int64]:
     """Which of k key poses are unknowns: the first ones, and then every so many."""
-    if k <= _MOST_ANCHORS:
+    if k <= _ALL_ALONE:
         return np.arange(k)
-    every = -(-(k - _FIRST_ALONE) // (_MOST_ANCHORS - _FIRST_ALONE))
+    every = max(2, -(-(k - _FIRST_ALONE) // (_MOST_ANCHORS - _FIRST_ALONE)))
     return np.append(np.arange(_FIRST_ALONE), np.arange(_FIRST_ALONE, k, every))
 
 

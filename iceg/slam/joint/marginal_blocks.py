@@ -57,7 +57,7 @@ def _eliminated(
 ) -> tuple[NDArray[np.float64], list[_Panel]]:
     """Eliminate all poses in an order; room for the inverse, and what became of each few of them."""
     n, panels = len(order), []
-    blocks, band = matrix.reshape(n, 3, n, 3), np.zeros_like(matrix)
+    blocks, band = matrix.reshape(n, 3, n, 3), np.zeros(matrix.shape)
     for first in range(0, n, _TOGETHER):
         last = min(first + _TOGETHER, n)
         end = max(last, int(ends[last - 1]))
