@@ -1,5 +1,6 @@
 """What the command line leaves out when it starts, and that nothing misses it."""
 
+import os
 import subprocess
 import sys
 
@@ -21,9 +22,18 @@ _KERNEL = (
 )
 
 
-def run(code: str) -> None:
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+def run(code: str, **variables: str) -> None:
+    words, env = [sys.executable, "-c", code], os.environ | variables
+    done = subprocess.run(words, capture_output=True, text=True, check=False, env=env)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Variables with which kernels are compiled and kept, whatever holds for the tests; that of `_CACHED` is there."""
+    variables = {"NUMBA_CACHE_DIR": str(tmp_path_factory.mktemp("kernels")), "NUMBA_DISABLE_JIT": "0"}
+    run(_CACHED, **variables)
+    return variables
 
 
 def test_a_kernel_runs_without_scipy_which_can_be_imported_all_the_same() -> None:
@@ -58,13 +68,11 @@ _CACHED = (
 )
 
 
-def test_a_kernel_loaded_from_its_cache_leaves_unread_what_only_others_need() -> None:
-    run(_CACHED)  # which compiles it where no run has yet
-    run(f"{_CACHED}assert library.unread\n")
+def test_a_kernel_loaded_from_its_cache_leaves_unread_what_only_others_need(kept: dict[str, str]) -> None:
+    run(f"{_CACHED}assert library.unread\n", **kept)
 
 
-def test_a_kernel_loaded_from_its_cache_can_be_built_into_others() -> None:
-    run(_CACHED)
+def test_a_kernel_loaded_from_its_cache_can_be_built_into_others(kept: dict[str, str]) -> None:
     run(
         f"{_CACHED}"
         "from numba import njit\n"
@@ -74,18 +82,20 @@ def test_a_kernel_loaded_from_its_cache_can_be_built_into_others() -> None:
         "    return out * 2.0\n"
         "assert library.unread\n"
         "assert twice(text, 0, 6, out).tolist() == [3.0, -4.0]\n"
-        "assert not library.unread\n"
+        "assert not library.unread\n",
+        **kept,
     )
 
 
-def test_what_is_compiled_after_it_runs_and_recurses() -> None:
+def test_what_is_compiled_after_it_runs_and_recurses(kept: dict[str, str]) -> None:
     run(
         f"{_CACHED}"
         "from numba import njit\n"
         "@njit\n"
         "def factorial(n):\n"
         "    return 1 if n < 2 else n * factorial(n - 1)\n"
-        "assert factorial(5) == 120\n"
+        "assert factorial(5) == 120\n",
+        **kept,
     )
 
 
