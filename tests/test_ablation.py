@@ -82,7 +82,7 @@ def test_from_the_command_line(short_log: Path, tmp_path: Path, capsys: pytest.C
     assert [row["log"] for row in rows] == ["short"] * 3
     for row in rows:
         assert f"{float(row['ATE [m]']):.4f}" in shown
-    assert len((tmp_path / "tables" / "ablation-stages.csv").read_text().splitlines()) == 7
+    assert len((tmp_path / "tables" / "ablation-stages.csv").read_text(encoding="utf-8").splitlines()) == 7
 
 
 def test_a_log_with_nothing_to_judge_it_by(tmp_path: Path) -> None:

@@ -214,7 +214,7 @@ def test_results_are_the_same_in_both_formats_whatever_the_types(tmp_path: Path)
     outcomes = [outcome(replace(cell(seed=k), swept={"x.y": value}), n=k) for k, value in enumerate(values)]
     outcomes.append(failed(cell("other"), 'broke, "badly"'))
     table, columnar = write_results(outcomes, tmp_path)
-    with table.open() as file:
+    with table.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     columns = pq.read_table(columnar).to_pydict()
     assert columns["x.y"] == ["0.5", "wide", "True", "3", None]

@@ -61,7 +61,7 @@ def experiment(folder: Path, methods: str, logs: str) -> Path:
 
 
 def rows_of(output: Path) -> list[dict[str, str]]:
-    with (output / "results.csv").open() as file:
+    with (output / "results.csv").open(encoding="utf-8") as file:
         return list(csv.DictReader(file))
 
 
@@ -143,7 +143,7 @@ def test_ctrl_c_keeps_what_is_complete(tmp_path: Path, hall: Path) -> None:
     assert process.returncode == 130
     assert "Traceback" not in complaint
     assert "complete runs are kept" in complaint
-    assert json.loads(complete.read_text())["error"] is None
+    assert json.loads(complete.read_text(encoding="utf-8"))["error"] is None
 
 
 def test_a_dask_cluster_runs_the_same_experiment(tmp_path: Path, hall: Path) -> None:

@@ -58,7 +58,8 @@ def test_help_names_the_commands_and_loads_nothing_heavy() -> None:
         "except SystemExit as done: assert not done.code\n"
         "sys.exit(', '.join(m for m in ('gtsam', 'numba', 'matplotlib', 'scipy') if m in sys.modules))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    words, env = [sys.executable, "-c", code], os.environ | {"PYTHONIOENCODING": "utf-8"}
+    done = subprocess.run(words, capture_output=True, encoding="utf-8", check=False, env=env)
     assert done.stderr.strip() == ""
     for command in ("run", "demo", "info", "eval", "plot", "config"):
         assert f"• {command} " in done.stdout
@@ -366,7 +367,7 @@ def test_run_writes_its_folder_and_refuses_to_overwrite_it(
     assert str(out) in captured.out
     assert "100%" in captured.err
     assert "x real time, 50 % matched" in captured.err
-    assert parse_config((out / "config.toml").read_text()).grid.resolution == 0.25
+    assert parse_config((out / "config.toml").read_text(encoding="utf-8")).grid.resolution == 0.25
     assert main(words) == 1
     assert "not empty" in capsys.readouterr().err
     assert main([*words, "--overwrite"]) == 0
@@ -464,6 +465,14 @@ def test_closed_streams_are_no_error(closing: str) -> None:
     command = f"{shlex.quote(sys.executable)} -m iceg config {closing}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("word", ["config", "--help", "info"])
+def test_an_output_that_lacks_some_letters_is_no_error(word: str) -> None:
+    words = [sys.executable, "-m", "iceg", word, *([str(demo_log_path())] if word == "info" else [])]
+    done = subprocess.run(words, capture_output=True, check=False, env=os.environ | {"PYTHONIOENCODING": "ascii"})
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert b"?" in done.stdout
 
 
 def test_a_reader_that_has_seen_enough_is_no_error() -> None:

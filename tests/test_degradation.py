@@ -62,4 +62,4 @@ def test_each_fault_gives_a_row_that_tells_ruined_from_sane(tmp_path: Path) -> N
     assert [row["fault"] for row in rows] == ["none", "every 20th scan", "odometry dies"]
     assert [row["verdict"] for row in rows[:2]] == ["sane", "sane"]
     assert str(rows[2]["verdict"]).startswith("ruined") == (float(rows[2]["ATE [m]"] or 0.0) > 0.3)
-    assert len((tmp_path / "robustness.csv").read_text().splitlines()) == 4
+    assert len((tmp_path / "robustness.csv").read_text(encoding="utf-8").splitlines()) == 4
