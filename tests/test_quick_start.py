@@ -99,6 +99,21 @@ def test_what_is_compiled_after_it_runs_and_recurses(kept: dict[str, str]) -> No
     )
 
 
+def test_a_folder_of_kernels_is_tried_once() -> None:
+    run(
+        "import tempfile\n"
+        "tried, make = [], tempfile.TemporaryFile\n"
+        "def remember(dir):\n"
+        "    tried.append(dir)\n"
+        "    return make(dir=dir)\n"
+        "tempfile.TemporaryFile = remember\n"
+        f"{_CACHED}"
+        "import iceg.slam.joint._wall_kernels\n"
+        "assert tried\n"
+        "assert len(tried) == len(set(tried)), tried\n"
+    )
+
+
 def test_a_numba_with_other_insides_is_left_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     from numba.core.registry import cpu_target
 

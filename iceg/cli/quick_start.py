@@ -31,7 +31,8 @@ def load_kernels_lightly() -> None:
 
     Beside the code of a function, its cache holds what building it into others needs. numba reads that with each; here
     it waits until something that calls the function is compiled. Left out, too: telling nobody of each of thousands of
-    calls to LLVM, and looking through all of numba's tables 250 times at first.
+    calls to LLVM, looking through all of numba's tables 250 times at first, and a trial file for each function in the
+    folder of its cache, where one tells whether it can be written.
     """
     import numba
 
@@ -46,6 +47,20 @@ def load_kernels_lightly() -> None:
     type(context).refresh(context)
     del context.refresh
     context.codegen()._library_class = _light_library()  # noqa: SLF001
+    _try_folders_once()
+
+
+def _try_folders_once() -> None:
+    locator: Any = import_module("numba.core.caching")._CacheLocator  # noqa: SLF001
+    try_folder, good = locator.ensure_cache_path, set()
+
+    def try_once(self: Any) -> None:  # noqa: ANN401
+        folder = self.get_cache_path()
+        if folder not in good:
+            try_folder(self)
+            good.add(folder)
+
+    locator.ensure_cache_path = try_once
 
 
 def _light_library() -> type:
