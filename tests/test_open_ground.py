@@ -33,18 +33,29 @@ def log_of(ranges: NDArray[np.float64]) -> Log:
     )
 
 
-def seen(share: float, distance: float) -> Log:
-    """So large a share of the beams of each scan returns from so far."""
+def seen(share: float, distance: float, near: float = 0.0) -> Log:
+    """So large a share of the beams of each scan returns from so far, and another from nearby."""
     ranges = np.full((20, 100), np.nan)
     ranges[:, : round(100 * share)] = distance
+    ranges[:, 100 - round(100 * near) :] = 4.0
+    for row, scan in enumerate(ranges):
+        scan[:] = np.roll(scan, 5 * row)
     return log_of(ranges)
 
 
 def test_few_returns_from_afar_are_open_ground() -> None:
     assert is_open_ground(seen(0.3, 20.0))
-    assert not is_open_ground(seen(0.6, 20.0))  # a hall
-    assert not is_open_ground(seen(0.3, 3.0))  # a short-sighted laser
+    assert is_open_ground(seen(0.6, 20.0, near=0.1))  # between buildings
+    assert not is_open_ground(seen(0.6, 20.0, near=0.15))  # a hall
+    assert not is_open_ground(seen(0.1, 3.0))  # a short-sighted laser
     assert not is_open_ground(seen(0.0, 20.0))
+
+
+def test_beams_that_never_return_are_hidden_and_tell_nothing() -> None:
+    log = seen(0.5, 20.0, near=0.2)
+    half_hidden = np.column_stack([log.ranges, np.full_like(log.ranges, np.nan)])
+    assert not is_open_ground(log)
+    assert not is_open_ground(log_of(half_hidden))
 
 
 @pytest.mark.parametrize("fault", ["", "every 4th beam", "half the readings", "half the view", "4 m"])
