@@ -4,7 +4,7 @@ One pair of places that look alike says nothing. Several that agree pairwise alo
 are a hypothesis, to be examined.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -48,6 +48,20 @@ class Hypothesis:
     def breadth(self) -> int:
         """How many places say so, of the side where fewer do: a short stretch that fits many places knows little."""
         return min(self.support, len({closure.key_old for closure in self.closures}))
+
+    @property
+    def ends(self) -> set[tuple[int, int]]:
+        """The pairs of key poses that its closures tie."""
+        return {(closure.key_old, closure.key_new) for closure in self.closures}
+
+    def spanning(self, key: int) -> int:
+        """How many closures span the step that leads to a key pose."""
+        return sum(closure.key_old < key <= closure.key_new for closure in self.closures)
+
+    def without(self, ends: Collection[tuple[int, int]]) -> "Hypothesis":
+        """The same without the closures that tie some pairs of key poses."""
+        closures = [closure for closure in self.closures if (closure.key_old, closure.key_new) not in ends]
+        return Hypothesis(key=self.key, closures=closures)
 
     def correction(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(3,) what moves the poses after the break, in the map: that of the closure nearest to the break."""

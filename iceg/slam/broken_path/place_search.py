@@ -1,0 +1,109 @@
+"""Pairs of places that look alike, matched metres and half turns wide, and the sets of them that agree."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.factors import Factor
+from iceg.slam.broken_path.alike_places import alike_places
+from iceg.slam.broken_path.place_hypothesis import Hypothesis, agreeing_sets
+from iceg.slam.closures.attempt import Attempt, is_near, lies_near
+from iceg.slam.closures.candidates import Candidate
+from iceg.slam.config import LoopClosureConfig
+from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.tracking.track import Track
+
+_MOST_PLACES = 3
+"""Of a pair of places that look alike and fit several ways, so many are kept."""
+_EXACT = np.array([0.1, 0.1, 0.03])
+"""How well a place that a search found is known [m, m, rad]."""
+
+
+class PlaceSearch:
+    """Looks for places again, and remembers what it tried."""
+
+    def __init__(self, closer: LoopCloser, track: Track, factors: Sequence[Factor], config: LoopClosureConfig) -> None:
+        """Start with nothing tried.
+
+        Args:
+            closer: matches and verifies.
+            track: key scans.
+            factors: of the graph; places must agree along its path.
+            config: how much is tried, and how much must agree.
+        """
+        self._closer = closer
+        self._track = track
+        self.path = [factor for factor in factors if factor.kind != "closure"]
+        """The factors of the path along which places must agree."""
+        self._config = config
+        self._tried: list[Attempt] = []
+
+    def agreeing(
+        self, parts: NDArray[np.int64], poses: NDArray[np.float64], along: NDArray[np.float64], most: int
+    ) -> list[list[Attempt]]:
+        """Sets of closures that agree, of places that look alike, the largest first; none if there are no new ones.
+
+        Args:
+            parts: (k,) which part each key pose belongs to; places of two are compared.
+            poses: (k, 3) T_map_robot, good between neighbours.
+            along: (k, 3) the same, of the path along which closures must agree.
+            most: pairs of places that are worth a match.
+        """
+        known = {(attempt.key_old, attempt.key_new) for attempt in self._tried}
+        config = replace(self._config, places=most)
+        pairs = set(alike_places(self._track, self._closer.judge, parts, config)) - known
+        if not pairs:
+            return []
+        self._tried += [self._closer.match_anywhere(old, new, poses) for old, new in sorted(pairs)]
+        claims = [
+            claim
+            for attempt in self._tried
+            if parts[attempt.key_old] != parts[attempt.key_new]
+            for claim in _claims(attempt)
+        ]
+        return agreeing_sets(claims, self.path, along, self._config.place_confirmations)
+
+    def settled(self, claims: Sequence[Attempt], poses: NDArray[np.float64]) -> list[Attempt]:
+        """Claims that agree, each matched where it was made; an ambiguous one that confirms the path says nothing."""
+        settled = []
+        for claim in claims:
+            if claim.accepted:
+                settled.append(claim)
+            if claim.accepted or is_near(claim, poses):
+                continue
+            assert claim.match is not None
+            there = Candidate(
+                key_old=claim.key_old, key_new=claim.key_new, T_old_new=claim.match.T_ref_cur, deviations=_EXACT
+            )
+            attempt = self._closer.match(there, poses)
+            if attempt.accepted and lies_near(attempt, there.T_old_new):
+                settled.append(attempt)
+        return settled
+
+    def sure_support(self, hypothesis: Hypothesis) -> int:
+        """How many key scans of a hypothesis fit one place only."""
+        sure = {(attempt.key_old, attempt.key_new) for attempt in self._tried if attempt.accepted}
+        alone = [c for c in hypothesis.closures if (c.key_old, c.key_new) in sure]
+        return Hypothesis(key=hypothesis.key, closures=alone).support
+
+    def in_vain(self, closed: Collection[tuple[int, int]]) -> list[Attempt]:
+        """What was tried and is not among the pairs of key poses that closures tie, with the reason."""
+        return [
+            replace(
+                attempt, accepted=False, reason=f"looks alike{', too few agree' * attempt.accepted}; {attempt.reason}"
+            )
+            for attempt in self._tried
+            if (attempt.key_old, attempt.key_new) not in closed
+        ]
+
+
+def _claims(attempt: Attempt) -> list[Attempt]:
+    """An attempt itself, or where it fitted several places one for each of the best."""
+    if attempt.accepted:
+        return [attempt]
+    if not attempt.is_ambiguous or attempt.match is None:
+        return []
+    places = [place.T_old_new for place in attempt.places[:_MOST_PLACES]]
+    return [replace(attempt, match=replace(attempt.match, T_ref_cur=T_old_new)) for T_old_new in places]
