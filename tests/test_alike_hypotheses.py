@@ -1,6 +1,8 @@
 """Places found by their looks that fit several ways: the set that agrees picks, and two such sets close nothing."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +17,7 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
 from iceg.slam import back_end
+from iceg.slam.back_end import BackEnd
 from iceg.slam.broken_path import place_search, relocalisation, untied_steps
 from iceg.slam.broken_path.estimate import Estimate
 from iceg.slam.broken_path.examination import Exam
@@ -195,6 +198,29 @@ def _over_the_whole_path(track: Track) -> Attempt:
     """A closure that says what the path says."""
     poses, last = _poses(track), len(track.keys) - 1
     return _Closer(track, {last: [between(poses[0], poses[last])]}).match_anywhere(0, last, poses)
+
+
+@pytest.mark.parametrize(("is_led", "outcome"), [(False, "joined"), (True, "contradicted")])
+def test_who_was_led_into_a_loss_by_odometry_is_not_put_where_it_only_looks_alike(
+    track: Track, monkeypatch: pytest.MonkeyPatch, is_led: bool, outcome: str
+) -> None:
+    monkeypatch.setitem(globals(), "Doubt", partial(Doubt, is_led=is_led))
+    found = _relocalised(track, {k: [_moved(track, k, _HERE)] for k in _AGAIN}, monkeypatch)
+    assert [at.outcome for at in found.breaks] == [outcome]
+    assert np.array_equal(found.poses, _poses(track)) == is_led
+
+
+@pytest.mark.parametrize(("known", "is_led"), [(True, [False, True, True]), (False, [False, False, False])])
+def test_odometry_leads_from_the_second_key_scan_on_that_matches_nothing(
+    track: Track, known: bool, is_led: list[bool]
+) -> None:
+    keys, nothing = list(track.keys[:30]), NoMatch(reason="nothing")
+    keys[20:23] = [replace(key, match=nothing) for key in keys[20:23]]
+    some = replace(track, keys=keys)
+    end = BackEnd(some, LoopCloser(IceMatcher(), some, LoopClosureConfig(enabled=False)), PoseGraphConfig())
+    for k, key in enumerate(keys[1:], start=1):
+        end.add(k, key.motion if known else None)
+    assert [end.doubts[k].is_led for k in (20, 21, 22)] == is_led
 
 
 def test_two_sets_about_as_strong_close_nothing_and_it_is_said(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:

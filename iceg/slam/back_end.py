@@ -96,6 +96,7 @@ class BackEnd:
         self._searched_to = 0
         self._is_on_known_ground = False
         self._closures_waiting = 0
+        self._unmatched, self._is_led = 0, True
         self._drift = Drift(len(track.keys))
         self._long_steps = long_steps(track)
 
@@ -112,6 +113,7 @@ class BackEnd:
         self.graph.add_pose(self._poses[key])
         known = []
         match = None if isinstance(current.match, NoMatch) else current.match
+        self._note_leading(key, motion, match)
         if motion is not None:
             covariance = motion.covariance if match is None else self._believed(motion, match, key)
             self.graph.add_odometry(key - 1, key, motion.T_key_robot, covariance)
@@ -128,6 +130,14 @@ class BackEnd:
         self._since_search += (current.motion.distance, current.motion.turn)
         if self._is_search_due():
             self._search(key)
+
+    def _note_leading(self, key: int, motion: OdometryMotion | None, match: RelativePose | None) -> None:
+        """Tell the doubts that arise where odometry alone has told the way for a while."""
+        self._unmatched = 0 if match is not None else self._unmatched + 1
+        self._is_led = match is not None or (self._is_led and motion is not None)
+        doubt = self.doubts.get(key)
+        if doubt is not None and doubt.strength < ADRIFT and self._is_led and self._unmatched > 1:
+            self.doubts[key] = replace(doubt, is_led=True)
 
     def _believed(self, motion: OdometryMotion, match: RelativePose, key: int) -> NDArray[np.float64]:
         """Covariance of odometry; widened where the match contradicts it, as after a jump or a slip."""

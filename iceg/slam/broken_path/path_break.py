@@ -32,10 +32,14 @@ class Doubt:
     Attributes:
         reason: what was noticed there, for a person.
         strength: compares doubts: the strongest is where a break is put.
+        is_led: whether the laser saw nothing it knew at the key pose before either, and odometry told the way: on
+            ground where little is in reach that is what losing it looks like. Who is carried is lost at once (143 of
+            143 carries on recorded logs that were found again), for odometry does not drive on meanwhile.
     """
 
     reason: str
     strength: float
+    is_led: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -271,10 +271,14 @@ class _Relocalisation:
     def _break(self, key: int, hypothesis: Hypothesis, exam: Exam, closures: list[Attempt]) -> _Outcome:
         """Record a break; the parts are joined only where something else spoke against the path, too.
 
+        Where odometry led the way into a loss nothing did: farther off than its errors explain, only what looks alike
+        puts the robot elsewhere.
+
         It needs to be sure where nothing did, where places are compared anew, and where a short stretch is all there
         is to compare: the three metres before a loss fit many places along a corridor of even doors.
         """
-        is_known = key in self._steps.doubts
+        doubt = self._steps.doubts.get(key)
+        is_known = doubt is not None and not doubt.is_led
         if not is_known:
             if self._steps.doubt(key).strength <= 1.0 - _EXPLAINED:
                 return "open"
