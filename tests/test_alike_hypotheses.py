@@ -393,6 +393,19 @@ def test_of_two_steps_that_odometry_contradicts_the_one_whose_match_explains_les
     assert found.key == worse
 
 
+@pytest.mark.parametrize(("strength", "expected"), [(1.98, _BREAK), (REFUTED, 50)])
+def test_only_what_is_beyond_chance_outweighs_a_closure(track: Track, strength: float, expected: int) -> None:
+    # Four of five closures span the step in doubt, all of them one that nothing speaks against.
+    claims = [
+        Attempt(key_old=old, key_new=120, match=None, accepted=True, reason="scripted") for old in (20, 25, 30, 35, 60)
+    ]
+    steps = UntiedSteps(track, _path(track), {50: Doubt(reason="", strength=strength)}, LoopClosureConfig())
+    steps.untied[:] = False
+    steps.untied[[50, _BREAK]] = True
+    (found, *_) = about_single_steps(claims, steps)
+    assert found.key == expected
+
+
 @pytest.mark.parametrize(("share", "outcomes"), [(0.0, []), (0.05, []), (0.5, ["drifted"]), (1.0, ["drifted"])])
 def test_drift_beyond_chance_is_told(
     track: Track, monkeypatch: pytest.MonkeyPatch, share: float, outcomes: list[str]

@@ -18,7 +18,9 @@ from iceg.slam.broken_path.untied_steps import UntiedSteps
 from iceg.slam.closures.attempt import Attempt, closed_pose, closure_factor
 
 _MOST = 0.75
-"""Share of the most closures that span one step, from which on a step may be the one that they are about."""
+"""A step that odometry and match contradict beyond all chance may be the one that closures are about if this share of
+them spans it: not all need to, the reference of one may hold key scans from both sides of a break. Any other step must
+be spanned by as many as any is."""
 _CHANCE_SIGMAS2 = 25.0
 """Chance explains an offset up to this squared Mahalanobis distance."""
 _TIED = 0.01
@@ -161,10 +163,7 @@ def about_parts(closures: Sequence[Attempt], parts: PathParts) -> list[Hypothesi
 
 
 def about_one_step(closures: Sequence[Attempt], steps: UntiedSteps) -> Hypothesis | None:
-    """Those that span the same untied step: the most doubtful of the steps that most of them span.
-
-    Not all need to: the reference of a closure may hold key scans from both sides of a break.
-    """
+    """Those that span the same untied step: the most doubtful of the steps that most of them span."""
     change = np.zeros(len(steps.untied) + 1, dtype=np.int64)
     for closure in closures:
         change[closure.key_old + 1] += 1
@@ -172,8 +171,9 @@ def about_one_step(closures: Sequence[Attempt], steps: UntiedSteps) -> Hypothesi
     spans = np.where(steps.untied, np.cumsum(change)[:-1], 0)
     if not spans.any():
         return None
-    spanned = np.flatnonzero(spans >= _MOST * spans.max()).tolist()
-    key = max(spanned, key=lambda step: (steps.rank(step), step))
+    most = spans.max()
+    refuted = [key for key in steps.refuted() if spans[key] >= _MOST * most]
+    key = max([*np.flatnonzero(spans == most).tolist(), *refuted], key=lambda step: (steps.rank(step), step))
     return Hypothesis(key=key, closures=[c for c in closures if c.key_old < key <= c.key_new])
 
 

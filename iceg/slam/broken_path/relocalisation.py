@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from graph.se2 import compose, inverse
 from iceg.slam.broken_path.estimate import ChangingEstimate, Estimate
 from iceg.slam.broken_path.examination import Exam, Examiner
-from iceg.slam.broken_path.path_break import ADRIFT, LOST, REFUTED, Break, Doubt, Outcome
+from iceg.slam.broken_path.path_break import ADRIFT, LOST, Break, Doubt, Outcome
 from iceg.slam.broken_path.path_parts import PathParts
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_parts, about_single_steps
 from iceg.slam.broken_path.place_search import PlaceSearch
@@ -166,8 +166,7 @@ class _Relocalisation:
 
     def _refuted_within(self, hypothesis: Hypothesis) -> int:
         """How many steps at which odometry and match contradict each other most closures of a hypothesis span."""
-        refuted = [key for key in self._steps.doubts if self._is_refuted(key)]
-        return sum(hypothesis.spanning(key) > 0.5 * len(hypothesis.closures) for key in refuted)
+        return sum(hypothesis.spanning(key) > 0.5 * len(hypothesis.closures) for key in self._steps.refuted())
 
     def _others(self, hypothesis: Hypothesis, sets: Sequence[Sequence[Attempt]]) -> list[Hypothesis]:
         """What other sets say of the same parts: how others lie to them is another question."""
@@ -205,7 +204,7 @@ class _Relocalisation:
             self._alike[hypothesis.key] = rival
             return "open"
         key = hypothesis.key if among[first.key_new] else int(max(whole[first.key_old], whole[first.key_new]))
-        path, untied = self._places.path, self._steps.untied if self._is_refuted(key) else None
+        path, untied = self._places.path, self._steps.untied if key in self._steps.refuted() else None
         if is_confirmed or hypothesis.is_drift(path, poses, untied):
             if not is_confirmed and not hypothesis.is_chance(path, poses):
                 self._note(key, "drifted", closures, hypothesis.correction(poses))
@@ -218,11 +217,6 @@ class _Relocalisation:
     def _is_confirmed(self, closures: Sequence[Attempt]) -> bool:
         """Whether most of them say what the present estimate says."""
         return sum(is_near(closure, self._now.poses) for closure in closures) > 0.5 * len(closures)
-
-    def _is_refuted(self, key: int) -> bool:
-        """Whether odometry and match contradict each other before a key pose, or the robot was lost there."""
-        doubt = self._steps.doubts.get(key)
-        return doubt is not None and doubt.strength >= REFUTED
 
     def _lost(self) -> list[int]:
         """The key poses before which the robot was lost, and nothing says yet how they lie to what was before."""
@@ -255,7 +249,7 @@ class _Relocalisation:
     def _tell(self, hypothesis: Hypothesis) -> None:
         """Say what is too little to act on, where odometry and match contradict each other and nothing else agrees."""
         key, poses = hypothesis.key, self._now.poses
-        if not self._is_refuted(key) or key in self._lost() or key in self._breaks or key in self._alike:
+        if key not in self._steps.refuted() or key in self._lost() or key in self._breaks or key in self._alike:
             return
         if self._places.sure_support(hypothesis) < self._config.confirmations:
             return

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from graph.factors import Factor
 from graph.measurement import NoMatch
-from iceg.slam.broken_path.path_break import LOST, Doubt
+from iceg.slam.broken_path.path_break import LOST, REFUTED, Doubt
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.tracking.track import KeyScan, Track
 
@@ -56,6 +56,10 @@ class UntiedSteps:
             return known
         score = _score(self._keys[key])
         return Doubt(reason=f"only {score:.0%} of the beams agreed with what was known before", strength=1.0 - score)
+
+    def refuted(self) -> list[int]:
+        """The key poses before which odometry and match contradict each other, or the robot was lost."""
+        return [key for key, doubt in self.doubts.items() if doubt.strength >= REFUTED]
 
     def rank(self, key: int) -> float:
         """Compares the steps that may be broken: the highest is where a break is put.
