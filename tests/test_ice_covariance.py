@@ -200,6 +200,55 @@ def test_unevenness_equals_its_slow_twin() -> None:
     np.testing.assert_allclose(ratios, (10 + held_by * meat / (variance * squares)) / (10 + held_by), rtol=1e-9)
 
 
+def curved(centre_y: float, radius: float, n: int, rng: np.random.Generator) -> ScanPoints:
+    """Points of a wall on a circle about (0, centre_y), their normals off by three degrees each."""
+    bearings = np.linspace(-0.3, 0.3, n) - np.sign(centre_y) * np.pi / 2
+    outwards = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+    tilts = bearings + rng.normal(0, 0.05, n)
+    side = -1.0 if radius > abs(centre_y) else 1.0
+    return ScanPoints(
+        points=np.array([0.0, centre_y]) + radius * outwards + rng.normal(0, 0.01, (n, 1)) * outwards,
+        normals=side * np.stack([np.cos(tilts), np.sin(tilts)], axis=1),
+        beams=np.arange(n, dtype=np.int32),
+    )
+
+
+def joined_points(*parts: ScanPoints) -> ScanPoints:
+    points, normals = np.vstack([p.points for p in parts]), np.vstack([p.normals for p in parts])
+    return ScanPoints(points=points, normals=normals, beams=np.arange(len(points), dtype=np.int32))
+
+
+def test_tilted_normals_do_not_hold_a_scan_in_a_curved_corridor() -> None:
+    rng = np.random.default_rng(8)
+    reference, scan = (joined_points(curved(20.0, 21.3, 150, rng), curved(20.0, 18.7, 150, rng)) for _ in range(2))
+    got = covariance_of(reference, scan)
+    assert len(got.weak_directions) == 1
+    along = got.weak_directions[0] / got.weak_directions[0, 0]
+    np.testing.assert_allclose(along, [1.0, 0.0, 0.05], atol=0.02)
+
+
+def test_three_points_do_not_hold_a_corridor_and_thirty_do() -> None:
+    rng = np.random.default_rng(9)
+
+    def scan_with(n: int) -> ScanPoints:
+        ahead = walls("front", noise=rng.normal(0, 0.01, n), n=n)
+        return joined_points(walls("left", "right", noise=rng.normal(0, 0.01, 200)), ahead)
+
+    reference = walls("left", "right", "front")
+    assert covariance_of(reference, scan_with(3)).covariance[0, 0] > 0.2**2
+    assert covariance_of(reference, scan_with(30)).covariance[0, 0] < 0.01**2
+
+
+def test_pretence_equals_its_slow_twin() -> None:
+    rng = np.random.default_rng(10)
+    scan, local_map = walls("left", "right", "front", noise=rng.normal(0, 0.01, 300)), map_of(walls("left", "right"))
+    found = kernels.residuals_at(Scored.of(scan.points, scan.normals, local_map, 0.04), np.zeros(3), 0.08)
+    for axis in np.linalg.qr(rng.normal(size=(3, 3)))[0].T:
+        told, crossed = (found.levers @ axis) ** 2, (found.levers @ axis) * (found.own_levers @ axis)
+        expected = max(1.0, told.sum() / max(np.sort(crossed)[:-3].sum(), 1e-3 * told.sum()))
+        assert kernels.pretence(found, axis) == pytest.approx(expected)
+
+
 def test_a_direction_is_known_as_well_as_the_points_that_hold_it() -> None:
     rng = np.random.default_rng(7)
     even = rng.normal(0, 0.01, 300)

@@ -18,6 +18,10 @@ _FEWEST_ON_SURFACES = 10
 """Points without a normal are left out where at least so many have one."""
 _LAGS = 12
 """Residuals of beams no farther apart than this may be correlated."""
+_CHANCE = 3
+"""What so few points say of a direction is chance."""
+_LEAST_KNOWN = 1e-3
+"""Share of what is told that is known at least."""
 _TELLING = 10.0
 """So many points must hold a direction for their own residuals to count as much as those of all."""
 
@@ -61,7 +65,7 @@ class Weighed(NamedTuple):
         steps: (3,) its spacing along each.
         weights: (side, side, side) normalised scores on the grid.
         weak: (3,) which axes are unobservable.
-        ratios: (3,) see `unevenness`; 1 where unobservable.
+        ratios: (3,) see `unevenness` and `pretence`; 1 where unobservable.
     """
 
     covariance: F64
@@ -89,13 +93,15 @@ class Residuals(NamedTuple):
 
     Attributes:
         distances: (12 + n,) from the surfels' lines [m].
-        levers: (12 + n, 3) their derivatives by a step of the robot in its own frame.
+        levers: (12 + n, 3) their derivatives by a step of the robot in its own frame …
+        own_levers: (12 + n, 3) … and by the points' own normals, in the place of the surfels'.
         used: how many points tell something.
         hessian: (3, 3) Σ w JᵀJ of all points with a surfel, Cauchy weights, tangent space of the robot.
     """
 
     distances: F64
     levers: F64
+    own_levers: F64
     used: int
     hessian: F64
 
@@ -106,6 +112,7 @@ def residuals_at(scored: Scored, pose: F64, limit: float) -> Residuals:
     points, normals, surfels, origin = scored.points, scored.normals, scored.surfels, scored.origin
     n = len(points)
     distances, levers, used = np.zeros(_LAGS + n), np.zeros((_LAGS + n, 3)), 0
+    own_levers = np.zeros((_LAGS + n, 3))
     hessian, inverse_scale2 = np.zeros((3, 3)), 1.0 / (scored.scale * scored.scale)
     c, s = cos(pose[2]), sin(pose[2])
     for i in range(n):
@@ -129,9 +136,13 @@ def residuals_at(scored: Scored, pose: F64, limit: float) -> Residuals:
             continue
         distances[_LAGS + i] = r
         levers[_LAGS + i, 0], levers[_LAGS + i, 1], levers[_LAGS + i, 2] = jx, jy, turn
+        if normals[i, 0] != 0.0 or normals[i, 1] != 0.0:
+            jx, jy = normals[i, 0], normals[i, 1]
+            turn = jy * px - jx * py
+        own_levers[_LAGS + i, 0], own_levers[_LAGS + i, 1], own_levers[_LAGS + i, 2] = jx, jy, turn
         used += 1
     hessian[1, 0], hessian[2, 0], hessian[2, 1] = hessian[0, 1], hessian[0, 2], hessian[1, 2]
-    return Residuals(distances, levers, used, hessian)
+    return Residuals(distances, levers, own_levers, used, hessian)
 
 
 @compiled
@@ -201,6 +212,37 @@ def unevenness(found: Residuals, axes: F64, least: float, variance: float, ratio
         meat = max(meat + 2.0 * max(_shared(pulls), 0.0), least * squares)
         held_by = squares * squares / fourth
         ratios[a] = (_TELLING + held_by * meat / (variance * squares)) / (_TELLING + held_by)
+
+
+@compiled
+def pretence(found: Residuals, axis: F64) -> float:
+    """How many times less is known along an axis v than Σ (Jv)² over the surfels' normals pretends; at least 1.
+
+    A wall along which a scan slides does not hold it, be it straight or, v being a turn about its centre, curved. But
+    the normals of its surfels err by a few degrees, and in the sum their errors count as if the wall were rough. Those
+    of the scan's own normals are others: in Σ (Jv)(J'v), one factor of either, they cancel. And what rests on
+    `_CHANCE` points rests on chance: at the edge of a door a normal is of no surface, and where the edge seems to be
+    depends on where the beams go. So the largest shares are left out.
+    """
+    told, crossed = 0.0, 0.0
+    most = np.zeros(_CHANCE)
+    for i in range(len(found.levers)):
+        lever, own = 0.0, 0.0
+        for a in range(3):
+            lever += found.levers[i, a] * axis[a]
+            own += found.own_levers[i, a] * axis[a]
+        told += lever * lever
+        share = lever * own
+        crossed += share
+        k = _CHANCE - 1
+        if share > most[k]:
+            while k > 0 and most[k - 1] < share:
+                most[k] = most[k - 1]
+                k -= 1
+            most[k] = share
+    for share in most:
+        crossed -= share
+    return max(1.0, told / max(crossed, _LEAST_KNOWN * told, 1e-12))
 
 
 @compiled
@@ -295,13 +337,15 @@ def score_covariance(scored: Scored, pose: F64, reading: Reading, out: Weighed) 
     _lay_grid(found.hessian, precision, reading, out)
     best = score_grid(scored, n_picks, pose, out.axes, out.steps, out.weights)
     per_point = 0.5 * (scored.scale / reading.sigma) ** 2 * share / reading.temperature
-    edges, second = np.empty(3), np.empty((3, 3))
+    edges, second, side = np.empty(3), np.empty((3, 3)), len(out.weights)
     moments(out.weights, best, per_point * len(scored.points) / n_picks, out.steps, second, edges)
     second /= reading.temperature
     variance = reading.sigma**2 * repeated
     unevenness(found, out.axes, reading.least_variance, variance, out.ratios)
     for a in range(3):
-        out.weak[a] = edges[a] > reading.edge_mass and out.steps[a] >= 0.999 * reading.max_step
+        out.ratios[a] *= pretence(found, out.axes[:, a])
+        beyond = second[a, a] * out.ratios[a] > (side // 2 * reading.max_step) ** 2
+        out.weak[a] = beyond or (edges[a] > reading.edge_mass and out.steps[a] >= 0.999 * reading.max_step)
         if out.weak[a]:
             second[a, :] = 0.0
             second[:, a] = 0.0

@@ -181,7 +181,7 @@ class CovarianceConfig:
 
     min_sigma: float = 0.004
     """The residuals of a match are never taken to be smaller than this [m]."""
-    independence: float = 0.65
+    independence: float = 0.8
     """Share of the points that count as independent where neighbouring residuals are uncorrelated (correlation
     lessens it further); calibrated against simulated truth."""
     points: int = 60
