@@ -6,7 +6,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from iceg.cli.quick_start import load_kernels_lightly, load_numba_without_scipy
+from iceg.cli.quick_start import load_numba_without_scipy
 from iceg.config import Config
 
 if TYPE_CHECKING:
@@ -45,7 +45,6 @@ def run_log(
     from iceg.show.progress import ProgressBar, compile_note
 
     load_numba_without_scipy()
-    load_kernels_lightly()
     check_directory(directory, overwrite=overwrite)
     before = written_at(directory)
     started = time.perf_counter()

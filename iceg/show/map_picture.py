@@ -1,5 +1,6 @@
 """The picture of a map as one would print it: the map, and below it scale bar, title and legend."""
 
+import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +20,6 @@ from iceg.show.map_image import (
     known_box,
     map_image,
 )
-from iceg.show.png import png_bytes
 
 _DPI = 220
 _NARROWEST = 1000  # width of the sheet [pixels], as are all sizes below
@@ -64,7 +64,9 @@ def save_map_png(
     if width > map_width:
         image = np.pad(image, ((0, 0), (left, width - map_width - left), (0, 0)), constant_values=255)
     sheet = np.concatenate([image, below])
-    write_atomically(path, png_bytes(sheet, _DPI))
+    content = io.BytesIO()
+    Image.fromarray(sheet).save(content, format="PNG", compress_level=2, dpi=(_DPI, _DPI))
+    write_atomically(path, content.getvalue())
 
 
 def _legend_entries(layers: MapLayers) -> list[_Entry]:
