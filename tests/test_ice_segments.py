@@ -205,24 +205,6 @@ def test_points_of_walls_are_put_onto_them() -> None:
     assert np.abs(smooth.points - points.points).max() < 0.05
 
 
-def test_points_of_a_curved_wall_stay_on_the_curve() -> None:
-    bearings = np.radians(np.arange(-90.0, 91.0))
-    radius, off = 12.0, 10.7  # a ring's outer wall, seen from 1.3 m before it
-    ranges = -off * np.sin(bearings) + np.sqrt(radius**2 - (off * np.cos(bearings)) ** 2)
-    ranges += np.random.default_rng(5).normal(0, 0.01, 181)
-    scan = Scan.from_ranges(ranges, field_of_view=np.pi)
-    points = extract_points(scan)
-    rows = segment_rows(scan, SegmentConfig(), points)
-    smooth = smoothed_on_segments(points, rows, scan.geometry.origin_robot, SegmentConfig())
-    centre = np.array([0.0, -off])
-    near = np.hypot(*points.points.T) < 6.0
-    outwards = (points.points - centre)[near] / np.hypot(*(points.points - centre)[near].T)[:, None]
-    off_curve = np.hypot(*(smooth.points - centre)[near].T) - radius
-    assert np.sqrt(np.mean(off_curve**2)) < 0.008
-    tilts = np.abs(outwards[:, 0] * smooth.normals[near, 1] - outwards[:, 1] * smooth.normals[near, 0])
-    assert np.sqrt(np.mean(tilts**2)) < 0.03  # chords as long would be off by 0.05 to 0.1
-
-
 @given(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-3.0, 3.0))
 def test_segments_turn_with_the_mount_of_the_laser(x: float, y: float, heading: float) -> None:
     mount = np.array([x, y, heading])

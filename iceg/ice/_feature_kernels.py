@@ -32,10 +32,6 @@ _OVERLAP = 0.2
 """Two segments that run past their intersection by more than this do not meet there [m]."""
 _BEHIND = 0.3
 """The end of a wall is real where the next point lies this much farther away [m]."""
-_BENT = 9.0
-"""A wall is bent where a parabola lowers the sum of squares by so many times a point's variance."""
-_FEWEST_BENT = 6
-"""Fewest points of a bent wall."""
 _FLOOR = 1e-5
 """Added to the variance of a feature's position [m²]."""
 
@@ -184,57 +180,23 @@ def extract_segments(
 
 
 @compiled
-def _bend(points: F64, line: F64) -> tuple[float, float, float]:
-    """Parabola across a segment's line, least squares: offset a + b·t + c·t² at t along it; 0 where none is told.
-
-    A wall that is straight keeps its line: a bend must lower the squares by more than `_BENT` variances of a point.
-    """
-    first, last = int(line[I_FIRST]), int(line[I_LAST])
-    n = last - first + 1
-    s2, s3, s4, sd2, sdd = 0.0, 0.0, 0.0, 0.0, 0.0
-    for i in range(first, last + 1):
-        dx, dy = points[i, 0] - line[CX], points[i, 1] - line[CY]
-        t, d = line[TX] * dx + line[TY] * dy, -line[TY] * dx + line[TX] * dy
-        t2 = t * t
-        s2 += t2
-        s3 += t2 * t
-        s4 += t2 * t2
-        sd2 += d * t2
-        sdd += d * d
-    # t² less what a line takes of it: t and 1 are orthogonal, d has no line in it.
-    mean, slope = s2 / n, s3 / s2
-    squares = s4 - n * mean * mean - slope * s3
-    if n < _FEWEST_BENT or squares <= 1e-12:
-        return 0.0, 0.0, 0.0
-    c = sd2 / squares
-    gain = c * sd2
-    if gain <= _BENT * (sdd - gain) / (n - 3):
-        return 0.0, 0.0, 0.0
-    return -c * mean, -c * slope, c
-
-
-@compiled
 def smooth_on_segments(
     points: F64, origin: F64, segments: F64, min_points: int, min_length: float, smoothed: F64, normals: F64
 ) -> None:
-    """Put the points of long segments onto their line, bent where they are, with its normal, towards the laser."""
+    """Put the points of long segments onto their line, and give them its normal, towards the laser."""
     for k in range(len(segments)):
         line = segments[k]
         first, last = int(line[I_FIRST]), int(line[I_LAST])
         if last - first + 1 < min_points or line[LAST] - line[FIRST] < min_length:
             continue
         nx, ny = -line[TY], line[TX]
-        side = -1.0 if nx * (line[CX] - origin[0]) + ny * (line[CY] - origin[1]) > 0.0 else 1.0
-        a, b, c = _bend(points, line)
+        if nx * (line[CX] - origin[0]) + ny * (line[CY] - origin[1]) > 0.0:
+            nx, ny = -nx, -ny
         for i in range(first, last + 1):
-            dx, dy = points[i, 0] - line[CX], points[i, 1] - line[CY]
-            t = line[TX] * dx + line[TY] * dy
-            off = nx * dx + ny * dy - (a + t * (b + t * c))
+            off = nx * (points[i, 0] - line[CX]) + ny * (points[i, 1] - line[CY])
             smoothed[i, 0] = points[i, 0] - off * nx
             smoothed[i, 1] = points[i, 1] - off * ny
-            slope = b + 2.0 * c * t
-            scale = side / hypot(1.0, slope)
-            normals[i, 0], normals[i, 1] = scale * (nx - slope * line[TX]), scale * (ny - slope * line[TY])
+            normals[i, 0], normals[i, 1] = nx, ny
 
 
 @compiled

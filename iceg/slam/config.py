@@ -135,8 +135,8 @@ class JointRefinementConfig:
     """… and no less alike in their facing (cosine)."""
     scale: float = 0.03
     """Width of the Cauchy weight of a point [m]."""
-    independence: float = 0.15
-    """Share of the points that count as independent: neighbouring ones err alike."""
+    independence: float = 0.165
+    """Share of the points that count as independent: neighbouring ones err alike; calibrated against simulated truth."""
     reach: float = 25.0
     """Points farther than this from the robot are left out [m] …"""
     telling_reach: float = 15.0

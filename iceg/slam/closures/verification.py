@@ -7,7 +7,6 @@ only.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,6 @@ from iceg.ice.verification import Agreement, JoinedScans
 from iceg.slam.closures.attempt import Attempt, Place
 from iceg.slam.closures.candidates import TRUSTED_DEVIATIONS, Candidate, is_adrift
 from iceg.slam.closures.reference import Reference, References
-from iceg.slam.closures.slide import with_open_slide
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.tracking.map_matcher import MapMatcher
 from iceg.slam.tracking.match_errors import closure_covariance, placement_covariance
@@ -139,14 +137,11 @@ class ClosureVerifier:
         if isinstance(found, NoMatch):
             return replace(attempt, reason=found.reason)
         support = self._supports(reference, candidate.key_new, found.T_ref_cur[None])[0]
-        is_supported = self._is_supported(support)
-        if is_supported:
-            found = with_open_slide(found, support, partial(self._supports, reference, candidate.key_new))
         placement = placement_covariance(self._track, candidate.key_old)
         return replace(
             attempt,
             match=replace(found, covariance=closure_covariance(found, placement, self._track.match_doubt)),
-            accepted=is_supported,
+            accepted=self._is_supported(support),
             reason=_describe(support),
             overlap=support.overlap,
         )
