@@ -136,7 +136,7 @@ class JointRefinementConfig:
     scale: float = 0.03
     """Width of the Cauchy weight of a point [m]."""
     independence: float = 0.165
-    """Share of the points that count as independent: neighbouring ones err alike; calibrated against simulated truth."""
+    """Share of the points that count as independent: neighbouring ones err alike. By simulated truth."""
     reach: float = 25.0
     """Points farther than this from the robot are left out [m] …"""
     telling_reach: float = 15.0
