@@ -1,5 +1,6 @@
 """Lasers that are mounted otherwise than their logs say."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -56,7 +57,10 @@ def test_a_laser_mounted_otherwise_is_found_and_said(
     assert ("upside down" in said) == is_mirrored
     assert ("the laser looks there" in said) == (heading != 0.0)
     if heading:
-        assert f"at {abs(np.degrees(heading)):.0f}°" in said.replace("-", "")
+        told = re.search(r"move at (-?\d+)°", said)
+        # A few degrees are left to the calibration; upside down, the sign is that of the mirrored log.
+        assert told is not None
+        assert abs(int(told[1])) == pytest.approx(abs(np.degrees(heading)), abs=2.0)
 
 
 def test_a_few_degrees_are_left_to_the_calibration(log: Log) -> None:
