@@ -40,23 +40,12 @@ def summarise(
     """
     factors = solution.graph.factors
     matches = [key.match for key in track.keys if isinstance(key.match, RelativePose)]
-    doubts = [sentence for sentence in (grid_doubt, worst.warning()) if sentence is not None]
-    doubts += [describe_dead(*stretch) for stretch in track.dead]
-    if rounds and rounds[-1].covariances_from == "graph":
-        doubts.append(
-            "covariances of the key poses are those of the graph: the walls do not tell them, or not credibly"
-        )
     kinds = ("prior", "odometry", "ice", "stretch", "closure")
     return {
         "log": log.path.name,
         "scans": len(log),
         "skipped_lines": log.skipped_lines,
-        "warnings": [
-            *log.warnings,
-            *doubts,
-            *(describe_break(found, track) for found in solution.breaks),
-            *(describe_vote(vote, track) for vote in solution.alike),
-        ],
+        "warnings": [*log.warnings, *_doubts(track, solution, rounds, worst, grid_doubt)],
         "key_poses": len(track.keys),
         "scans_carried_by_odometry": track.failures,
         "lost_at_scans": track.lost,
@@ -84,3 +73,18 @@ def summarise(
         },
         "least_known": {"scan": worst.scan, "position_std_m": round(worst.deviation, 4)},
     }
+
+
+def _doubts(
+    track: Track, solution: Solution, rounds: list[Round], worst: LeastKnown, grid_doubt: str | None
+) -> list[str]:
+    """What the run itself found doubtful, a sentence each."""
+    doubts = [sentence for sentence in (grid_doubt, worst.warning()) if sentence is not None]
+    doubts += [describe_dead(*stretch) for stretch in track.dead]
+    if rounds and rounds[-1].covariances_from == "graph":
+        doubts.append(
+            "covariances of the key poses are those of the graph: the walls do not tell them, or not credibly"
+        )
+    doubts += [describe_break(found, track) for found in solution.breaks]
+    doubts += [describe_vote(vote, track) for vote in solution.alike]
+    return doubts
