@@ -130,6 +130,9 @@ class Log:
         message_counts: how many messages of each kind the file holds, used or not.
         truth: (n_scans, 3) true pose of the robot at each scan, in a frame of its own, where the log holds it (a
             simulator's does); None elsewhere.
+        sweep: seconds by which the beam of the largest bearing is measured after the one of the smallest; negative
+            where the laser turns clockwise, 0 where all beams are measured at once, None where the log does not say.
+            Odometry, stamp and truth of a scan are those of the middle of its sweep.
     """
 
     ranges: NDArray[np.float32]
@@ -142,6 +145,7 @@ class Log:
     skipped_lines: int = 0
     message_counts: Mapping[str, int] = field(default_factory=dict)
     truth: NDArray[np.float64] | None = None
+    sweep: float | None = None
 
     def __repr__(self) -> str:
         odometry = "" if self.has_odometry else ", no odometry"
