@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graph.elementary import cos_sin
 from graph.errors import IcegError
 
 
@@ -50,7 +51,7 @@ class ScanGeometry:
     def directions_robot(self) -> NDArray[np.float64]:
         """(n_beams, 2) unit vectors of the beams in the robot frame."""
         angles = self.bearings + self.T_robot_laser[2]
-        return np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        return np.stack(cos_sin(angles), axis=1)
 
     @cached_property
     def origin_robot(self) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph import _consistency_kernels as kernels
+from graph.dense import congruence
 from graph.errors import GraphError
 from graph.factors import Factor
 from graph.noise import information_of, largest_squared_norm
@@ -89,9 +90,9 @@ def cumulative_covariances(chain: Sequence[Factor], poses: NDArray[np.float64]) 
         strength = information_of(np.array([factor.covariance for factor in steps]))
         measured = np.array([factor.T_i_j for factor in steps])
         turned = adjoint(np.where(forward[:, None], np.zeros(3), inverse(measured)))  # of a factor that looks back
-        np.add.at(information, later - 1, np.swapaxes(turned, -1, -2) @ strength @ turned)
+        np.add.at(information, later - 1, congruence(np.swapaxes(turned, -1, -2), strength))
     carry = adjoint(poses[1:])
-    in_map = carry @ information_of(information) @ np.swapaxes(carry, -1, -2)
+    in_map = congruence(carry, information_of(information))
     return np.concatenate([np.zeros((1, 3, 3)), np.cumsum(in_map, axis=0)])
 
 
@@ -122,7 +123,7 @@ def pairwise_consistency(
     covariance = np.array([closure.covariance for closure in closures])
     backwards = ends[:, 0] > ends[:, 1]  # all from the earlier pose to the later one
     turn = adjoint(T_i_j)
-    covariance = np.where(backwards[:, None, None], turn @ covariance @ np.swapaxes(turn, -1, -2), covariance)
+    covariance = np.where(backwards[:, None, None], congruence(turn, covariance), covariance)
     T_i_j = np.where(backwards[:, None], inverse(T_i_j), T_i_j)
     ends = np.sort(ends, axis=1)
     T_map_j = compose(poses[ends[:, 0]], T_i_j)
@@ -132,7 +133,7 @@ def pairwise_consistency(
             np.ascontiguousarray(ends[:, 0]),
             np.ascontiguousarray(ends[:, 1]),
             between(inverse(T_map_j), inverse(poses[ends[:, 1]])),
-            carry @ covariance @ np.swapaxes(carry, -1, -2),
+            congruence(carry, covariance),
             cumulative,
             largest_squared_norm(probability),
         )

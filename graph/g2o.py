@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.atomic import write_atomically
+from graph.dense import eigvalsh
 from graph.errors import GraphError, reason
 from graph.factors import Factor, FactorKind, KernelName, RobustKernel
 from graph.noise import information_of
@@ -191,7 +192,7 @@ def _factor(edge: _Edge, index: dict[int, int]) -> Factor:
 
 
 def _covariance_of(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    strengths = np.linalg.eigvalsh(information)
+    strengths = eigvalsh(information)
     if strengths[0] <= 0.0:
         raise GraphError(f"an information matrix is positive definite, found {strengths.tolist()} along its axes")
     return information_of(information)

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.elementary import log
+
 PLAIN, HUBER, CAUCHY, GEMAN_MCCLURE, DCS = 0, 1, 2, 3, 4
 """Kernels by number."""
 
@@ -36,7 +38,7 @@ def losses_and_weights(squared: Floats, kernel: NDArray[np.int64], width: Floats
         if kind == HUBER:
             losses[at], weights[at] = k * np.sqrt(u) - 0.5 * k * k, k / np.sqrt(u)
         elif kind == CAUCHY:
-            losses[at], weights[at] = 0.5 * k * k * np.log1p(u / (k * k)), k * k / (k * k + u)
+            losses[at], weights[at] = 0.5 * k * k * log(1.0 + u / (k * k)), k * k / (k * k + u)
         elif kind == GEMAN_MCCLURE:
             shrink = k * k / (k * k + u)
             losses[at], weights[at] = 0.5 * shrink * u, shrink * shrink

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from graph import dense
 from graph.errors import GraphError
 
 MAX_CONDITION = 1e8
@@ -55,7 +56,7 @@ def information_of(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
     Returns:
         (..., 3, 3).
     """
-    inverse = np.linalg.inv(covariance)
+    inverse = dense.inv(covariance)
     return np.asarray(0.5 * (inverse + np.swapaxes(inverse, -1, -2)), dtype=np.float64)
 
 
@@ -115,7 +116,7 @@ def _check_symmetric(covariance: NDArray[np.float64], asymmetry: float, trace: f
 
 
 def _capped(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
-    variances, axes = np.linalg.eigh(covariance)
+    variances, axes = dense.eigh(covariance)
     if variances[0] <= 0.0:
         raise GraphError(
             f"a covariance is positive definite, found variances {variances.tolist()} along its axes"
@@ -123,5 +124,5 @@ def _capped(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
         )
     if variances[2] <= MAX_CONDITION * variances[0]:
         return covariance
-    capped = (axes * np.maximum(variances, variances[2] / MAX_CONDITION)) @ axes.T
+    capped = dense.congruence(axes, np.diag(np.maximum(variances, variances[2] / MAX_CONDITION)))
     return np.asarray(0.5 * (capped + capped.T))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from graph import _linear_kernels as linear
 from graph import _sparse_kernels as sparse
 from graph import losses
+from graph.dense import vecdot
 from graph.errors import GraphError
 from graph.factors import Factor, KernelName
 from graph.noise import information_of
@@ -167,7 +168,7 @@ class Problem:
         here = np.array(poses, dtype=np.float64, order="C")
         at = self.evaluate(here)
         factor_trust = np.ones(len(self.j)) if trust is None else trust
-        error = error_before = float(at.losses @ factor_trust)
+        error = error_before = vecdot(at.losses, factor_trust)
         damping, converged, iterations = 0.0, False, 0
         while iterations < max_iterations and not converged:
             iterations += 1
@@ -176,7 +177,7 @@ class Problem:
                 step = system.step(damping)
                 trial = here if step is None else compose(here, expmap(step[self._structure.row_of]))
                 tried = self.evaluate(trial)
-                trial_error = float(tried.losses @ factor_trust)
+                trial_error = vecdot(tried.losses, factor_trust)
                 if step is not None and trial_error <= error + _EQUAL_ERRORS * (1.0 + error):
                     break
                 damping = max(_FIRST_DAMPING, damping * _DAMPING_FACTOR)
@@ -270,7 +271,7 @@ class Linearization:
 
     def __init__(self, system: "_System", row_of: NDArray[np.int64]) -> None:
         self._system, self._row_of = system, row_of
-        self._pose_of = np.argsort(row_of)
+        self._pose_of = np.argsort(row_of, kind="stable")
 
     @property
     def gradient(self) -> NDArray[np.float64]:

@@ -13,6 +13,9 @@ from typing import overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graph.dense import congruence, matmul
+from graph.elementary import cos_sin
+
 _TWO_PI = 2.0 * math.pi
 _SERIES_BELOW = 1e-4  # [rad] the first term that each series leaves out is then below 1e-17
 
@@ -50,7 +53,7 @@ def compose(T_a_b: ArrayLike, T_b_c: ArrayLike) -> NDArray[np.float64]:
     first, second = np.asarray(T_a_b, dtype=np.float64), np.asarray(T_b_c, dtype=np.float64)
     if first.ndim == 1 and second.ndim == 1:
         return _compose_one(first, second)
-    c, s = np.cos(first[..., 2]), np.sin(first[..., 2])
+    c, s = cos_sin(first[..., 2])
     return np.stack(
         [
             first[..., 0] + c * second[..., 0] - s * second[..., 1],
@@ -74,7 +77,7 @@ def inverse(T_a_b: ArrayLike) -> NDArray[np.float64]:
     if pose.ndim == 1:
         return _inverse_one(pose)
     x, y, heading = pose[..., 0], pose[..., 1], pose[..., 2]
-    c, s = np.cos(heading), np.sin(heading)
+    c, s = cos_sin(heading)
     return np.stack([-c * x - s * y, s * x - c * y, wrap_angle(-heading)], axis=-1)
 
 
@@ -92,7 +95,7 @@ def between(T_a_b: ArrayLike, T_a_c: ArrayLike) -> NDArray[np.float64]:
     if first.ndim == 1 and second.ndim == 1:
         return _between_one(first, second)
     dx, dy = second[..., 0] - first[..., 0], second[..., 1] - first[..., 1]
-    c, s = np.cos(first[..., 2]), np.sin(first[..., 2])
+    c, s = cos_sin(first[..., 2])
     return np.stack([c * dx + s * dy, c * dy - s * dx, wrap_angle(second[..., 2] - first[..., 2])], axis=-1)
 
 
@@ -110,7 +113,7 @@ def transform_points(T_a_b: ArrayLike, p_b: ArrayLike) -> NDArray[np.float64]:
     pose, points = np.asarray(T_a_b, dtype=np.float64), np.asarray(p_b, dtype=np.float64)
     if pose.ndim == 1:
         return _transform_points_one(pose, points)
-    c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
+    c, s = cos_sin(pose[..., 2])
     x, y = points[..., 0], points[..., 1]
     return np.stack([pose[..., 0] + c * x - s * y, pose[..., 1] + s * x + c * y], axis=-1)
 
@@ -130,8 +133,9 @@ def expmap(xi: ArrayLike) -> NDArray[np.float64]:
     u, v, theta = tangent[..., 0], tangent[..., 1], tangent[..., 2]
     small = np.abs(theta) < _SERIES_BELOW
     divisor = np.where(small, 1.0, theta)
-    along = np.where(small, 1.0 - theta * theta / 6.0, np.sin(theta) / divisor)
-    across = np.where(small, theta / 2.0 * (1.0 - theta * theta / 12.0), 2.0 * np.sin(theta / 2.0) ** 2 / divisor)
+    c, s = cos_sin(theta / 2.0)
+    along = np.where(small, 1.0 - theta * theta / 6.0, 2.0 * s * c / divisor)
+    across = np.where(small, theta / 2.0 * (1.0 - theta * theta / 12.0), 2.0 * s * s / divisor)
     return np.stack([along * u - across * v, across * u + along * v, wrap_angle(theta)], axis=-1)
 
 
@@ -150,7 +154,8 @@ def logmap(T_a_b: ArrayLike) -> NDArray[np.float64]:
     x, y, theta = pose[..., 0], pose[..., 1], wrap_angle(pose[..., 2])
     half = theta / 2.0
     small = np.abs(theta) < _SERIES_BELOW
-    cotangent = np.where(small, 1.0 - theta * theta / 12.0, half / np.tan(np.where(small, 1.0, half)))
+    c, s = cos_sin(np.where(small, 1.0, half))
+    cotangent = np.where(small, 1.0 - theta * theta / 12.0, half * c / s)
     return np.stack([cotangent * x + half * y, cotangent * y - half * x, theta], axis=-1)
 
 
@@ -166,7 +171,7 @@ def adjoint(T_a_b: ArrayLike) -> NDArray[np.float64]:
     pose = np.asarray(T_a_b, dtype=np.float64)
     if pose.ndim == 1:
         return _adjoint_one(pose)
-    c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
+    c, s = cos_sin(pose[..., 2])
     matrix = np.zeros((*pose.shape[:-1], 3, 3))
     matrix[..., 0, 0], matrix[..., 0, 1], matrix[..., 0, 2] = c, -s, pose[..., 1]
     matrix[..., 1, 0], matrix[..., 1, 1], matrix[..., 1, 2] = s, c, -pose[..., 0]
@@ -217,10 +222,7 @@ def compose_covariance(
         (..., 3, 3) in the tangent space at T_a_c.
     """
     carry = adjoint(inverse(T_b_c))
-    if carry.ndim == 2 and covariance_a_b.ndim == 2:
-        total = carry @ covariance_a_b @ carry.T + covariance_b_c
-        return np.asarray(0.5 * (total + total.T))
-    return _symmetric(carry @ covariance_a_b @ np.swapaxes(carry, -1, -2) + covariance_b_c)
+    return _symmetric(congruence(carry, covariance_a_b) + covariance_b_c)
 
 
 def chain_covariance(T_steps: ArrayLike, covariances: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -251,7 +253,7 @@ def inverse_covariance(T_a_b: ArrayLike, covariance_a_b: NDArray[np.float64]) ->
         (..., 3, 3) in the tangent space at T_b_a.
     """
     carry = adjoint(T_a_b)
-    return _symmetric(carry @ covariance_a_b @ np.swapaxes(carry, -1, -2))
+    return _symmetric(congruence(carry, covariance_a_b))
 
 
 def between_covariance(
@@ -275,9 +277,9 @@ def between_covariance(
         (..., 3, 3) in the tangent space at T_b_c.
     """
     by_b, _ = between_jacobians(T_a_b, T_a_c)
-    total = by_b @ covariance_a_b @ np.swapaxes(by_b, -1, -2) + covariance_a_c
+    total = congruence(by_b, covariance_a_b) + covariance_a_c
     if cross is not None:
-        mixed = by_b @ cross
+        mixed = matmul(by_b, cross)
         total = total + mixed + np.swapaxes(mixed, -1, -2)
     return _symmetric(total)
 
@@ -314,8 +316,9 @@ def _between_one(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> NDAr
 def _transform_points_one(T_a_b: NDArray[np.float64], p_b: NDArray[np.float64]) -> NDArray[np.float64]:
     x, y, heading = T_a_b.tolist()
     c, s = math.cos(heading), math.sin(heading)
-    moved: NDArray[np.float64] = p_b @ np.array(((c, s), (-s, c)))
-    moved += (x, y)
+    moved = np.empty(p_b.shape)
+    moved[..., 0] = c * p_b[..., 0] - s * p_b[..., 1] + x
+    moved[..., 1] = s * p_b[..., 0] + c * p_b[..., 1] + y
     return moved
 
 
@@ -324,7 +327,8 @@ def _expmap_one(xi: NDArray[np.float64]) -> NDArray[np.float64]:
     if abs(theta) < _SERIES_BELOW:
         along, across = 1.0 - theta * theta / 6.0, theta / 2.0 * (1.0 - theta * theta / 12.0)
     else:
-        along, across = math.sin(theta) / theta, 2.0 * math.sin(theta / 2.0) ** 2 / theta
+        c, s = math.cos(theta / 2.0), math.sin(theta / 2.0)
+        along, across = 2.0 * s * c / theta, 2.0 * s * s / theta
     return np.array((along * u - across * v, across * u + along * v, _wrap(theta)))
 
 
@@ -332,7 +336,7 @@ def _logmap_one(T_a_b: NDArray[np.float64]) -> NDArray[np.float64]:
     x, y, heading = T_a_b.tolist()
     theta = _wrap(heading)
     half = theta / 2.0
-    cotangent = 1.0 - theta * theta / 12.0 if abs(theta) < _SERIES_BELOW else half / math.tan(half)
+    cotangent = 1.0 - theta * theta / 12.0 if abs(theta) < _SERIES_BELOW else half * math.cos(half) / math.sin(half)
     return np.array((cotangent * x + half * y, cotangent * y - half * x, theta))
 
 

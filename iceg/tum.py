@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.elementary import arctan2, cos_sin
 from graph.errors import IcegError, reason
 from iceg.tables import first_that_is_no_number
 
@@ -49,9 +50,9 @@ def format_tum(stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> str:
     """
     if poses.shape != (len(stamps), 3):
         raise TrajectoryError(f"a trajectory needs 3 numbers per stamp, found {poses.shape} for {len(stamps)} stamps")
-    half = poses[:, 2] / 2
+    cos, sin = cos_sin(poses[:, 2] / 2)
     # Adding 0.0 turns −0.0 into 0.0, so that equal poses give equal bytes.
-    columns = np.column_stack([stamps, poses[:, :2], np.sin(half), np.cos(half)]) + 0.0
+    columns = np.column_stack([stamps, poses[:, :2], sin, cos]) + 0.0
     bad = np.flatnonzero(~np.isfinite(columns).all(axis=1))
     if len(bad):
         raise TrajectoryError(f"pose {bad[0]} of the trajectory is not finite: {stamps[bad[0]]}, {poses[bad[0]]}")
@@ -82,7 +83,7 @@ def read_tum(path: Path | str) -> Trajectory:
     table = np.array([_parse_line(path, number, row) for number, row in numbered])
     x, y, z, w = table[:, 4:8].T
     # Homogeneous in the quaternion, so that a rounded norm does no harm.
-    heading = np.arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
+    heading = arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
     return Trajectory(stamps=table[:, 0], poses=np.column_stack([table[:, 1:3], heading]))
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.dp_slam.config import MotionModel
+from graph.elementary import cos_sin
 
 
 def draw_motions(
@@ -36,5 +37,5 @@ def draw_motions(
         max(model.t_std_per_metre * distance + model.t_std_per_radian * abs(turn), model.turn_floor),
     )
     d, to_left, turned = (np.array(mean) + normals * np.array(std)).T
-    c_half, s_half = np.cos(0.5 * turned), np.sin(0.5 * turned)
+    c_half, s_half = cos_sin(0.5 * turned)
     return np.stack([d * c_half - to_left * s_half, d * s_half + to_left * c_half, turned], axis=1)

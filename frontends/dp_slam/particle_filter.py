@@ -19,6 +19,7 @@ from frontends.dp_slam.motion import draw_motions
 from frontends.dp_slam.particle_map import ParticleMaps
 from frontends.dp_slam.shared_maps import Beams
 from frontends.scan import Log
+from graph.elementary import cos_sin, exp, log
 from graph.se2 import between, compose
 
 _CERTAIN = 0.98
@@ -47,7 +48,7 @@ class DpSlamResult:
     def log_odds(self) -> NDArray[np.float32]:
         """(rows, cols) float32 log-odds of the grid, within ±3.9 (0.02 to 0.98); 0 where nothing is known."""
         probability = np.clip(self.grid, 1.0 - _CERTAIN, _CERTAIN)
-        return np.nan_to_num(np.log(probability / (1.0 - probability)), nan=0.0).astype(np.float32)
+        return np.nan_to_num(log(probability / (1.0 - probability)), nan=0.0).astype(np.float32)
 
 
 def dp_slam(
@@ -111,7 +112,7 @@ class _Filter:
         geometry = log.geometry
         self._beams = np.arange(0, geometry.n_beams, math.ceil(geometry.n_beams / config.max_beams))
         bearings = geometry.bearings[self._beams]
-        self._directions = np.stack([np.cos(bearings), np.sin(bearings)], axis=1)
+        self._directions = np.stack(cos_sin(bearings), axis=1)
         self._steps = between(log.odometry[:-1], log.odometry[1:])
         self._maps = ParticleMaps(half_extent(log, config), len(bearings), config)
         self._poses = np.zeros((1, 3))
@@ -129,7 +130,7 @@ class _Filter:
         motions = draw_motions(self._steps[index - 1], config.motion, self._rng.standard_normal((config.samples, 3)))
         samples = compose(self._poses[particle_of], motions)
         scores, survivors = self._maps.log_likelihoods(self._lasers(samples), particle_of, scan)
-        weights = np.exp(scores - scores.max())
+        weights = exp(scores - scores.max())
         times = np.empty(config.samples, np.int64)
         resample(weights / weights.sum(), self._rng.random(config.samples), config.particles, times)
         chosen = np.flatnonzero(times)
@@ -154,7 +155,7 @@ class _Filter:
     def best_grid(self) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
         """Probability to stop a beam that crosses a cell from corner to corner, and the lower left corner [m]."""
         densities, origin = self._maps.densities(int(np.argmax(self._weights)))
-        return (1.0 - np.exp(-math.sqrt(2.0) * densities)).astype(np.float32), origin
+        return (1.0 - exp(-math.sqrt(2.0) * densities)).astype(np.float32), origin
 
     def counts(self) -> dict[str, float | int]:
         """What the filter did, for the summary."""

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.elementary import cos_sin
 from graph.se2 import between, wrap_angle
 
 _SAME_PLACE = 0.02  # m: what rounding and the time between the two poses leave
@@ -39,7 +40,7 @@ def find(
         return np.zeros(3) if stated is None else stated, warnings
     T_robot_laser = between(T_odom_robot, T_odom_laser)
     usual = np.median(T_robot_laser[:, :2], axis=0)
-    heading = math.atan2(np.median(np.sin(T_robot_laser[:, 2])), np.median(np.cos(T_robot_laser[:, 2])))
+    heading = math.atan2(*(float(np.median(part)) for part in reversed(cos_sin(T_robot_laser[:, 2]))))
     off_place = np.hypot(*(T_robot_laser[:, :2] - usual).T)
     off_heading = np.abs(wrap_angle(T_robot_laser[:, 2] - heading))
     agree = (off_place <= _SAME_PLACE) & (off_heading <= _SAME_HEADING)

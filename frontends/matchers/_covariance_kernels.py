@@ -47,4 +47,6 @@ def covariance_parts(
         share = ((x - jx) * ex + (y - jy) * ey) / (ex * ex + ey * ey)
         of_reference[j] -= a * ((1.0 - share) * (nx * jx + ny * jy) / max(math.hypot(jx, jy), 1e-9))
         of_reference[k] -= a * (share * (nx * kx + ny * ky) / max(math.hypot(kx, ky), 1e-9))
-    return H, M + of_reference.T @ of_reference, np.array([float(count), total])
+    for j in range(n):
+        M += np.outer(of_reference[j], of_reference[j])
+    return H, M, np.array([float(count), total])

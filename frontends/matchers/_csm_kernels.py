@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from graph._dense_kernels import solve_one
 from graph.compiled import compiled
 
 FULL = 255
@@ -338,7 +339,7 @@ def polish(
     """
     pose = start.copy()
     cost = math.inf
-    normal, right = np.empty((3, 3)), np.empty(3)
+    normal, right, step = np.empty((3, 3)), np.empty(3), np.empty(3)
     previous = pose.copy()
     for _ in range(iterations):
         c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -369,7 +370,7 @@ def polish(
         normal[1, 0], normal[2, 0], normal[2, 1] = normal[0, 1], normal[0, 2], normal[1, 2]
         for i in range(3):
             normal[i, i] = 1.02 * normal[i, i] + 1e-3
-        step = np.linalg.solve(normal, right)
+        solve_one(normal, right, step)
         pose += step
         if abs(step[0]) + abs(step[1]) + abs(step[2]) < 1e-5:
             break

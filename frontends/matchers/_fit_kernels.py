@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from graph._dense_kernels import solve
 from graph.compiled import compiled
 
 
@@ -51,12 +52,20 @@ def line_fit(
     A[0, 0] += damping * count
     A[1, 1] += damping * count
     A[1, 0], D[1, 0] = A[0, 1], D[0, 1]
-    inverse = np.linalg.inv(A)
-    S = D - B.T @ inverse @ B
-    h = B.T @ inverse @ at - az
+    right = np.empty((1, 2, 3))  # A⁻¹ (B | at)
+    right[0, :, :2], right[0, :, 2] = B, at
+    solve(A.reshape((1, 2, 2)).copy(), right)
+    solved = right[0]
+    S, h = D.copy(), -az
+    for i in range(2):
+        for k in range(2):
+            h[i] += B[k, i] * solved[k, 2]
+            for j in range(2):
+                S[i, j] -= B[k, i] * solved[k, j]
     angle = _unit_minimum(S, h)
-    t = inverse @ (at - B @ np.array([math.cos(angle), math.sin(angle)]))
-    return t[0], t[1], angle
+    c, s = math.cos(angle), math.sin(angle)
+    x, y = solved[:, 2] - c * solved[:, 0] - s * solved[:, 1]
+    return x, y, angle
 
 
 @compiled

@@ -19,6 +19,7 @@ from frontends.matchers._pair_kernels import (
     no_pairs,
     trim,
 )
+from graph._dense_kernels import solve_one
 from graph.compiled import compiled
 
 _SAME_WAY = math.cos(math.radians(10.0))
@@ -56,7 +57,7 @@ def closest_points(
         The pose of the scan in the frame of the reference, the last pairs, and the number of iterations.
     """
     pose, pairs, done = start.copy(), no_pairs(len(points)), 0
-    before, steps = np.zeros(3), np.zeros((2, 3))
+    before, step, steps = np.zeros(3), np.zeros(3), np.zeros((2, 3))
     while done < stopping.iterations:
         done += 1
         associate(outline, points, pose, length2, window, trimming, pairs)
@@ -68,7 +69,8 @@ def closest_points(
             fit = rigid_fit(points, pairs.targets, pairs.kept)
         else:
             H, g = metric_normal_equations(pairs.moved, pairs.targets, pairs.kept, length2)
-            step = np.linalg.solve(H, g)
+            if not solve_one(H, g, step):
+                break
             fit = composed(step[0], step[1], step[2], pose)
         before[:] = pose
         if take(fit, pose, stopping.epsilon):

@@ -261,11 +261,9 @@ def _solve(
 @compiled
 def _information(sums: NDArray[np.float64]) -> NDArray[np.float64]:
     """Block-diagonal information about the midpoint, moved to the origin of the frame."""
-    about = np.zeros((3, 3))
-    about[0, 0], about[0, 1], about[1, 0], about[1, 1], about[2, 2] = sums[0], sums[1], sums[1], sums[2], sums[5]
-    to_middle = np.eye(3)  # a turn θ about the origin shifts the midpoint m by θ (−m_y, m_x)
-    to_middle[0, 2], to_middle[1, 2] = -sums[4], sums[3]
-    return to_middle.T @ about @ to_middle
+    a, b, d, mx, my, turn = sums
+    x, y = b * mx - a * my, d * mx - b * my  # a turn θ about the origin shifts the midpoint m by θ (−m_y, m_x)
+    return np.array([[a, b, x], [b, d, y], [x, y, turn + mx * y - my * x]])
 
 
 @compiled

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from frontends.matchers.errors import require
 from frontends.matchers.restarts import RestartConfig
+from graph import dense
 from graph.measurement import NoMatch
 from graph.se2 import adjoint, between, inverse
 
@@ -123,19 +124,19 @@ def tangent_covariance(
         (3, 3) covariance, order x, y, θ of the robot, and (k, 3) directions of it that are unobservable.
     """
     # H and M refer to exp(ξ)·T; exp(ξ)·T_frame_laser·T_laser_robot = T_frame_robot·exp(Ad ξ).
-    to_frame = adjoint(found.T_frame_laser) @ adjoint(inverse(T_robot_laser))
-    hessian = to_frame.T @ found.hessian @ to_frame
-    scatter = to_frame.T @ found.scatter @ to_frame
-    eigenvalues, axes = np.linalg.eigh(hessian)
+    to_frame = dense.matmul(adjoint(found.T_frame_laser), adjoint(inverse(T_robot_laser)))
+    hessian = dense.congruence(to_frame.T, found.hessian)
+    scatter = dense.congruence(to_frame.T, found.scatter)
+    eigenvalues, axes = dense.eigh(hessian)
     weak = eigenvalues <= max(found.weak_share * found.pairs, 1e-12 * eigenvalues[-1])
-    gain = (axes / np.where(weak, np.inf, eigenvalues)) @ axes.T
-    observed = config.covariance_scale * gain @ scatter @ gain
-    unobserved = config.weak_sigma**2 * axes[:, weak] @ axes[:, weak].T
+    gain = dense.matmul(axes / np.where(weak, np.inf, eigenvalues), axes.T)
+    observed = config.covariance_scale * dense.congruence(gain, scatter)
+    unobserved = config.weak_sigma**2 * dense.matmul(axes[:, weak], axes[:, weak].T)
     return _bounded(observed + unobserved, config), axes[:, weak].T.copy()
 
 
 def _bounded(covariance: NDArray[np.float64], config: AcceptanceConfig) -> NDArray[np.float64]:
     """Exactly symmetric, standard deviations between the smallest and that of a weak direction."""
-    variances, axes = np.linalg.eigh(0.5 * (covariance + covariance.T))
-    bounded = (axes * np.clip(variances, config.min_sigma**2, config.weak_sigma**2)) @ axes.T
+    variances, axes = dense.eigh(covariance)
+    bounded = dense.congruence(axes, np.diag(np.clip(variances, config.min_sigma**2, config.weak_sigma**2)))
     return np.asarray(0.5 * (bounded + bounded.T), dtype=np.float64)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Scan
+from graph.elementary import cos_sin
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,8 +36,8 @@ class BearingScan:
         hit = np.isfinite(scan.ranges)
         bearings, ranges = geometry.bearings[hit], scan.ranges[hit].astype(np.float64)
         xy = np.empty((len(ranges), 2))
-        np.multiply(ranges, np.cos(bearings), out=xy[:, 0])
-        np.multiply(ranges, np.sin(bearings), out=xy[:, 1])
+        cos, sin = cos_sin(bearings)
+        xy[:, 0], xy[:, 1] = ranges * cos, ranges * sin
         resolution = geometry.resolution if geometry.n_beams > 1 else 0.0
         return cls(xy=xy, bearings=bearings, ranges=ranges, resolution=resolution)
 

@@ -16,6 +16,8 @@ from frontends.matchers import _csm_kernels as kernels
 from frontends.matchers.errors import MatcherError, require
 from frontends.matchers.surfaces import weak_directions
 from frontends.scan import Scan
+from graph import dense
+from graph.elementary import exp, log
 from graph.measurement import NoMatch, RelativePose
 from graph.se2 import transform_points, wrap_angle
 
@@ -238,16 +240,17 @@ class CsmMatcher:
                 stride,
                 volume,
             )
-            weights = np.exp(sharpness * (volume - volume.max()))
+            weights = exp(sharpness * (volume - volume.max()))
             moment = _moment(weights / weights.sum(), steps)
             moment += np.diag((steps / 5.0) ** 2)
-            variances, turn = np.linalg.eigh(moment)
+            observed = dense.congruence(axes, moment)
+            variances, turn = dense.eigh(moment)
             new_steps = np.clip(_SPACING * np.sqrt(variances), 2e-4, config.max_step)
-            if np.abs(np.log(new_steps / np.sort(steps))).max() < 0.1:
+            if np.abs(log(new_steps / np.sort(steps))).max() < 0.1:
                 break
-            axes, steps = axes @ turn, new_steps
+            axes, steps = dense.matmul(axes, turn), new_steps
         weak = weak_directions(points, config.link, config.weak_facing)
-        covariance = axes @ moment @ axes.T + config.weak_sigma**2 * weak.T @ weak
+        covariance = observed + config.weak_sigma**2 * dense.matmul(weak.T, weak)
         return 0.5 * (covariance + covariance.T), weak
 
     def _search(
@@ -302,8 +305,8 @@ def _moment(weights: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray
     """(3, 3) Σ = K/s − uuᵀ/s² of normalised weights on a grid."""
     offsets = np.arange(-_HALF, _HALF + 1, dtype=np.float64)
     marginals = [weights.sum(axis=tuple(k for k in range(3) if k != i)) for i in range(3)]
-    u = np.array([float(marginal @ offsets) for marginal in marginals])
-    second = np.diag([float(marginal @ offsets**2) for marginal in marginals])
+    u = np.array([dense.vecdot(marginal, offsets) for marginal in marginals])
+    second = np.diag([dense.vecdot(marginal, offsets**2) for marginal in marginals])
     for i, j in ((0, 1), (0, 2), (1, 2)):
-        second[i, j] = second[j, i] = float(offsets @ weights.sum(axis=3 - i - j) @ offsets)
+        second[i, j] = second[j, i] = dense.vecdot(np.outer(offsets, offsets), weights.sum(axis=3 - i - j))
     return np.asarray((second - np.outer(u, u)) * np.outer(steps, steps), dtype=np.float64)

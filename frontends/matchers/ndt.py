@@ -4,6 +4,7 @@ The reference is cut into cells of a metre, each a normal distribution of the po
 cell overlap, so that every point meets four cells. Newton's method maximises Σ exp(−dᵀS⁻¹d/2).
 """
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -14,6 +15,7 @@ from frontends.matchers.errors import MatcherError, require
 from frontends.matchers.restarts import RestartConfig, other_starts
 from frontends.matchers.surfaces import weak_directions
 from frontends.scan import Scan
+from graph import dense
 from graph.measurement import NoMatch, RelativePose
 from graph.se2 import transform_points
 
@@ -218,15 +220,15 @@ class NdtMatcher:
             _THIN * reference.cell,
         )
         rotation = np.eye(3)
-        c, s = np.cos(aligned.T_ref_cur[2]), np.sin(aligned.T_ref_cur[2])
+        c, s = math.cos(aligned.T_ref_cur[2]), math.sin(aligned.T_ref_cur[2])
         rotation[:2, :2] = [[c, -s], [s, c]]
         covariance = sandwich(
-            rotation.T @ information @ rotation,
-            rotation.T @ (self.config.inflation * spread + np.outer(pull, pull)) @ rotation,
+            dense.congruence(rotation.T, information),
+            dense.congruence(rotation.T, self.config.inflation * spread + np.outer(pull, pull)),
             self.config.weak_sigma,
         )
         weak = weak_directions(aligned.points, _LINK, self.config.weak_facing)
-        return covariance + self.config.weak_sigma**2 * weak.T @ weak, weak
+        return covariance + self.config.weak_sigma**2 * dense.matmul(weak.T, weak), weak
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -256,10 +258,10 @@ def sandwich(hessian: NDArray[np.float64], spread: NDArray[np.float64], largest:
     Returns:
         (3, 3) covariance.
     """
-    curvatures, axes = np.linalg.eigh(hessian)
-    noise = axes.T @ spread @ axes
+    curvatures, axes = dense.eigh(hessian)
+    noise = dense.congruence(axes.T, spread)
     sigmas = np.sqrt(np.maximum(np.diag(noise), 1e-12))
     inverse = 1.0 / np.maximum(curvatures, sigmas / largest)
     along = inverse[:, None] * noise * inverse[None, :] + np.diag(np.full(3, _SMALLEST**2))
-    covariance = axes @ along @ axes.T
+    covariance = dense.congruence(axes, along)
     return np.asarray(0.5 * (covariance + covariance.T))

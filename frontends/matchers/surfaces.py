@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.matchers import _surface_kernels as kernels
+from graph.dense import eigh
 
 
 def weak_directions(points: NDArray[np.float64], link: float, least: float) -> NDArray[np.float64]:
@@ -21,6 +22,6 @@ def weak_directions(points: NDArray[np.float64], link: float, least: float) -> N
         (k, 3) unit vectors, order x, y, θ.
     """
     mean, reach = kernels.facing(points, link)
-    eigenvalues, axes = np.linalg.eigh(mean)
+    eigenvalues, axes = eigh(mean)
     weak = axes[:, eigenvalues < least].T / np.array([1.0, 1.0, reach])
-    return np.asarray(weak / np.linalg.norm(weak, axis=1, keepdims=True))
+    return np.asarray(weak / np.sqrt((weak * weak).sum(axis=1, keepdims=True)))

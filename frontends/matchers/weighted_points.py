@@ -113,7 +113,7 @@ def merged(scans: list[WeightedPoints], T_ref_lasers: NDArray[np.float64], reach
         kernels.place(scan.tree.xy, scan.noise, scan.tangents, T_last_laser, xy[rows], noise[rows], tangents[rows])
         begin = rows.stop
     spreads = np.concatenate([scan.spreads for scan in scans])
-    near = np.einsum("ij,ij->i", xy, xy) <= reach**2
+    near = (xy * xy).sum(axis=1) <= reach**2
     return WeightedPoints(
         tree=QuadTree.of(xy[near]),
         noise=noise[near],

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.simulator.world import SimulatorError
+from graph.elementary import cos_sin
 
 LEG_RADIUS = 0.06
 """Of a person [m]."""
@@ -84,7 +85,7 @@ def _legs(person: Person, T_world_robot: NDArray[np.float64], times: NDArray[np.
             x, y = robot_x + away * (x - robot_x), robot_y + away * (y - robot_y)
         bodies.append((x, y, cos, sin, walked))
     x, y, cos, sin, walked_so_far = np.array(bodies).T
-    forward = _REACH * np.sin(2 * math.pi * walked_so_far / _STRIDE)
+    forward = _REACH * cos_sin(2 * math.pi * walked_so_far / _STRIDE)[1]
     legs = np.stack(
         [
             np.stack([x + side * (forward * cos - _HIP * sin), y + side * (forward * sin + _HIP * cos)], axis=1)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.simulator.world import SimulatorError
+from graph.elementary import cos_sin
 from graph.se2 import between, wrap_angle
 
 _TICK = 0.02
@@ -185,7 +186,7 @@ def _legs(route: Route) -> Iterator[tuple[Waypoint, Waypoint | None]]:
 
 def _chain(steps: NDArray[np.float64]) -> NDArray[np.float64]:
     headings = np.concatenate([[0.0], np.cumsum(steps[:, 2])])
-    c, s = np.cos(headings[:-1]), np.sin(headings[:-1])
+    c, s = cos_sin(headings[:-1])
     x = np.cumsum(c * steps[:, 0] - s * steps[:, 1])
     y = np.cumsum(s * steps[:, 0] + c * steps[:, 1])
     return np.stack([np.concatenate([[0.0], x]), np.concatenate([[0.0], y]), wrap_angle(headings)], axis=1)

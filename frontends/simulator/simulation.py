@@ -12,6 +12,7 @@ from frontends.simulator.people import walk
 from frontends.simulator.robot import Driving, OdometryModel, drive, measure_odometry
 from frontends.simulator.scene import Scene, load_scene
 from frontends.simulator.world import SimulatorError
+from graph.elementary import cos_sin
 from graph.se2 import compose, wrap_angle
 
 _CLEARANCE = 0.3
@@ -161,7 +162,8 @@ def _candidates(
     T_map_ref[:, 2] = wrap_angle(T_map_ref[:, 2] + rng.uniform(-0.5, 0.5, size=n))
     distance, bearing = max_translation * np.sqrt(rng.random(n)), rng.uniform(-np.pi, np.pi, size=n)
     turn = rng.uniform(-max_rotation, max_rotation, size=n)
-    return T_map_ref, np.stack([distance * np.cos(bearing), distance * np.sin(bearing), wrap_angle(turn)], axis=1)
+    cos, sin = cos_sin(bearing)
+    return T_map_ref, np.stack([distance * cos, distance * sin, wrap_angle(turn)], axis=1)
 
 
 def _is_free(where: Scene, T_map_a: NDArray[np.float64], T_map_b: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.simulator.world import Segments, polyline
+from graph.dense import matmul, matvec
+from graph.elementary import cos_sin
 
 Points = NDArray[np.float64]
 """(n, 2) of a polyline in units of the drawing."""
@@ -63,11 +65,11 @@ def _lower_left(root: ET.Element) -> tuple[float, float]:
 def _outlines(element: ET.Element, T_drawing_parent: Points) -> Iterator[Points]:
     if _tag(element) in _HIDDEN or element.get("display") == "none" or "display:none" in element.get("style", ""):
         return
-    T_drawing_element = T_drawing_parent @ _transform(element.get("transform", ""))
+    T_drawing_element = matmul(T_drawing_parent, _transform(element.get("transform", "")))
     outline = _OUTLINES.get(_tag(element))
     if outline is not None:
         for points in outline(element):
-            yield points @ T_drawing_element[:2, :2].T + T_drawing_element[:2, 2]
+            yield matmul(points, T_drawing_element[:2, :2].T) + T_drawing_element[:2, 2]
     for child in element:
         yield from _outlines(child, T_drawing_element)
 
@@ -94,7 +96,8 @@ def _ellipse(element: ET.Element) -> Iterator[Points]:
     x, y, r = (_length(element, name) for name in ("cx", "cy", "r"))
     rx, ry = (r, r) if _tag(element) == "circle" else (_length(element, "rx"), _length(element, "ry"))
     bearings = np.linspace(0.0, 2 * np.pi, 2 * _PIECES + 1)
-    yield np.stack([x + rx * np.cos(bearings), y + ry * np.sin(bearings)], axis=1)
+    cos, sin = cos_sin(bearings)
+    yield np.stack([x + rx * cos, y + ry * sin], axis=1)
 
 
 def _path(element: ET.Element) -> Iterator[Points]:
@@ -199,7 +202,7 @@ def _transform(text: str) -> Points:
     """(3, 3) of a list of transforms."""
     whole = np.eye(3)
     for name, arguments in re.findall(r"(\w+)\s*\(([^)]*)\)", text):
-        whole = whole @ _one_transform(name, _numbers(arguments))
+        whole = matmul(whole, _one_transform(name, _numbers(arguments)))
     return whole
 
 
@@ -215,7 +218,7 @@ def _one_transform(name: str, v: list[float]) -> Points:
         c, s = math.cos(math.radians(v[0])), math.sin(math.radians(v[0]))
         matrix[:2, :2] = [[c, -s], [s, c]]
         centre = np.array(v[1:] or (0.0, 0.0))
-        matrix[:2, 2] = centre - matrix[:2, :2] @ centre
+        matrix[:2, 2] = centre - matvec(matrix[:2, :2], centre)
     elif name == "skewX" and len(v) == 1:
         matrix[0, 1] = math.tan(math.radians(v[0]))
     elif name == "skewY" and len(v) == 1:

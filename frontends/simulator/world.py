@@ -1,11 +1,14 @@
 """A 2D world of wall segments, each with the time in which it stands and what it does to a beam."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graph.elementary import cos_sin
 from graph.errors import IcegError
+from graph.se2 import transform_points
 
 Segments = NDArray[np.float64]
 """(n, 4) wall segments x0, y0, x1, y1 [m] in the world frame."""
@@ -111,7 +114,8 @@ class World:
         start, along = segments[:, :2], segments[:, 2:] - segments[:, :2]
         length2 = np.maximum(np.sum(along**2, axis=1), 1e-18)
         share = np.clip(np.sum((p - start) * along, axis=2) / length2, 0.0, 1.0)
-        distances = np.linalg.norm(p - (start + share[..., None] * along), axis=2)
+        offsets = p - (start + share[..., None] * along)
+        distances = np.hypot(offsets[..., 0], offsets[..., 1])
         nearest: NDArray[np.float64] = distances.min(axis=1, initial=np.inf)
         return nearest
 
@@ -153,12 +157,12 @@ def thick_wall(points: ArrayLike, thickness: float) -> Segments:
     legs = polyline(points)
     for index, (x0, y0, x1, y1) in enumerate(legs):
         length = float(np.hypot(x1 - x0, y1 - y0))
-        turn = float(np.arctan2(y1 - y0, x1 - x0))
+        turn = math.atan2(y1 - y0, x1 - x0)
         before = thickness / 2 if index > 0 else 0.0
         after = thickness / 2 if index < len(legs) - 1 else 0.0
         middle = (after - before) / 2
-        centre_x = (x0 + x1) / 2 + middle * np.cos(turn)
-        centre_y = (y0 + y1) / 2 + middle * np.sin(turn)
+        centre_x = (x0 + x1) / 2 + middle * math.cos(turn)
+        centre_y = (y0 + y1) / 2 + middle * math.sin(turn)
         pieces.append(rectangle(centre_x, centre_y, length + before + after, thickness, turn))
     return np.concatenate(pieces)
 
@@ -195,7 +199,7 @@ def arc(x: float, y: float, radius: float, start: float = 0.0, end: float = 2 * 
         (pieces, 4) segments.
     """
     bearings = np.linspace(start, end, pieces + 1)
-    return polyline(np.stack([x + radius * np.cos(bearings), y + radius * np.sin(bearings)], axis=1))
+    return polyline(np.array([x, y]) + radius * np.stack(cos_sin(bearings), axis=1))
 
 
 def table(x: float, y: float, width: float, depth: float, turn: float = 0.0, leg: float = 0.06) -> Segments:
@@ -217,6 +221,4 @@ def table(x: float, y: float, width: float, depth: float, turn: float = 0.0, leg
 
 
 def _placed(points: NDArray[np.float64], x: float, y: float, turn: float) -> NDArray[np.float64]:
-    c, s = np.cos(turn), np.sin(turn)
-    placed: NDArray[np.float64] = points @ np.array([(c, s), (-s, c)]) + (x, y)
-    return placed
+    return transform_points(np.array([x, y, turn]), points)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from frontends.matcher import Matcher
 from frontends.matchers import make_matcher
 from frontends.scan import Scan
+from graph.elementary import cos_sin
 from graph.measurement import NoMatch
 from graph.se2 import wrap_angle
 from iceg.config import MatcherName
@@ -137,9 +138,7 @@ def starts_at(pairs: Sequence[ScanPair], translation: float, rotation: float, se
     """
     rng = np.random.default_rng(seed)
     bearings, sides = rng.uniform(-np.pi, np.pi, len(pairs)), rng.choice([-1.0, 1.0], len(pairs))
-    return _off(
-        pairs, np.column_stack([translation * np.cos(bearings), translation * np.sin(bearings), rotation * sides])
-    )
+    return _off(pairs, np.column_stack([*(translation * part for part in cos_sin(bearings)), rotation * sides]))
 
 
 def run_trials(

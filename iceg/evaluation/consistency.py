@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from graph import dense
 from graph.se2 import between, logmap
 from iceg.evaluation.errors import EvaluationError
 
@@ -49,10 +50,10 @@ def nees(errors: NDArray[np.float64], covariances: NDArray[np.float64]) -> NDArr
         EvaluationError: a covariance is not symmetric positive definite.
     """
     try:
-        lower = np.linalg.cholesky(covariances)
+        lower = dense.cholesky(covariances)
     except np.linalg.LinAlgError as err:
         raise EvaluationError("found a covariance that is not positive definite") from err
-    whitened = np.linalg.solve(lower, errors[..., None])[..., 0]
+    whitened = dense.solve_vector(lower, errors)
     return np.asarray((whitened**2).sum(axis=-1))
 
 

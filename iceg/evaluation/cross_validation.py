@@ -22,6 +22,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from graph import dense
 from graph.batch import check_determined, optimize
 from graph.factors import Factor, FactorKind
 from graph.g2o import read_g2o
@@ -81,12 +82,12 @@ def leave_one_out(factors: Sequence[Factor], poses: NDArray[np.float64]) -> Left
     problem = Problem.of(factors, len(poses))
     here = np.array(poses, dtype=np.float64, order="C")
     at = problem.evaluate(here)
-    whiten = np.linalg.cholesky(problem.information)
-    u = np.einsum("mba,mb->ma", whiten, at.residuals)
-    predicted = np.einsum("mba,mbc,mcd->mad", whiten, _predicted_covariances(problem, here), whiten)
-    a, v = np.linalg.eigh(predicted)
+    whiten = dense.cholesky(problem.information)
+    u = dense.matvec(np.swapaxes(whiten, 1, 2), at.residuals)
+    predicted = dense.congruence(np.swapaxes(whiten, 1, 2), _predicted_covariances(problem, here))
+    a, v = dense.eigh(predicted)
     left = 1.0 - at.weights[:, None] * a
-    along = np.einsum("mak,ma->mk", v, u)
+    along = dense.matvec(np.swapaxes(v, 1, 2), u)
     redundancy = np.clip(left.min(axis=1), 0.0, 1.0)
     checked = redundancy > _LEAST_REDUNDANCY
     terms = along**2 / np.where(checked[:, None], left * (left + a), np.nan)
@@ -155,4 +156,4 @@ def _predicted_covariances(problem: Problem, poses: NDArray[np.float64]) -> NDAr
     first = np.where(problem.i[:, None] >= 0, poses[problem.i], 0.0)
     by_first, by_second = between_jacobians(first, poses[problem.j])
     jacobians = np.concatenate([by_first, by_second], axis=-1)
-    return np.asarray(jacobians @ problem.joint_covariances(poses) @ np.swapaxes(jacobians, -1, -2))
+    return dense.congruence(jacobians, problem.joint_covariances(poses))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from frontends.logs.plausibility import judge_odometry
 from frontends.scan import Log, ScanGeometry
+from graph.elementary import arctan2
 from graph.se2 import between, compose, transform_points, wrap_angle
 
 _SEED = 0
@@ -346,8 +347,8 @@ def _stand_before(
 ) -> None:
     """Let somebody at these places, (n, 2) one for each of the scans, end the beams in `ranges`."""
     x, y, _ = between(T_odom_laser[scans], np.column_stack([places, np.zeros(len(scans))])).T
-    far, towards = np.hypot(x, y), np.arctan2(y, x)
-    width = np.arctan2(_BODY, far)
+    far, towards = np.hypot(x, y), arctan2(y, x)
+    width = arctan2(_BODY, far)
     for scan, distance, bearing, half in zip(scans, far, towards, width, strict=True):
         hidden = np.abs(wrap_angle(log.geometry.bearings - bearing)) < half
         ranges[scan, hidden] = np.fmin(ranges[scan, hidden], np.float32(max(distance - _BODY, 0.3)))

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Scan
+from graph.elementary import exp
 from iceg.ice import _score_grid_kernels as kernels
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
@@ -38,4 +39,4 @@ def correlation_surface(
     costs = np.empty((side, side, 1))
     scored = Scored.of(scan_points.points, scan_points.normals, reference, matcher.config.refinement.scale)
     kernels.score_grid(scored, n, T_ref_cur, np.eye(3), np.array([step, step, 0.0]), costs)
-    return np.linspace(-half_width, half_width, side), np.exp(-costs[:, :, 0].T / n)
+    return np.linspace(-half_width, half_width, side), exp(-costs[:, :, 0].T / n)

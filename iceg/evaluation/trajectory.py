@@ -1,12 +1,13 @@
 """Absolute trajectory error: what is left after a trajectory is laid over its reference."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.se2 import compose, wrap_angle
+from graph.se2 import compose, transform_points, wrap_angle
 from iceg.evaluation.errors import EvaluationError
 from iceg.tables import read_csv_table
 
@@ -135,9 +136,8 @@ def align(estimated: NDArray[np.float64], reference: NDArray[np.float64]) -> NDA
     """
     mean_estimated, mean_reference = estimated[:, :2].mean(axis=0), reference[:, :2].mean(axis=0)
     a, b = estimated[:, :2] - mean_estimated, reference[:, :2] - mean_reference
-    heading = np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
-    c, s = np.cos(heading), np.sin(heading)
-    translation = mean_reference - np.array([[c, -s], [s, c]]) @ mean_estimated
+    heading = math.atan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum())
+    translation = mean_reference - transform_points(np.array([0.0, 0.0, heading]), mean_estimated)
     return np.array([*translation, heading])
 
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph._assign_kernels import assign
+from graph._dense_kernels import solve_one
 from graph.compiled import compiled
 
 F32 = NDArray[np.float32]
@@ -416,14 +417,15 @@ def polish_on_features(
         The number of coincidences.
     """
     assign(pose, start)
-    h, g = np.empty((3, 3)), np.empty(3)
+    h, g, step = np.empty((3, 3)), np.empty(3), np.empty(3)
     hit = 0
     for _ in range(iterations):
         hit = _accumulate_features(kinds, rows, ref_kinds, ref_rows, pose, h, g)
         if hit == 0:
             break
-        step = np.linalg.solve(h, -g)
-        pose += step
+        if not solve_one(h, g, step):
+            break
+        pose -= step
         if hypot(step[0], step[1]) < 1e-4 and abs(step[2]) < 1e-5:
             break
     return hit

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Scan
+from graph.elementary import arctan2
 from iceg.ice import _feature_kernels as kernels
 from iceg.ice.config import SegmentConfig
 from iceg.ice.points import ScanPoints, extract_points
@@ -59,7 +60,7 @@ def extract_segments(
     along = rows[:, kernels.FIRST : kernels.LAST + 1]
     return Segments(
         centroids=centroids,
-        headings=np.arctan2(directions[:, 1], directions[:, 0]),
+        headings=arctan2(directions[:, 1], directions[:, 0]),
         endpoints=centroids[:, None, :] + along[:, :, None] * directions[:, None, :],
         offset_variances=rows[:, kernels.V_OFFSET],
         heading_variances=rows[:, kernels.V_ANGLE],

@@ -10,6 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Scan
+from graph import dense
+from graph.elementary import arctan2, cos_sin
+from graph.se2 import wrap_angle
 from iceg.ice.features import Features
 from iceg.maps import _landmark_kernels as kernels
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
@@ -172,14 +175,14 @@ class FeatureMap:
             raise FeatureMapError(f"a landmark is anchored to key pose {anchors.max()}, given are {len(frames)}")
         x, y, cos, sin = frames[anchors].T
         rotation = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
-        positions = np.stack([x, y], -1) + np.einsum("nij,nj->ni", rotation, store.positions)
-        directions = store.directions + np.arctan2(sin, cos)[:, None]
+        positions = np.stack([x, y], -1) + dense.matvec(rotation, store.positions)
+        directions = store.directions + arctan2(sin, cos)[:, None]
         return Landmarks(
             ids=np.arange(self._count),
             kinds=store.kinds.copy(),
             positions=positions,
-            directions=np.arctan2(np.sin(directions), np.cos(directions)),
-            covariances=rotation @ store.covariances @ rotation.swapaxes(-1, -2),
+            directions=wrap_angle(directions),
+            covariances=dense.congruence(rotation, store.covariances),
             direction_variances=store.direction_variances.copy(),
             distances=store.distances.copy(),
             anchors=anchors.copy(),
@@ -252,7 +255,7 @@ def build_feature_map(
 
 def _frames(key_poses: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 4) x, y, cosine and sine of poses."""
-    return np.stack([key_poses[:, 0], key_poses[:, 1], np.cos(key_poses[:, 2]), np.sin(key_poses[:, 2])], axis=1)
+    return np.stack([key_poses[:, 0], key_poses[:, 1], *cos_sin(key_poses[:, 2])], axis=1)
 
 
 def _empty_store(capacity: int) -> Store:

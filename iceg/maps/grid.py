@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from frontends.scan import ScanGeometry
 from graph.atomic import write_atomically
+from graph.elementary import cos_sin
 from iceg.maps import _grid_kernels as kernels
 from iceg.maps.config import GridConfig, GridError, GridSizeError
 
@@ -262,7 +263,7 @@ def _spaced_scans(trajectory: NDArray[np.float64], min_travel: float, min_turn: 
 
 def _laser_poses(T_map_robot: NDArray[np.float64], geometry: ScanGeometry) -> NDArray[np.float64]:
     x, y, heading = geometry.T_robot_laser
-    cos, sin = np.cos(T_map_robot[:, 2]), np.sin(T_map_robot[:, 2])
+    cos, sin = cos_sin(T_map_robot[:, 2])
     return np.stack(
         [
             T_map_robot[:, 0] + cos * x - sin * y,

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import ImageColor
 
+from graph.elementary import cos_sin
 from iceg.show.canvas import Box, Canvas
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ def wall_strokes(positions: NDArray[np.float64], directions: NDArray[np.float64]
     """
     rows, walls = np.nonzero(np.isfinite(directions))
     angles = directions[rows, walls]
-    ends = positions[rows] + length * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    ends = positions[rows] + length * np.stack(cos_sin(angles), axis=1)
     return np.stack([positions[rows], ends], axis=1)
 
 

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from graph.atomic import write_atomically
+from graph.elementary import exp
 
 _BARS, _RIGHT = "#0072b2", "#222222"
 _FARTHEST, _BINS = 15.0, 60
@@ -31,7 +32,7 @@ def save_nees_plot(values: Mapping[str, NDArray[np.float64]], path: Path) -> Non
     for axes, (kind, found) in zip(panels, present.items(), strict=False):
         share = np.histogram(found, edges)[0] / len(found) / np.diff(edges)
         axes.stairs(share, edges, fill=True, color=_BARS, alpha=0.5)
-        axes.plot(x, np.sqrt(x / (2.0 * np.pi)) * np.exp(-0.5 * x), color=_RIGHT, label="χ², 3 degrees of freedom")
+        axes.plot(x, np.sqrt(x / (2.0 * np.pi)) * exp(-0.5 * x), color=_RIGHT, label="χ², 3 degrees of freedom")
         axes.set_title(f"{kind}: mean {found.mean():.2f}")
         axes.set_xlabel(f"NEES ({100 * float((found > _FARTHEST).mean()):.1f} % beyond)")
     panels[0].set_ylabel("density")

@@ -13,6 +13,7 @@ from matplotlib.patches import Ellipse
 from numpy.typing import ArrayLike, NDArray
 
 from frontends.scan import Scan
+from graph.dense import eigh
 from graph.se2 import transform_points
 from iceg.show.canvas import Box
 from iceg.show.map_image import (
@@ -146,7 +147,7 @@ def draw_covariance_ellipse(
         The ellipse.
     """
     centre = np.asarray(mean, dtype=np.float64)[:2]
-    variances, axes = np.linalg.eigh(np.asarray(covariance, dtype=np.float64)[:2, :2])
+    variances, axes = eigh(np.asarray(covariance, dtype=np.float64)[:2, :2])
     small, large = 2.0 * sigmas * np.sqrt(np.maximum(variances, 0.0))
     angle = math.degrees(math.atan2(axes[1, 1], axes[0, 1]))
     ellipse = Ellipse(

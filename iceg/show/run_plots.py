@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.atomic import write_atomically
+from graph.dense import eigvalsh
 from iceg.run_folder import is_of_dp_slam, read_ros_map, read_run_folder
 from iceg.show.map_image import MapLayers
 from iceg.slam.closures.closure import joined_scans
@@ -89,7 +90,7 @@ def save_uncertainty_plot(key_poses: NDArray[np.float64], covariances: NDArray[n
 
     steps = np.hypot(*np.diff(key_poses[:, :2], axis=0).T)
     travelled = np.concatenate([[0.0], np.cumsum(steps)])
-    along = np.sqrt(np.linalg.eigvalsh(covariances[:, :2, :2]).clip(min=0.0))
+    along = np.sqrt(eigvalsh(covariances[:, :2, :2]).clip(min=0.0))
     figure = Figure(figsize=(9, 5), layout="constrained")
     position, heading = figure.subplots(2, 1, sharex=True)
     position.plot(travelled, along[:, 1], label="widest direction")

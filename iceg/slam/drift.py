@@ -5,6 +5,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.dense import inv
+
 
 class Spread(NamedTuple):
     """How uncertain a pose is relative to those before it.
@@ -69,7 +71,7 @@ class Drift:
         measured = np.array([each for _, covariances in self._new for each in covariances])
         fused = measured
         if len(measured) > len(self._new):
-            fused = np.linalg.inv(np.add.reduceat(np.linalg.inv(measured), starts))
+            fused = inv(np.add.reduceat(inv(measured), starts))
         keys = [key for key, _ in self._new]
         self._position[keys] = np.maximum(fused[:, 0, 0], fused[:, 1, 1])
         self._heading[keys] = fused[:, 2, 2]

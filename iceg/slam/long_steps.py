@@ -10,6 +10,7 @@ along, the graph is told now and then what the matches say of the whole stretch.
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.dense import congruence
 from graph.measurement import NoMatch, RelativePose
 from graph.se2 import adjoint, between, chain_covariance, compose, inverse
 from iceg.slam.tracking.match_errors import OWN
@@ -55,7 +56,7 @@ def _long_step(
     covariance = OWN * last.covariance + (1.0 - 2.0 * OWN) * drift
     if start is not None:
         carry = adjoint(inverse(T_first_key))
-        covariance += OWN * carry @ start.covariance @ carry.T
+        covariance += OWN * congruence(carry, start.covariance)
     return RelativePose(
         T_ref_cur=T_first_key,
         covariance=0.5 * (covariance + covariance.T),

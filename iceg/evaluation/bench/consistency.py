@@ -3,6 +3,7 @@
 import numpy as np
 
 from frontends.simulator.simulation import simulate
+from graph.dense import eigvalsh
 from graph.se2 import between
 from iceg.config import Config
 from iceg.evaluation.bench.tables import Row
@@ -38,7 +39,7 @@ def factor_consistency(scene: str, seeds: range) -> Row:
         errors = relative_pose_errors(np.array([factor.T_i_j for factor in factors]), between(truth[i], truth[j]))
         covariances = np.array([factor.covariance for factor in factors])
         values.append(nees(errors, covariances))
-        observed += int((np.linalg.eigvalsh(covariances) < _UNOBSERVED**2).sum())
+        observed += int((eigvalsh(covariances) < _UNOBSERVED**2).sum())
         weak += result.summary["weak_matches"]
         matches += len(factors)
     found = consistency(np.concatenate(values))

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from graph.consistency import cumulative_covariances, maximum_clique, pairwise_consistency
 from graph.factors import Factor
+from graph.noise import squared_norm
 from graph.se2 import compose, inverse, logmap
 from iceg.slam.broken_path.path_parts import PathParts
 from iceg.slam.broken_path.untied_steps import UntiedSteps
@@ -109,7 +110,7 @@ class Hypothesis:
             error = logmap(_correction(closure, poses))
             covariance = cumulative[closure.key_new] - cumulative[closure.key_old]
             most = _BIAS_SIGMAS2 * (closure.key_new - closure.key_old) if untied is None else _CHANCE_SIGMAS2
-            if error @ np.linalg.solve(covariance, error) > most:
+            if squared_norm(error, covariance) > most:
                 return False
         return True
 

@@ -36,6 +36,20 @@ def _sector(angle: float, sectors: int) -> int:
 
 
 @compiled
+def likeness(queries: NDArray[np.float32], rows: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(q, m) products of (q, d) signatures with (m, d) others, each summed in the same order."""
+    products = np.zeros((len(queries), len(rows)), np.float32)
+    columns = np.ascontiguousarray(rows.T)
+    for q in range(len(queries)):
+        for d in range(queries.shape[1]):
+            factor = queries[q, d]
+            if factor != 0.0:
+                for m in range(len(rows)):
+                    products[q, m] += factor * columns[d, m]
+    return products
+
+
+@compiled
 def count_pairs(kinds: I8, rows: F64, hits: F64, reach: float, cell: float, sectors: int, histogram: F64) -> None:
     """Add every pair of features to a histogram of what does not change when the whole place is turned or moved.
 

@@ -11,6 +11,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.elementary import cos_sin
 from graph.se2 import between
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
@@ -125,7 +126,7 @@ class EarlierPasses:
         may_see = self.offered[:n_old] & (self._part[:n_old] == self._part[key_new])
         # No view is nearer than its robot, less twice the distance of a view.
         offsets = poses[:n_old, :2] - poses[key_new, :2]
-        may_see &= np.einsum("nd,nd->n", offsets, offsets) < (reach + 2.0 * self._config.view_distance) ** 2
+        may_see &= (offsets * offsets).sum(axis=1) < (reach + 2.0 * self._config.view_distance) ** 2
         old = np.flatnonzero(may_see)
         if not len(old):
             return []
@@ -145,7 +146,7 @@ class EarlierPasses:
 
     def _views(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(..., 2) what key poses look at."""
-        ahead = np.stack([np.cos(poses[..., 2]), np.sin(poses[..., 2])], axis=-1)
+        ahead = np.stack(cos_sin(poses[..., 2]), axis=-1)
         return poses[..., :2] + self._config.view_distance * ahead
 
 

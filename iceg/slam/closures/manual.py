@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from graph.batch import optimize
 from graph.config import PoseGraphConfig
+from graph.dense import congruence
 from graph.errors import IcegError, reason
 from graph.factors import Factor
 from graph.pose_graph import PoseGraph
@@ -178,5 +179,5 @@ def _factor(closure: ManualClosure, track: Track) -> Factor:
         i=int(track.key_of_scan[closure.scan_i]),
         j=int(track.key_of_scan[closure.scan_j]),
         T_i_j=compose(compose(T_keyi_i, closure.T_i_j), inverse(T_keyj_j)),
-        covariance=carry @ np.diag(sigmas**2) @ carry.T,
+        covariance=congruence(carry, np.diag(sigmas**2)),
     )

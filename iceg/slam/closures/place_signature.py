@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
+from graph.elementary import log
 from graph.se2 import between
 from iceg.ice import _hypothesis_kernels as hypothesis_kernels
 from iceg.ice.features import FeatureRows
@@ -57,8 +57,7 @@ class PlaceSignatures:
 
     def likeness(self, queries: NDArray[np.int64]) -> NDArray[np.float32]:
         """(q, m) how much each of these places, given by their row, looks like every place."""
-        with threadpool_limits(1, user_api="blas"):  # waking threads takes longer than the product
-            return np.asarray(self.rows[queries] @ self.rows.T, dtype=np.float32)
+        return kernels.likeness(self.rows[queries], self.rows)
 
     def likeness_along(self, ones: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.float32]:
         """(n,) how much stretches around pairs of places look alike, driven the same way or the opposite way."""
@@ -67,10 +66,9 @@ class PlaceSignatures:
         means = [
             np.mean(
                 [
-                    np.einsum(
-                        "nd,nd->n",
-                        self.rows[np.clip(ones + step, 0, last)],
-                        self.rows[np.clip(others + way * step, 0, last)],
+                    np.sum(
+                        self.rows[np.clip(ones + step, 0, last)] * self.rows[np.clip(others + way * step, 0, last)],
+                        axis=1,
                     )
                     for step in steps
                 ],
@@ -111,7 +109,7 @@ def place_signatures(keys: Sequence[KeyScan], matcher: IceMatcher, spacing: int)
             _DISTANCE_CELL,
             shapes[row],
         )
-    rarity = np.log(len(middles) / np.maximum(1, np.count_nonzero(words, axis=0)))
+    rarity = log(len(middles) / np.maximum(1, np.count_nonzero(words, axis=0)))
     looks = _unit(np.sqrt(words) * rarity)
     shape = np.sqrt(shapes)
     shape = _unit(shape - shape.mean(axis=0)) * np.sqrt(_SHAPE_WEIGHT)
@@ -143,5 +141,5 @@ _MERGE_RADIUS = 0.25
 
 
 def _unit(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    length = np.linalg.norm(rows, axis=1, keepdims=True)
+    length = np.sqrt((rows * rows).sum(axis=1, keepdims=True))
     return np.asarray(rows / np.maximum(1e-12, length), dtype=np.float64)

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
+from graph import dense
 from graph.factors import Factor
 from graph.se2 import adjoint, between, chain_covariance, compose_covariance
 from iceg.slam.joint._system_kernels import JointSystem, PointsOnLines, fill, normal_equations
@@ -92,13 +92,12 @@ def joint_covariances(
     steps = _steps(factors, k)
     _add_links(information, poses, steps, anchors)
     information[:3, :3] += np.eye(3) / _HELD
-    with threadpool_limits(1, user_api="blas"):  # whose sums would otherwise depend on the number of cores
-        known = diagonal_of_inverse(information)
+    known = diagonal_of_inverse(information)
     if len(anchors) == k:
         return known
     # The points of a group hold it as a whole; where each of its key poses lies in it, its own points and steps say.
     own, _ = _of_points(poses, key_starts, walls, precision)
-    placement = np.linalg.inv(own + np.linalg.inv(steps[np.maximum(np.arange(k) - 1, 0)]))
+    placement = dense.inv(own + dense.inv(steps[np.maximum(np.arange(k) - 1, 0)]))
     members = np.diff(np.append(anchors, k))
     of = np.repeat(np.arange(len(anchors)), members)
     share = (1.0 - 1.0 / members[of])[:, None, None]
@@ -124,12 +123,12 @@ def _add_links(
         between_them = at[some, None] + np.arange(length)
         motions = between(poses[between_them], poses[between_them + 1])
         chains[some] = chain_covariance(motions, steps[between_them])
-    links = np.linalg.inv(chains)
+    links = dense.inv(chains)
     back = -adjoint(between(anchors[1:], anchors[:-1]))
-    turned = np.swapaxes(back, 1, 2) @ links
+    turned = dense.matmul(np.swapaxes(back, 1, 2), links)
     blocks = information.reshape(len(anchors), 3, len(anchors), 3)
     first, last = np.arange(len(anchors) - 1), np.arange(1, len(anchors))
-    blocks[first, :, first] += turned @ back
+    blocks[first, :, first] += dense.matmul(turned, back)
     blocks[first, :, last] += turned
     blocks[last, :, first] += np.swapaxes(turned, 1, 2)
     blocks[last, :, last] += links
@@ -164,9 +163,9 @@ def _steps(factors: Sequence[Factor], k: int) -> NDArray[np.float64]:
     is_odometry = np.array([factor.kind == "odometry" for factor in steps], dtype=np.bool_)
     known = np.zeros((2, k - 1, 3, 3))
     if steps:
-        information = np.linalg.inv(np.array([factor.covariance for factor in steps]))
+        information = dense.inv(np.array([factor.covariance for factor in steps]))
         np.add.at(known, (np.where(is_odometry, 0, 1), at), information)
     odometry, others = known
     known = np.where(odometry.any(axis=(1, 2), keepdims=True), odometry, others)
-    known = np.where(known.any(axis=(1, 2), keepdims=True), known, np.linalg.inv(_UNTIED))
-    return np.asarray(np.linalg.inv(known), dtype=np.float64)
+    known = np.where(known.any(axis=(1, 2), keepdims=True), known, dense.inv(_UNTIED))
+    return dense.inv(known)

@@ -10,6 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from graph import dense
+
 _TOGETHER = 32
 """Poses that are eliminated at once."""
 
@@ -42,8 +44,8 @@ def diagonal_of_inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     band, panels = _eliminated(matrix, order, _ends(shared[np.ix_(order, order)]))
     blocks = np.empty((len(order), 3, 3))
     for panel in reversed(panels):
-        moved = band[panel.later, panel.later] @ panel.coupling
-        inverse = panel.root.T @ panel.root + panel.coupling.T @ moved
+        moved = dense.matmul(band[panel.later, panel.later], panel.coupling)
+        inverse = dense.matmul(panel.root.T, panel.root) + dense.matmul(panel.coupling.T, moved)
         band[panel.own, panel.own] = inverse
         band[panel.later, panel.own], band[panel.own, panel.later] = -moved, -moved.T
         at = np.arange(len(inverse) // 3)
@@ -65,10 +67,10 @@ def _eliminated(
         rows, columns = order[first:end, None], order[None, first:last]
         below = blocks[rows, :, columns].transpose(0, 2, 1, 3).reshape(3 * (end - first), 3 * (last - first))
         band[3 * first : 3 * end, own] += below
-        root = np.linalg.inv(np.linalg.cholesky(band[own, own]))
-        whitened = band[later, own] @ root.T
-        band[later, later] -= whitened @ whitened.T
-        panels.append(_Panel(own=own, later=later, root=root, coupling=whitened @ root))
+        root = dense.inv(dense.cholesky(band[own, own]))
+        whitened = dense.matmul(band[later, own], root.T)
+        band[later, later] -= dense.matmul(whitened, whitened.T)
+        panels.append(_Panel(own=own, later=later, root=root, coupling=dense.matmul(whitened, root)))
     return band, panels
 
 
@@ -87,7 +89,7 @@ def _close_together(shared: NDArray[np.bool_]) -> NDArray[np.int64]:
     back = _spreading(shared, degrees, there[-1])
     orders = [np.array(order, dtype=np.int64) for order in (there, back)]
     widths = [_ends(shared[np.ix_(order, order)]) - np.arange(len(order)) for order in orders]
-    return min(zip(orders, widths, strict=True), key=lambda pair: float(pair[1] @ pair[1]))[0]
+    return min(zip(orders, widths, strict=True), key=lambda pair: int((pair[1] ** 2).sum()))[0]
 
 
 def _spreading(shared: NDArray[np.bool_], degrees: NDArray[np.int64], start: int) -> list[int]:

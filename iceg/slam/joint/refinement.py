@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Scan
+from graph.dense import vecdot
 from graph.factors import Factor
 from graph.problem import Linearization, Problem
 from graph.se2 import compose, expmap, inverse
@@ -351,15 +352,15 @@ def _conjugate_gradients(
     x = np.zeros_like(right)
     left = right
     direction = scaled = graph.solve(left)
-    size = first = float(np.vdot(left, scaled))
+    size = first = vecdot(left, scaled)
     for _ in range(_MOST_PRODUCTS):
         if size <= _TOLERANCE**2 * first:
             break
         product = times(direction)
-        length = size / float(np.vdot(direction, product))
+        length = size / vecdot(direction, product)
         x = x + length * direction
         left = left - length * product
         scaled = graph.solve(left)
-        before, size = size, float(np.vdot(left, scaled))
+        before, size = size, vecdot(left, scaled)
         direction = scaled + (size / before) * direction
     return x

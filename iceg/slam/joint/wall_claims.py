@@ -14,6 +14,8 @@ matches; what it knows better it knows.
 import numpy as np
 from numpy.typing import NDArray
 
+from graph import dense
+
 _MOST = 3.0
 """So many times smaller than the graph's may the walls' standard deviation be, in any direction."""
 
@@ -33,12 +35,12 @@ def believed_covariances(walls: NDArray[np.float64], graph: NDArray[np.float64])
         return None
     believed = walls.copy()
     try:
-        root = np.linalg.cholesky(graph[1:])
+        root = dense.cholesky(graph[1:])
     except np.linalg.LinAlgError:  # rounding has spoilt them: they judge nothing
         return believed
-    whitened = np.linalg.solve(root, np.swapaxes(np.linalg.solve(root, walls[1:]), 1, 2))
-    shares, axes = np.linalg.eigh(0.5 * (whitened + np.swapaxes(whitened, 1, 2)))
-    directions = root @ axes
+    whitened = dense.solve(root, np.swapaxes(dense.solve(root, walls[1:]), 1, 2))
+    shares, axes = dense.eigh(whitened)
+    directions = dense.matmul(root, axes)
     lacking = np.clip(shares, 1.0 / _MOST**2, 1.0) - shares
-    believed[1:] += directions * lacking[:, None, :] @ np.swapaxes(directions, 1, 2)
+    believed[1:] += dense.matmul(directions * lacking[:, None, :], np.swapaxes(directions, 1, 2))
     return believed

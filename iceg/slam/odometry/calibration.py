@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from graph import dense
+from graph.elementary import cos_sin
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse, wrap_angle
@@ -125,7 +127,8 @@ def _calibrated(track: Track, odometry: NDArray[np.float64], samples: "_Samples 
     samples, windows = samples.claimed_by(turned), windows.claimed_by(turned)
     translation, deviation = _fit_moves(samples, windows)
     error, _, rows_x, rows_y = _equations(samples)
-    left = np.column_stack([error[:, 0] - rows_x @ translation, error[:, 1] - rows_y @ translation, error[:, 2]])
+    x, y = (error[:, k] - dense.matvec(rows, translation) for k, rows in enumerate((rows_x, rows_y)))
+    left = np.column_stack([x, y, error[:, 2]])
     noise, persistence = odometry_noise(samples.differences(left), turned)
     return replace(
         turns,
@@ -183,7 +186,7 @@ class _Samples:
 
     def differences(self, left: NDArray[np.float64]) -> Differences:
         """What is left of the matches minus odometry, (n, 3), seen from the end of each motion."""
-        c, s = np.cos(self.matched[:, 2]), np.sin(self.matched[:, 2])
+        c, s = cos_sin(self.matched[:, 2])
         return Differences(
             errors=np.column_stack([c * left[:, 0] + s * left[:, 1], c * left[:, 1] - s * left[:, 0], left[:, 2]]),
             claimed=self.variances,
@@ -202,7 +205,7 @@ def _equations(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     """(n, 3) match minus odometry, and the rows of its regression: heading (n, 3), x and y (n, 5)."""
     m, o, change = samples.matched, samples.motions, samples.speed_change
-    c, s = np.cos(m[:, 2]), np.sin(m[:, 2])
+    c, s = cos_sin(m[:, 2])
     error = m - o
     error[:, 2] = wrap_angle(error[:, 2])
     turning = np.column_stack([o[:, 2], samples.distance, change[:, 2]])
@@ -270,12 +273,13 @@ def _robust_fit(
     x: NDArray[np.float64] = np.zeros(rows.shape[1])
     scale, information = 1.0, np.diag(prior**-2.0)
     for _ in range(_ROBUST_ROUNDS):
-        residual = values - rows @ x
+        residual = values - dense.matvec(rows, x)
         scale = robust_deviation(residual)
         weights = 1.0 / (1.0 + (residual / (2.0 * scale)) ** 2)
-        information = (rows * weights[:, None]).T @ rows + np.diag((scale / prior) ** 2)
-        x = np.asarray(np.linalg.solve(information, (rows * weights[:, None]).T @ values), dtype=np.float64)
-    return x, scale * np.sqrt(np.diag(np.linalg.inv(information)))
+        weighted = (rows * weights[:, None]).T
+        information = dense.matmul(weighted, rows) + np.diag((scale / prior) ** 2)
+        x = dense.solve_vector(information, dense.matvec(weighted, values))
+    return x, scale * np.sqrt(np.diag(dense.inv(information)))
 
 
 def _unseen(track: Track) -> float:
@@ -300,7 +304,7 @@ def _accumulate(start: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArr
     poses = np.empty((len(steps) + 1, 3))
     poses[0] = start
     heading = start[2] + np.concatenate([[0.0], np.cumsum(steps[:, 2])])
-    c, s = np.cos(heading[:-1]), np.sin(heading[:-1])
+    c, s = cos_sin(heading[:-1])
     poses[1:, 0] = start[0] + np.cumsum(c * steps[:, 0] - s * steps[:, 1])
     poses[1:, 1] = start[1] + np.cumsum(s * steps[:, 0] + c * steps[:, 1])
     poses[:, 2] = wrap_angle(heading)

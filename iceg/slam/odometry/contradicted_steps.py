@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.dense import matvec
 from graph.factors import Factor
 from graph.measurement import NoMatch
 from graph.se2 import adjoint, between, compose, logmap
@@ -66,7 +67,7 @@ def with_both_ways(
             claimed = compose(claimed, claims[key])
         before, last = row[0] - 1, row[-1]
         apart = logmap(between(between(poses[before], poses[last]), claimed))
-        moved = adjoint(between(poses[row[0] :], poses[last])) @ apart
+        moved = matvec(adjoint(between(poses[row[0] :], poses[last])), apart)
         widened[row[0] :] += _ODOMETRY * moved[:, :, None] * moved[:, None, :]
     return widened
 

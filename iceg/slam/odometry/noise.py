@@ -15,6 +15,8 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from graph import dense
+from graph.elementary import arctan2, cos_sin
 from graph.odometry import OdometryModel
 from graph.se2 import between
 from iceg.slam.tracking.match_errors import OWN
@@ -93,7 +95,7 @@ def odometry_noise(
         known[:, k] = by_match + left[:, k]
     position = _variance_fit(list(own.T), list(known.T), [paths.rows_x, paths.rows_y], n_floors=2)
     fits = ((paths.rows_x, position), (paths.rows_y, position), (paths.rows_heading, heading))
-    floors = [_LEAST_FLOOR**2 * float(np.median(rows @ fit)) for rows, fit in fits]
+    floors = [_LEAST_FLOOR**2 * float(np.median(dense.matvec(rows, fit))) for rows, fit in fits]
     variances = {
         "along_floor": max(position[0], floors[0]),
         "across_floor": max(position[1], floors[1]),
@@ -169,11 +171,11 @@ class _Paths:
         T_end_start = between(odometry[ends], odometry[starts])
         step = between(odometry[scan], odometry[scan + 1])
         distance, turn = np.hypot(step[:, 0], step[:, 1]), np.abs(step[:, 2])
-        direction = np.arctan2(step[:, 1], step[:, 0]) + T_end_scan[:, 2] - step[:, 2]
-        in_line = np.bincount(motion_of, distance * np.cos(direction) ** 2, n)
-        aside = np.bincount(motion_of, distance * np.sin(direction) ** 2, n)
+        cos, sin = cos_sin(arctan2(step[:, 1], step[:, 0]) + T_end_scan[:, 2] - step[:, 2])
+        in_line = np.bincount(motion_of, distance * cos**2, n)
+        aside = np.bincount(motion_of, distance * sin**2, n)
         turned = np.bincount(motion_of, turn, n)
-        straight = np.cos(T_end_start[:, 2]) ** 2
+        straight = cos_sin(T_end_start[:, 2])[0] ** 2
         return cls(
             rows_x=np.column_stack([straight, 1.0 - straight, in_line, aside, turned]),
             rows_y=np.column_stack([1.0 - straight, straight, aside, in_line, turned]),
@@ -192,7 +194,7 @@ class _Paths:
             (n, 2) most probable error in x and y per error of the heading; (n, 2) variance that is left beside it.
         """
         noise = heading[1] * self.distance + heading[2] * self.turn
-        total = self.rows_heading @ heading + 1e-12
+        total = dense.matvec(self.rows_heading, heading) + 1e-12
         mean, left = np.empty_like(self.whole), np.empty_like(self.whole)
         for k in range(2):
             of_steps = np.bincount(self.motion_of, noise * self.levers[:, k], len(total))
@@ -208,7 +210,7 @@ def _lever(T_end_pose: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _turned(vectors: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
-    c, s = np.cos(angles), np.sin(angles)
+    c, s = cos_sin(angles)
     return np.column_stack([c * vectors[:, 0] - s * vectors[:, 1], s * vectors[:, 0] + c * vectors[:, 1]])
 
 
@@ -233,8 +235,8 @@ def _shares(
     certain = usual / (usual + claimed)  # how much of a difference is not the doubt of its match
     limit = _OUTLIER * robust_deviation(errors * certain)
     e, after = np.clip(errors * certain, -limit, limit), np.clip(following * certain[1:], -limit, limit)
-    lags = [float(e[lag:] @ e[: len(e) - lag]) / len(e) for lag in range(_LAGS + 1)]
-    cancelling = max(0.5 * (lags[2] + lags[3]), 0.0) - float(e[:-1] @ after) / len(e)
+    lags = [dense.vecdot(e[lag:], e[: len(e) - lag]) / len(e) for lag in range(_LAGS + 1)]
+    cancelling = max(0.5 * (lags[2] + lags[3]), 0.0) - dense.vecdot(e[:-1], after) / len(e)
     claim = max(float(np.mean(certain**2 * claimed)), 1e-12)
     share = min(max(cancelling / (OWN * claim), 0.0), _MOST_CLAIMED)
     chain = lags[0] + 2.0 * sum((1.0 - lag / (_LAGS + 1.0)) * lags[lag] for lag in range(1, _LAGS + 1))
@@ -265,9 +267,11 @@ def _variance_fit(
     squared, sure, columns = np.concatenate(errors) ** 2, np.concatenate(known), np.concatenate(rows)
     growing = np.append(np.zeros(n_floors), _reweighted(squared, sure, columns[:, n_floors:], usual))
     whole = _reweighted(squared, sure, columns, usual)
-    expected = _expected(columns @ whole, sure)
+    expected = _expected(dense.matvec(columns, whole), sure)
     excess = np.minimum(squared, _OUTLIER**2 * expected) - sure
-    left, left_by_growing = (float(np.sum(((excess - columns @ fit) / expected) ** 2)) for fit in (whole, growing))
+    left, left_by_growing = (
+        float(np.sum(((excess - dense.matvec(columns, fit)) / expected) ** 2)) for fit in (whole, growing)
+    )
     return whole if (left_by_growing - left) * len(squared) > n_floors * _CLEAR * left else growing
 
 
@@ -279,7 +283,7 @@ def _reweighted(
     for _ in range(_FIT_ROUNDS):
         excess = np.minimum(squared, _OUTLIER**2 * expected) - known
         fit = _non_negative_fit(rows / expected[:, None], excess / expected)
-        expected = _expected(rows @ fit, known)
+        expected = _expected(dense.matvec(rows, fit), known)
     return fit
 
 
@@ -294,7 +298,7 @@ def _non_negative_fit(rows: NDArray[np.float64], values: NDArray[np.float64]) ->
     of the columns left out would take part with a positive one; else it is looked for among all sets of columns.
     """
     n = rows.shape[1]
-    square, right = rows.T @ rows, rows.T @ values
+    square, right = dense.matmul(rows.T, rows), dense.matvec(rows.T, values)
     columns, fit = list(range(n)), np.zeros(n)
     while columns:
         fit = _fit_on(columns, square, right)
@@ -303,14 +307,14 @@ def _non_negative_fit(rows: NDArray[np.float64], values: NDArray[np.float64]) ->
         columns.remove(int(fit.argmin()))
     if not columns:
         fit = np.zeros(n)
-    slopes = right - square @ fit
+    slopes = right - dense.matvec(square, fit)
     return fit if (slopes <= _LEVEL * np.abs(right)).all() else _best_of_all_sets(square, right)
 
 
 def _fit_on(columns: list[int], square: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) what solves the normal equations on some of the columns, 0 elsewhere."""
     fit = np.zeros(len(right))
-    fit[columns] = np.linalg.lstsq(square[np.ix_(columns, columns)], right[columns])[0]
+    fit[columns] = dense.least_norm_solution(square[np.ix_(columns, columns)], right[columns])
     return fit
 
 
@@ -321,7 +325,7 @@ def _best_of_all_sets(square: NDArray[np.float64], right: NDArray[np.float64]) -
     for size in range(1, n + 1):
         for columns in map(list, combinations(range(n), size)):
             fit = _fit_on(columns, square, right)
-            gain = -float(fit @ right)  # of the sum of squares, against no fit at all
+            gain = -dense.vecdot(fit, right)  # of the sum of squares, against no fit at all
             if gain < least and (fit >= 0.0).all():
                 best, least = fit, gain
     return best

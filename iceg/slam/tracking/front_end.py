@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from frontends.matcher import Matcher, TrackingMatcher
 from frontends.scan import Scan, ScanGeometry
+from graph import dense
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import squared_norm, summed_ratios
 from graph.odometry import OdometryModel
@@ -368,16 +369,17 @@ class FrontEnd:
         # The sum of the ratios bounds the largest: most matches need no more.
         if summed_ratios(match.covariance, odometry) <= _ODOMETRY_SPEAKS:
             return match.T_ref_cur
-        whiten = np.linalg.inv(np.linalg.cholesky(odometry))
-        ratios, axes = np.linalg.eigh(whiten @ match.covariance @ whiten.T)
+        whiten = dense.inv(dense.cholesky(odometry))
+        ratios, axes = dense.eigh(dense.congruence(whiten, match.covariance))
         share = np.where(ratios > _ODOMETRY_SPEAKS, ratios / (1.0 + ratios), 0.0)
         if not share.any():
             return match.T_ref_cur
         offset = between(match.T_ref_cur, compose(T_track_key, self._motion.T_key_robot))
         if squared_norm(offset, odometry + match.covariance) >= _REFUTED:
             return match.T_ref_cur
-        directions = whiten.T @ axes
-        return compose(match.T_ref_cur, odometry @ directions @ (share * (directions.T @ offset)))
+        directions = dense.matmul(whiten.T, axes)
+        pulled = dense.matvec(directions, share * dense.matvec(directions.T, offset))
+        return compose(match.T_ref_cur, dense.matvec(odometry, pulled))
 
     def _is_key(self) -> bool:
         distance, turn = _apart(self.keys[-1].T_track_robot, self._T_track_robot)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.elementary import arctan2, cos_sin
 from graph.measurement import NoMatch
 from graph.se2 import between, compose, wrap_angle
 from iceg.slam.odometry.calibration import OdometryCalibration
@@ -159,8 +160,8 @@ def _heading(seen: NDArray[np.float64], claimed: NDArray[np.float64]) -> float:
     askew = directions[np.abs(directions) > _ASKEW]
     if len(askew) < max(_FEWEST, _SOME * len(directions)):
         return 0.0
-    mean = complex(np.mean(np.exp(1j * askew)))
-    return float(np.angle(mean)) if abs(mean) > _TOGETHER else 0.0
+    cos, sin = (float(part.mean()) for part in cos_sin(askew))
+    return math.atan2(sin, cos) if math.hypot(sin, cos) > _TOGETHER else 0.0
 
 
 def _share_lost(track: Track) -> float:
@@ -170,4 +171,4 @@ def _share_lost(track: Track) -> float:
 
 
 def _direction(motions: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.arctan2(motions[:, 1], motions[:, 0]), dtype=np.float64)
+    return arctan2(motions[:, 1], motions[:, 0])

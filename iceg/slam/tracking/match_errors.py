@@ -8,6 +8,7 @@ so successive steps err against each other, and a long way hardly more than a sh
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.dense import inv
 from graph.measurement import NoMatch, RelativePose
 from graph.se2 import compose_covariance
 from iceg.slam.tracking.track import KeyScan, Track
@@ -33,8 +34,8 @@ def placement_covariance(track: Track, key: int) -> NDArray[np.float64]:
     scan: KeyScan = track.keys[min(max(key, 1), len(track.keys) - 1)]
     if isinstance(scan.match, NoMatch):
         return scan.motion.covariance
-    information = np.linalg.inv(scan.match.covariance) + np.linalg.inv(scan.motion.covariance)
-    return OWN * np.linalg.inv(information)
+    information = inv(scan.match.covariance) + inv(scan.motion.covariance)
+    return OWN * inv(information)
 
 
 def closure_covariance(match: RelativePose, placement: NDArray[np.float64], doubt: float = 1.0) -> NDArray[np.float64]:

@@ -8,6 +8,7 @@ alone, to the same local map: how far the two poses lie apart, against what thei
 reliability, as psychologists call it), needs no truth and misses little.
 """
 
+import math
 from dataclasses import replace
 from typing import TypeGuard
 
@@ -16,7 +17,9 @@ from numpy.typing import NDArray
 
 from frontends.matcher import Matcher
 from frontends.scan import Scan
+from graph.elementary import log
 from graph.measurement import NoMatch, RelativePose
+from graph.noise import squared_norm
 from graph.se2 import between, logmap
 from iceg.slam.tracking.track import KeyScan, Track
 
@@ -66,8 +69,8 @@ def match_doubt(distances2: NDArray[np.float64]) -> float:
     """
     if len(distances2) < 2:
         return 1.0
-    logs = np.log(np.maximum(distances2, _LEAST) / _USUAL)
-    return float(np.exp(max(0.0, logs.mean() - logs.std(ddof=1) / np.sqrt(len(logs)))))
+    logs = log(np.maximum(distances2, _LEAST) / _USUAL)
+    return math.exp(max(0.0, float(logs.mean() - logs.std(ddof=1) / np.sqrt(len(logs)))))
 
 
 def split_half_distances(track: Track, matcher: Matcher, tests: int) -> NDArray[np.float64]:
@@ -112,7 +115,7 @@ def _distance2(track: Track, matcher: Matcher, key: int) -> float | None:
     if not _is_telling(last):
         return None
     apart = logmap(between(first.T_ref_cur, last.T_ref_cur))
-    return float(apart @ np.linalg.solve(first.covariance + last.covariance, apart))
+    return squared_norm(apart, first.covariance + last.covariance)
 
 
 def _is_telling(match: RelativePose | NoMatch) -> TypeGuard[RelativePose]:
