@@ -12,13 +12,14 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export MPLBACKEND ?= Agg
 export ICEG_DATA ?= $(abspath ../shared/data)
 
-.PHONY: help demo bench test lint types imports pytest pytest-bounds pytest-python format clean
+.PHONY: help demo bench test lint types imports pytest pytest-bounds pytest-python machines format clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo    run the main job on the embedded log, result in $(DEMO)/"
 	@echo "make test    lint, types, import contract and tests"
 	@echo "make bench   accuracy and speed on the real logs (ICEG_DATA), or ARGS=FILE.toml; result in $(BENCH)/"
+	@echo "make machines  whether every kind of processor finds the same; ARGS='LOG ... --python PATH ...'"
 	@echo "make clean   remove the environment and all caches"
 
 demo: $(VENV)/installed.stamp
@@ -49,6 +50,9 @@ pytest-bounds: $(VENV)/installed-dev.stamp
 
 pytest-python: $(VENV)/installed-dev.stamp
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n $(WORKERS) --timeout 3600 $(ARGS)
+
+machines: $(VENV)/installed-dev.stamp
+	$(BIN)/python tests/machines.py $(ARGS)
 
 format: $(VENV)/installed-dev.stamp
 	$(BIN)/ruff check --fix

@@ -35,4 +35,4 @@ def exp(x: Floats, out: Floats) -> None:
 def log(x: Floats, out: Floats) -> None:
     """Of (n,) numbers."""
     for k in range(len(out)):
-        out[k] = np.log(x[k])
+        out[k] = math.log(x[k]) if x[k] > 0.0 else (-np.inf if x[k] == 0.0 else np.nan)

@@ -10,8 +10,6 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graph import _dense_kernels as kernels
-
 Floats = NDArray[np.float64]
 
 
@@ -46,6 +44,8 @@ def congruence(matrix: ArrayLike, covariance: ArrayLike) -> Floats:
     Returns:
         (..., i, i), symmetric to rounding.
     """
+    from graph import _dense_kernels as kernels
+
     a, s = np.asarray(matrix, dtype=np.float64), np.asarray(covariance, dtype=np.float64)
     batch = np.broadcast_shapes(a.shape[:-2], s.shape[:-2])
     turned = np.empty((math.prod(batch), a.shape[-2], a.shape[-2]))
@@ -74,6 +74,8 @@ def solve(matrices: ArrayLike, right: ArrayLike) -> Floats:
     Raises:
         numpy.linalg.LinAlgError: one A is singular.
     """
+    from graph import _dense_kernels as kernels
+
     a, b = np.asarray(matrices, dtype=np.float64), np.asarray(right, dtype=np.float64)
     batch = np.broadcast_shapes(a.shape[:-2], b.shape[:-2])
     stack, solution = _copied(a, batch), _copied(b, batch)
@@ -105,6 +107,8 @@ def cholesky(matrices: ArrayLike) -> Floats:
     Raises:
         numpy.linalg.LinAlgError: one is not positive definite.
     """
+    from graph import _dense_kernels as kernels
+
     matrices = np.asarray(matrices, dtype=np.float64)
     roots = _copied(matrices, matrices.shape[:-2])
     if not kernels.factorize(roots):
@@ -123,6 +127,8 @@ def eigh(matrices: ArrayLike) -> tuple[Floats, Floats]:
     Returns:
         (..., k) and (..., k, k), the eigenvectors in the columns.
     """
+    from graph import _dense_kernels as kernels
+
     matrices = np.asarray(matrices, dtype=np.float64)
     rotated = _copied(0.5 * (matrices + np.swapaxes(matrices, -1, -2)), matrices.shape[:-2])
     size = matrices.shape[-1]
@@ -140,6 +146,8 @@ def eigvalsh(matrices: ArrayLike) -> Floats:
 
 
 def _product(a: Floats, b: Floats) -> Floats:
+    from graph import _dense_kernels as kernels
+
     batch = np.broadcast_shapes(a.shape[:-2], b.shape[:-2])
     shape = (*batch, a.shape[-2], b.shape[-1])
     product = np.zeros((math.prod(batch), *shape[-2:]))

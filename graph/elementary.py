@@ -7,8 +7,6 @@ last digits differ. Here, each number is the mathematical library's own.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from graph import _elementary_kernels as kernels
-
 Floats = NDArray[np.float64]
 
 
@@ -21,6 +19,8 @@ def cos_sin(angles: ArrayLike) -> tuple[Floats, Floats]:
     Returns:
         (...) and (...).
     """
+    from graph import _elementary_kernels as kernels
+
     angles = np.asarray(angles, dtype=np.float64)
     cos, sin = np.empty((2, angles.size))
     kernels.cos_sin(angles.ravel(), cos, sin)
@@ -29,14 +29,18 @@ def cos_sin(angles: ArrayLike) -> tuple[Floats, Floats]:
 
 def arctan2(y: ArrayLike, x: ArrayLike) -> Floats:
     """(...) bearings [rad] in [−π, π] of points whose coordinates broadcast."""
-    y, x = np.broadcast_arrays(np.asarray(y, dtype=np.float64), np.asarray(x, dtype=np.float64))
-    bearings = np.empty(y.size)
-    kernels.arctan2(np.ascontiguousarray(y).ravel(), np.ascontiguousarray(x).ravel(), bearings)
-    return bearings.reshape(y.shape)
+    from graph import _elementary_kernels as kernels
+
+    bearings = np.empty(np.broadcast_shapes(np.shape(y), np.shape(x)))
+    flat_y, flat_x = (np.array(np.broadcast_to(side, bearings.shape), dtype=np.float64).ravel() for side in (y, x))
+    kernels.arctan2(flat_y, flat_x, bearings.reshape(-1))
+    return bearings
 
 
 def exp(x: ArrayLike) -> Floats:
     """(...) e to the power of (...) numbers."""
+    from graph import _elementary_kernels as kernels
+
     x = np.asarray(x, dtype=np.float64)
     powers = np.empty(x.size)
     kernels.exp(np.ascontiguousarray(x).ravel(), powers)
@@ -45,6 +49,8 @@ def exp(x: ArrayLike) -> Floats:
 
 def log(x: ArrayLike) -> Floats:
     """(...) natural logarithms of (...) numbers: −∞ of zero, NaN of negative ones."""
+    from graph import _elementary_kernels as kernels
+
     x = np.asarray(x, dtype=np.float64)
     logarithms = np.empty(x.size)
     kernels.log(np.ascontiguousarray(x).ravel(), logarithms)

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from threadpoolctl import threadpool_limits
 
 from graph.factors import Factor
 from graph.se2 import adjoint, between, compose
@@ -174,13 +173,3 @@ def test_marginals_do_not_depend_on_where_the_map_lies() -> None:
     assert joint_covariances(_factors(turned), turned, starts, moved, PRECISION) == pytest.approx(
         covariances, rel=1e-5, abs=1e-12
     )
-
-
-def test_the_number_of_cores_does_not_change_a_bit() -> None:
-    poses = _path(400)
-    walls, starts = _walls(400, 12)
-    found = []
-    for threads in (1, 2):
-        with threadpool_limits(threads, user_api="blas"):
-            found.append(joint_covariances(_factors(poses), poses, starts, walls, PRECISION))
-    np.testing.assert_array_equal(found[0], found[1])

@@ -10,6 +10,7 @@ from frontends.scan import ScanGeometry
 from frontends.simulator._kernels import cast_on_circles, cast_rays, cast_sweeps
 from frontends.simulator.people import LEG_RADIUS
 from frontends.simulator.world import SimulatorError, World
+from graph.elementary import arctan2, cos_sin
 from graph.se2 import between, compose, expmap, logmap
 
 _MIRRORING = math.radians(8)  # glass met more squarely than this returns the beam
@@ -187,11 +188,11 @@ class _View:
     def _slant(self, hits: NDArray[np.int32], side: float) -> NDArray[np.float64]:
         """Angle between each beam and the normal of the segment it hits [rad]."""
         x0, y0, x1, y1 = self.world.segments.T
-        walls = np.arctan2(y1 - y0, x1 - x0)[hits]
+        walls = arctan2(y1 - y0, x1 - x0)[hits]
         headings = self.T_world_robot[:, 2] + self.laser.geometry.T_robot_laser[2]
         beams = headings[:, None] + self.laser.geometry.bearings + side
-        slant: NDArray[np.float64] = np.arccos(np.clip(np.abs(np.sin(beams - walls)), 0.0, 1.0))
-        return slant
+        cos, sin = cos_sin(beams - walls)
+        return arctan2(np.abs(cos), np.abs(sin))
 
 
 def _report(view: _View, rng: np.random.Generator) -> NDArray[np.float32]:
@@ -229,7 +230,7 @@ def _mix_edges(
     chosen = np.isfinite(spot).all(axis=0) & (rng.random(ranges.shape) < laser.mixed_share)
     share = rng.random(ranges.shape)[chosen]
     right, middle, left = spot[:, chosen]
-    on_one_wall = 2 * np.cos(half) * right * left / (right + left)
+    on_one_wall = 2 * math.cos(half) * right * left / (right + left)
     near, far = spot[:, chosen].min(axis=0), spot[:, chosen].max(axis=0)
     mixed = ranges.copy()
     mixed[chosen] = np.where(np.abs(middle - on_one_wall) > laser.edge_step / 2, near + share * (far - near), middle)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Scan
+from graph.elementary import exp
 from iceg.ice import _hypothesis_kernels as hypothesis_kernels
 from iceg.ice import _surfel_kernels as surfel_kernels
 from iceg.ice.config import FeatureConfig, LocalMapConfig
@@ -169,7 +170,7 @@ class LocalMap:
         """(ny, nx) exp(-d²/2σ²) of the wide field, worked out once for as long as the field stays as it is."""
         if self._likelihood is None or self._likelihood[:2] != (self._surfel_count, sigma):
             distance2 = self.coarse.distance2
-            self._likelihood = (self._surfel_count, sigma, np.exp(np.float32(-0.5 / sigma**2) * distance2))
+            self._likelihood = (self._surfel_count, sigma, exp(-0.5 / sigma**2 * distance2).astype(np.float32))
         return self._likelihood[2]
 
     def _fill_coarse(self) -> None:

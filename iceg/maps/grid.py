@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from frontends.scan import ScanGeometry
 from graph.atomic import write_atomically
-from graph.elementary import cos_sin
+from graph.elementary import cos_sin, exp
 from iceg.maps import _grid_kernels as kernels
 from iceg.maps.config import GridConfig, GridError, GridSizeError
 
@@ -51,10 +51,7 @@ class OccupancyGrid:
 
     def occupancy(self) -> NDArray[np.float32]:
         """(n_rows, n_cols) probability of each cell being occupied; 0.5 where nothing is known."""
-        occupancy = np.negative(self.log_odds)
-        np.exp(occupancy, out=occupancy)
-        occupancy += np.float32(1.0)
-        return np.divide(np.float32(1.0), occupancy, out=occupancy)
+        return (1.0 / (1.0 + exp(-self.log_odds))).astype(np.float32)
 
     def classes(self) -> NDArray[np.int8]:
         """(n_rows, n_cols) of FREE (0), OCCUPIED (100) and UNKNOWN (-1), the values of a ROS OccupancyGrid."""
