@@ -1,11 +1,15 @@
 """2D laser SLAM for recorded logs: ICE matching, honest covariances, a GTSAM graph, maps."""
 
+from __future__ import annotations
+
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
 from iceg._shadowing import check_shadowing
 
+TYPE_CHECKING = False  # to load typing takes longer than all else that is loaded here
 if TYPE_CHECKING:
+    from typing import Any
+
     from frontends.logs import describe_log, read_log
     from frontends.matcher import Matcher
     from frontends.scan import Log, Scan, ScanGeometry
