@@ -28,7 +28,7 @@ import errno
 import os
 import shutil
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from graph.atomic import sync_folder
@@ -55,7 +55,7 @@ def publishing(directory: Path, *, replaces: Collection[str] = ()) -> Iterator[P
     Raises:
         OSError: the files cannot be written, or something that is no file is in their place.
     """
-    with _only_writer(directory) as is_new:
+    with _only_writer(directory):
         _settle(directory)
         staging = directory / WORKSHOP / _NEW
         try:
@@ -67,8 +67,6 @@ def publishing(directory: Path, *, replaces: Collection[str] = ()) -> Iterator[P
         except BaseException:
             with signals_deferred():
                 _settle(directory)
-                if is_new and not any(directory.iterdir()):
-                    directory.rmdir()
             raise
 
 
@@ -96,23 +94,31 @@ def check_replaceable(directory: Path, names: Collection[str]) -> None:
 
 
 @contextmanager
-def _only_writer(directory: Path) -> Iterator[bool]:
-    """Hold the folder's lock; tells whether the folder had to be made."""
+def _only_writer(directory: Path) -> Iterator[None]:
+    """Hold the folder's lock; the folder is made when missing, and removed again if it stays empty."""
     is_new = False
 
-    def open_it() -> int:
+    def make() -> None:
         nonlocal is_new
         is_new = not directory.exists()
         directory.mkdir(parents=True, exist_ok=True)
+
+    def open_it() -> int:
+        make()
         return os.open(directory, os.O_RDONLY)
 
-    if os.name != "posix":
-        is_new = not directory.exists()
-        directory.mkdir(parents=True, exist_ok=True)
-        yield is_new
-        return
-    with locked(directory, open_it):
-        yield is_new
+    try:
+        if os.name == "posix":
+            with locked(directory, open_it):
+                yield
+        else:  # folders cannot be opened, nor locked
+            make()
+            yield
+    except BaseException:
+        if is_new:
+            with suppress(OSError):  # it is not empty
+                directory.rmdir()
+        raise
 
 
 def _publish(directory: Path, replaces: Collection[str]) -> None:
