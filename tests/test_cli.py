@@ -353,6 +353,7 @@ def by_odometry(log: Log, config: Config, progress: ProgressCallback, *, closure
         key_poses=log.odometry,
         covariances=np.broadcast_to(1e-4 * np.eye(3), (len(log), 3, 3)),
         landmarks=[],
+        warnings=(),
         summary={"scans_carried_by_odometry": 0, "lost_at_scans": [], "breaks": [], "warnings": [], "finish": []},
     )
 
