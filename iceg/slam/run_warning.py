@@ -27,11 +27,11 @@ _MANY: dict[Kind, str] = {
         "before: those parts of the map may be displaced"
     ),
     "odometry led on": (
-        "tracking may have been lost at {n} places, first at scan {scan}; the map follows odometry there, and scans that "
-        "agree with it"
+        "tracking may have been lost at {n} places, first at scan {scan}; the map follows odometry there, and scans "
+        "that agree with it"
     ),
     "drifted": (
-        "the path drifted more than chance explains at {n} places, first at scan {scan}; the map follows the scans there"
+        "the path drifted more than chance explains at {n} places, first at scan {scan}; the map follows the scans"
     ),
     "contradicted": (
         "at {n} places, first at scan {scan}, later scans put the robot elsewhere than the path does; the map follows "

@@ -116,8 +116,8 @@ def _told(found: Break, where: str) -> tuple[Kind, str]:
         )
     if found.outcome == "credible":
         return "odometry led on", (
-            f"tracking may have been lost {where}: odometry led on, and {found.closures} scans agree with it there, but "
-            "not all; the map follows them"
+            f"tracking may have been lost {where}: odometry led on, and {found.closures} scans agree with it there, "
+            "but not all; the map follows them"
         )
     if found.outcome == "drifted":
         return "drifted", (

@@ -157,8 +157,8 @@ def describe_vote(vote: Vote, track: Track) -> RunWarning:
     """A vote that is not clear, in a sentence for a person."""
     first, last = track.keys[vote.first].index, track.keys[vote.last].index
     sentence = (
-        f"places look alike: from scan {first} to {last}, {vote.count} scans fit one place seen before and {vote.rival} "
-        f"another, {vote.apart:.1f} m away, about as well; no loop is closed there, so that how what follows lies to "
-        "what was before is known by the path alone"
+        f"places look alike: from scan {first} to {last}, {vote.count} scans fit one place seen before and "
+        f"{vote.rival} another, {vote.apart:.1f} m away, about as well; no loop is closed there, so that how what "
+        "follows lies to what was before is known by the path alone"
     )
     return RunWarning(kind="look alike", sentence=sentence, scan=first)
