@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-
 from iceg._shadowing import check_shadowing
 
-TYPE_CHECKING = False  # to load typing takes longer than all else that is loaded here
+TYPE_CHECKING = False  # nothing is loaded here that takes time: the command line handles signals right afterwards
 if TYPE_CHECKING:
     from typing import Any
 
@@ -103,6 +101,8 @@ check_shadowing()
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401
     """A public name, imported from its home on first use (PEP 562)."""
+    from importlib import import_module
+
     if name not in _HOMES:
         raise AttributeError(f"module 'iceg' has no attribute {name!r}")
     value = getattr(import_module(_HOMES[name]), name)

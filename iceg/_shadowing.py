@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import os.path
 import sys
-from importlib.util import find_spec
 
 _OURS = ("graph", "frontends")
-# Paths as text: to load pathlib takes longer than all that is loaded before the command line handles signals.
+# Paths as text, finders asked one by one: pathlib and importlib.util take longer to load than all else that is loaded
+# before the command line handles signals.
 _HOME = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120
 
 
@@ -41,8 +41,8 @@ def _found(name: str) -> str | None:
 
 
 def _origin(name: str) -> str | None:
-    try:
-        spec = find_spec(name)
-    except ValueError:  # something in sys.modules without a spec
-        return None
-    return spec.origin if spec is not None else None
+    for finder in sys.meta_path:
+        spec = finder.find_spec(name, None)
+        if spec is not None:
+            return spec.origin
+    return None

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Literal
 
+from graph.errors import IcegError
+
 CALLS = ("open", "write", "ftruncate", "fsync", "mkdir", "rmdir", "link", "symlink", "rename", "replace", "unlink")
 Fault = Literal["kill", "error", "signal"]
 
@@ -53,7 +55,7 @@ def _act_with_fault(number: int, fault: Fault, act: Callable[[], object]) -> int
         setattr(os, name, faulty(getattr(os, name)))
     try:
         act()
-    except (OSError, KeyboardInterrupt):
+    except (OSError, IcegError, KeyboardInterrupt):
         return _RAISED
     return _DONE if next(numbers) <= number else _RAISED  # where the error is of no consequence
 
