@@ -2,7 +2,10 @@
 
 import itertools
 import os
+import subprocess
+import sys
 import threading
+import time
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -202,6 +205,33 @@ def test_of_several_at_a_time_each_is_whole(tmp_path: Path) -> None:
     assert codes == [0, 0, 0]
     assert len(set(read(directory).values())) == 1
     assert plain(directory)
+
+
+def test_a_process_that_is_really_killed_leaves_a_whole_result(tmp_path: Path) -> None:
+    program = (
+        "import itertools, sys\n"
+        "from pathlib import Path\n"
+        "from graph.publish import publishing\n"
+        "for number in itertools.count():\n"
+        "    with publishing(Path(sys.argv[1])) as staging:\n"
+        "        for name in 'abc':\n"
+        "            (staging / name).write_bytes(b'%d' % number * 1000)\n"
+        "    print(number, flush=True)\n"
+    )
+    for n_ms in range(0, 30, 5):
+        with subprocess.Popen(
+            [sys.executable, "-c", program, str(tmp_path / "out")], stdout=subprocess.PIPE
+        ) as process:
+            assert process.stdout is not None
+            process.stdout.readline()
+            time.sleep(1e-3 * n_ms)
+            process.kill()
+        found = read(tmp_path / "out")
+        assert len(found) == 3
+        assert len(set(found.values())) == 1
+    publish(tmp_path / "out", THIRD)
+    assert read(tmp_path / "out") == THIRD
+    assert plain(tmp_path / "out")
 
 
 def test_one_file_is_whole_too_and_the_next_writer_clears_what_is_left(tmp_path: Path) -> None:
