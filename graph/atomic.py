@@ -57,8 +57,9 @@ def _move(temporary: Path, path: Path) -> None:
     try:
         temporary.replace(path)
     except OSError as err:
-        err.filename, err.filename2 = str(path), None
-        raise
+        if err.filename is None:
+            raise
+        raise OSError(err.errno, err.strerror, str(path)) from err  # nobody has asked for the temporary one
 
 
 def sync_folder(folder: Path) -> None:
