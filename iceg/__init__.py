@@ -1,11 +1,13 @@
 """2D laser SLAM for recorded logs: ICE matching, honest covariances, a GTSAM graph, maps."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from __future__ import annotations
 
 from iceg._shadowing import check_shadowing
 
+TYPE_CHECKING = False  # nothing is loaded here that takes time: the command line handles signals right afterwards
 if TYPE_CHECKING:
+    from typing import Any
+
     from frontends.logs import describe_log, read_log
     from frontends.matcher import Matcher
     from frontends.scan import Log, Scan, ScanGeometry
@@ -99,6 +101,8 @@ check_shadowing()
 
 def __getattr__(name: str) -> Any:  # noqa: ANN401
     """A public name, imported from its home on first use (PEP 562)."""
+    from importlib import import_module
+
     if name not in _HOMES:
         raise AttributeError(f"module 'iceg' has no attribute {name!r}")
     value = getattr(import_module(_HOMES[name]), name)

@@ -1,7 +1,5 @@
 """`python -m iceg` is `iceg`."""
 
-import sys
+from iceg.cli import command
 
-from iceg.cli import main
-
-sys.exit(main())
+command()

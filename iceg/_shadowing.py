@@ -1,14 +1,17 @@
 """Says what shadows what when Python would take someone else's `graph` or `frontends` for ours."""
 
+from __future__ import annotations
+
+import os.path
 import sys
-from importlib.util import find_spec
-from pathlib import Path
 
 _OURS = ("graph", "frontends")
-_HOME = Path(__file__).resolve().parent.parent
+# Paths as text, finders asked one by one: pathlib and importlib.util take longer to load than all else that is loaded
+# before the command line handles signals.
+_HOME = os.path.dirname(os.path.dirname(os.path.realpath(__file__)))  # noqa: PTH120
 
 
-def check_shadowing(names: tuple[str, ...] = _OURS, home: Path = _HOME) -> None:
+def check_shadowing(names: tuple[str, ...] = _OURS, home: str | os.PathLike[str] = _HOME) -> None:
     """Make sure that the packages iceg needs are its own, not a `graph.py` of the user's that Python finds first.
 
     Args:
@@ -19,27 +22,27 @@ def check_shadowing(names: tuple[str, ...] = _OURS, home: Path = _HOME) -> None:
         ImportError: names the file that is in the way and the package it hides.
     """
     for name in names:
-        expected = home / name / "__init__.py"
+        expected = os.path.join(home, name, "__init__.py")  # noqa: PTH118
         found = _found(name)
-        if expected.is_file() and found is not None and found != expected:
+        if os.path.isfile(expected) and found is not None and found != expected:  # noqa: PTH113
             raise ImportError(
                 f"{found} shadows the package {name!r} that iceg needs ({expected}):"
                 " rename it, or start Python from another folder",
                 name=name,
-                path=str(found),
+                path=found,
             )
 
 
-def _found(name: str) -> Path | None:
+def _found(name: str) -> str | None:
     """The file that `import name` gives, or has given already."""
     module = sys.modules.get(name)
     file = module.__file__ if module is not None else _origin(name)
-    return None if file is None else Path(file).resolve()
+    return None if file is None else os.path.realpath(file)
 
 
 def _origin(name: str) -> str | None:
-    try:
-        spec = find_spec(name)
-    except ValueError:  # something in sys.modules without a spec
-        return None
-    return spec.origin if spec is not None else None
+    for finder in sys.meta_path:
+        spec = finder.find_spec(name, None)
+        if spec is not None:
+            return spec.origin
+    return None

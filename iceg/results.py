@@ -1,25 +1,26 @@
 """The folder a run leaves behind: plain files, complete or not there at all."""
 
+import hashlib
 import json
 import math
+import os
 import platform
-import shutil
-import signal
 import sys
 import tempfile
-import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
-from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.deferred_signals import signals_deferred
 from graph.errors import IcegError, reason
+from graph.file_names import readable
+from graph.publish import check_replaceable, publishing, settle
 from iceg.config import format_config
 from iceg.memory import peak_memory_mb
 from iceg.tables import read_csv_table
@@ -41,6 +42,8 @@ RESULT_FILES = (
     "summary.json",
 )
 
+_VOUCHED_FOR = ("trajectory.tum", "graph.g2o", "covariances.csv", "closures.csv", "features.geojson")
+"""Files whose digests `summary.json` holds: those that are read together. Maps and settings are there to be edited."""
 _COVARIANCE_COLUMNS = ("scan", "x_m", "y_m", "theta_rad", "xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
 CLOSURE_COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad", "score", "inliers", "overlap", "verdict", "reason")
 _UPPER_TRIANGLE = np.triu_indices(3)
@@ -69,8 +72,12 @@ def check_directory(directory: Path, *, overwrite: bool) -> None:
     if not there.is_dir():
         raise ResultsError(f"{directory}: {'' if there == directory else f'{there} '}is a file, expected a folder")
     try:
-        # Permissions do not tell: root has them all, even where nothing can be written.
-        Path(tempfile.mkdtemp(prefix=".partial-", dir=there)).rmdir()
+        _try_to_write(there)
+        if there == directory:
+            settle(directory)
+            check_replaceable(directory, RESULT_FILES)
+    except FileExistsError as err:
+        raise ResultsError(f"{err.filename}: {err.strerror}; move it away, or choose another folder") from err
     except OSError as err:
         raise ResultsError(
             f"{directory}: found {there}, where nothing can be written ({reason(err)}), expected a folder for results"
@@ -82,8 +89,8 @@ def check_directory(directory: Path, *, overwrite: bool) -> None:
 def write_results(result: "SlamResult", directory: Path | str, *, overwrite: bool = False) -> None:
     """Write everything a run found, all files or none.
 
-    The files are made in a hidden folder inside `directory` and moved into place when all are complete: whatever
-    interrupts the writing, earlier results stay as they were. Files that are not results are never touched.
+    Whatever interrupts the writing, a reader finds the whole of the earlier results or of the new ones; `graph.publish`
+    says how. Files that are not results are never touched.
 
     Args:
         result: what the run found.
@@ -114,7 +121,8 @@ def write_folder(
     """
     check_directory(directory, overwrite=overwrite)
     try:
-        with _staging_folder(directory) as staging:
+        # What another kind of run left there would pass for this run's: all names are replaced.
+        with publishing(directory, replaces=RESULT_FILES) as staging:
             seconds, cpu_seconds = {}, {}
             for name, write in writers.items():
                 started, cpu_started = time.perf_counter(), time.process_time()
@@ -122,10 +130,28 @@ def write_folder(
                 seconds[name] = round(time.perf_counter() - started, 4)
                 cpu_seconds[name] = round(time.process_time() - cpu_started, 4)
             taken = {"writing_s": seconds, "writing_cpu_s": cpu_seconds}
-            _write_text(staging / "summary.json", _format_summary({**_circumstances(), **summary, **taken}))
-            _publish(staging, directory)
+            vouched = {"files": _digests(staging)}
+            _write_text(staging / "summary.json", _format_summary({**_circumstances(), **summary, **taken, **vouched}))
     except OSError as err:
         raise ResultsError(f"{directory}: results cannot be written: {reason(err)}") from err
+
+
+@contextmanager
+def whole_results(directory: Path) -> Iterator[None]:
+    """Read the files of one run in the block: refuse those of several, and what is replaced meanwhile.
+
+    Results of versions that wrote no digests are not checked.
+
+    Args:
+        directory: of the results; checked only if it is a folder that holds a summary.
+
+    Raises:
+        ResultsError: a file is not what the run wrote that wrote `summary.json`, or the results were replaced.
+    """
+    before = _summary_of_whole(directory)
+    yield
+    if _summary_bytes(directory) != before:
+        raise ResultsError(f"{directory}: its results were replaced while they were read; read them again")
 
 
 def read_covariances(path: Path | str) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
@@ -163,6 +189,54 @@ def read_summary(directory: Path | str) -> dict[str, Any]:
     if not isinstance(summary, dict):
         raise ResultsError(f"{path}: found {type(summary).__name__}, expected a JSON object")
     return summary
+
+
+def _summary_of_whole(directory: Path) -> bytes:
+    """The content of `summary.json`, once the digests in it are those of the files."""
+    while True:
+        content = _summary_bytes(directory)
+        changed = _changed_file(directory, content)
+        if changed is None:
+            return content
+        if _summary_bytes(directory) == content:  # else another run has just replaced them all
+            raise ResultsError(
+                f"{directory / changed}: is not what the run has written that wrote summary.json beside it, expected "
+                "files of one run: run again, or put the right file back"
+            )
+
+
+def _summary_bytes(directory: Path) -> bytes:
+    try:
+        return (directory / "summary.json").read_bytes()
+    except OSError:
+        return b""
+
+
+def _changed_file(directory: Path, summary: bytes) -> str | None:
+    """The first file whose digest is not that in a summary; None without digests."""
+    try:
+        files = json.loads(summary)["files"]
+        expected = {name: files[name] for name in _VOUCHED_FOR if name in files and (directory / name).exists()}
+        return next((name for name, digest in expected.items() if _digest(directory / name) != digest), None)
+    except (ValueError, KeyError, TypeError, RecursionError, OSError):
+        return None  # for the readers of the summary and of the files to tell
+
+
+def _digests(folder: Path) -> dict[str, str]:
+    return {name: _digest(folder / name) for name in _VOUCHED_FOR if (folder / name).exists()}
+
+
+def _digest(path: Path) -> str:
+    return hashlib.blake2b(path.read_bytes(), digest_size=16).hexdigest()
+
+
+def _try_to_write(folder: Path) -> None:
+    """Make a file without a name, or a folder that is removed again: permissions do not tell, root has them all."""
+    try:
+        os.close(os.open(folder, os.O_WRONLY | os.O_TMPFILE))
+    except (OSError, AttributeError):  # not every system has them
+        with signals_deferred():
+            Path(tempfile.mkdtemp(prefix=".iceg-", dir=folder)).rmdir()
 
 
 def _write_trajectory(result: "SlamResult", folder: Path) -> None:
@@ -268,52 +342,10 @@ def _plain(value: Any) -> Any:  # noqa: ANN401
         return _plain(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None
-    return value if isinstance(value, str | int | float | bool | None) else str(value)
+    if isinstance(value, int | float | bool | None):
+        return value
+    return readable(str(value))
 
 
 def _write_text(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8", newline="\n")
-
-
-@contextmanager
-def _staging_folder(directory: Path) -> Iterator[Path]:
-    """A hidden folder inside `directory`, gone afterwards; so is `directory` if it was made in vain."""
-    is_new = not directory.exists()
-    directory.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(prefix=".partial-", dir=directory))
-    try:
-        yield staging
-    finally:
-        shutil.rmtree(staging, ignore_errors=True)
-        if is_new and not any(directory.iterdir()):
-            directory.rmdir()
-
-
-def _publish(staging: Path, directory: Path) -> None:
-    with _interrupts_deferred():
-        new = sorted(staging.iterdir())
-        for path in new:
-            path.replace(directory / path.name)
-        # What another kind of run left here would pass for this run's.
-        for name in set(RESULT_FILES).difference(path.name for path in new):
-            (directory / name).unlink(missing_ok=True)
-
-
-@contextmanager
-def _interrupts_deferred() -> Iterator[None]:
-    """Hold Ctrl-C back until the end of the block."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    received: list[int] = []
-
-    def remember(number: int, _frame: FrameType | None) -> None:
-        received.append(number)
-
-    previous = signal.signal(signal.SIGINT, remember)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, previous)
-    if received:
-        raise KeyboardInterrupt

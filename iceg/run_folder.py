@@ -14,7 +14,7 @@ from graph.errors import reason
 from iceg.ice.features import KIND_NAMES
 from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
-from iceg.results import CLOSURE_COLUMNS, ResultsError, read_covariances, read_summary
+from iceg.results import CLOSURE_COLUMNS, ResultsError, read_covariances, read_summary, whole_results
 from iceg.slam.closures.closure import Closure, Verdict
 from iceg.tum import Trajectory, read_tum
 
@@ -58,7 +58,7 @@ def read_run_folder(directory: Path | str) -> RunFolder:
     """Read what a run has left behind.
 
     Raises:
-        IcegError: a file is missing or not as expected, named.
+        IcegError: a file is missing or not as expected, named; or the files are not those of one run.
     """
     directory = Path(directory)
     if not directory.is_dir():
@@ -68,6 +68,11 @@ def read_run_folder(directory: Path | str) -> RunFolder:
     missing = [name for name in _FILES if not (directory / name).exists()]
     if missing:
         raise ResultsError(f"{directory}: lacks {', '.join(missing)}, expected a folder that 'iceg run' has written")
+    with whole_results(directory):
+        return _read(directory)
+
+
+def _read(directory: Path) -> RunFolder:
     key_scans, key_poses, covariances = read_covariances(directory / "covariances.csv")
     return RunFolder(
         trajectory=read_tum(directory / "trajectory.tum"),

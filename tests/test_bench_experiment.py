@@ -2,7 +2,7 @@
 
 import csv
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -239,7 +239,7 @@ def test_a_run_beyond_its_time_and_a_run_that_crashes_are_failures(monkeypatch: 
     def crashed(*_args: object, **_kwargs: object) -> subprocess.CompletedProcess[str]:
         return subprocess.CompletedProcess([], -11, "", "")
 
-    monkeypatch.setattr("iceg.evaluation.bench.executors.subprocess.run", crashed)
+    monkeypatch.setattr("iceg.evaluation.bench.child_process.Children.run", crashed)
     assert attempt(cell()).error == "ended by signal 11 (Segmentation fault)"
 
 
@@ -261,11 +261,11 @@ def test_what_is_there_is_not_run_again(tmp_path: Path, monkeypatch: pytest.Monk
     assert asked[5:] == [cells[0].name]
 
 
-def _pretend(asked: list[str]) -> Callable[..., list[Outcome]]:
+def _pretend(asked: list[str]) -> Callable[..., Iterator[Outcome]]:
     """Runs that take no time; those with an odd seed fail."""
 
-    def run(cells: list[Cell], _workers: int, _limit: float | None) -> list[Outcome]:
+    def run(cells: list[Cell], _workers: int, _limit: float | None) -> Iterator[Outcome]:
         asked.extend(c.name for c in cells)
-        return [failed(c, "odd") if c.seed % 2 else outcome(c, ate_rmse=0.1) for c in reversed(cells)][::-1]
+        yield from (failed(c, "odd") if c.seed % 2 else outcome(c, ate_rmse=0.1) for c in cells)
 
     return run

@@ -200,7 +200,7 @@ def test_where_two_rows_of_places_are_about_as_strong_nothing_is_closed_and_it_i
     (vote,) = solution.alike
     assert (vote.first, vote.last) == (_SEEN_AGAIN[0], _SEEN_AGAIN[-1])
     assert vote.rival == vote.count == len(_SEEN_AGAIN)
-    said = describe_vote(vote, track)
+    said = describe_vote(vote, track).sentence
     assert f"from scan {track.keys[40].index} to {track.keys[58].index}" in said
     assert "6.0 m away" in said
 

@@ -169,7 +169,7 @@ def test_a_loss_that_only_a_majority_bridges_is_told(log: Log, monkeypatch: pyte
     sparse = noisy(every_metre(log).log, deviation=0.02, outliers=0.15).log
     result = run(sparse, _QUICK)
     assert {found["outcome"] for found in result.summary["breaks"]} == {"credible"}
-    assert any("odometry led on, and 4 key scans agree" in said for said in result.summary["warnings"])
+    assert any("odometry led on, and 4 scans agree with it" in said for said in result.summary["warnings"])
 
 
 @pytest.mark.parametrize(

@@ -24,10 +24,12 @@ from iceg.results import (
     check_directory,
     read_covariances,
     read_summary,
+    whole_results,
     write_results,
 )
 from iceg.tables import TableError
 from iceg.tum import read_tum
+from tests.process_faults import ends_at
 
 
 def make_result(seed: int = 0, n: int = 9) -> Any:
@@ -186,6 +188,56 @@ def test_an_interrupt_while_files_move_into_place_waits_until_all_have(
     monkeypatch.undo()
     assert names(tmp_path / "out") == sorted(RESULT_FILES)
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="a process that can be killed at each call is a fork")
+def test_a_new_folder_is_usable_whenever_its_run_was_killed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "fsync", lambda _handle: None)
+    for number in range(0, 1000, 7):
+        out = tmp_path / str(number)
+        if not ends_at(number, "kill", lambda: write_results(make_result(), out)):  # noqa: B023 called at once
+            break
+        complete = (out / "summary.json").exists()
+        check_directory(out, overwrite=complete)
+        write_results(make_result(seed=1), out, overwrite=complete)
+        assert names(out) == sorted(RESULT_FILES)
+    assert number > 50
+
+
+def test_what_is_no_file_is_refused_before_the_run(tmp_path: Path) -> None:
+    write_results(make_result(), tmp_path)
+    (tmp_path / "summary.json").unlink()
+    (tmp_path / "summary.json").mkdir()
+    with pytest.raises(ResultsError, match=r"summary\.json: is in the place of a file of the results"):
+        check_directory(tmp_path, overwrite=True)
+
+
+def test_files_of_two_runs_are_refused(tmp_path: Path) -> None:
+    for seed in (1, 2):
+        write_results(make_result(seed=seed), tmp_path / str(seed))
+    with whole_results(tmp_path / "1"):
+        pass
+    (tmp_path / "2" / "covariances.csv").replace(tmp_path / "1" / "covariances.csv")
+    with (
+        pytest.raises(ResultsError, match=r"1/covariances\.csv: is not what the run has written"),
+        whole_results(tmp_path / "1"),
+    ):
+        pass
+
+
+def test_results_replaced_while_they_are_read_are_refused(tmp_path: Path) -> None:
+    write_results(make_result(seed=1), tmp_path)
+    with pytest.raises(ResultsError, match="were replaced while they were read"), whole_results(tmp_path):
+        write_results(make_result(seed=2), tmp_path, overwrite=True)
+
+
+@pytest.mark.parametrize(("name", "shown"), [(b"b\xfcro.clf", r"b\xfcro.clf"), ("büro.clf".encode(), "büro.clf")])
+def test_a_name_that_is_no_text_is_kept_readable(tmp_path: Path, name: bytes, shown: str) -> None:
+    result = make_result()
+    for decoded in (name.decode("utf-8", "surrogateescape"), name.decode("ascii", "surrogateescape")):
+        result.summary["log"] = decoded
+        write_results(result, tmp_path, overwrite=True)
+        assert read_summary(tmp_path)["log"] == shown
 
 
 def test_results_can_be_written_from_another_thread(tmp_path: Path) -> None:

@@ -112,7 +112,7 @@ def _mount(records: Records, sensor: Message) -> tuple[float, float, float, floa
         raise MalformedLineError(f"{x} {y} {roll} {yaw}", "a finite mounting")
     base = sensor.text("mount")
     if base.lower() not in {"", "hard", "platform", "robot"}:
-        records.troubles.warnings.append(
-            f"the laser {sensor.text('name')} is mounted on '{base}', whose own place on the robot is left out"
-        )
+        sentence = f"the laser {sensor.text('name')} is mounted on '{base}', whose own place on the robot is left out"
+        if sentence not in records.troubles.warnings:  # logs repeat where the laser sits
+            records.troubles.warnings.append(sentence)
     return x, y, roll, yaw

@@ -1,7 +1,6 @@
 """What a simulation leaves behind: the log in the formats of CARMEN and USARSim, and the truth."""
 
 import io
-import tempfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,6 +13,7 @@ from frontends.simulator.simulation import Simulation
 from frontends.simulator.world import SimulatorError
 from graph.atomic import write_atomically
 from graph.errors import reason
+from graph.publish import publishing
 
 
 def write_simulation(directory: Path, simulation: Simulation) -> None:
@@ -24,22 +24,14 @@ def write_simulation(directory: Path, simulation: Simulation) -> None:
     Raises:
         SimulatorError: the folder cannot be made, or the files not be written.
     """
-    is_new = not directory.exists()
     try:
-        directory.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".partial-", dir=directory) as staging:
-            folder = Path(staging)
+        with publishing(directory) as folder:
             write_carmen(folder / "log.clf", simulation.log)
             write_usarsim(folder / "log.usarsim", replace(simulation.log, truth=simulation.truth))
             write_truth(folder / "truth.csv", simulation)
-            for path in sorted(folder.iterdir()):
-                path.replace(directory / path.name)
     except (OSError, LogError) as error:
         cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
         raise SimulatorError(f"{directory}: the simulation cannot be written ({reason(cause)})") from error
-    finally:
-        if is_new and directory.is_dir() and not any(directory.iterdir()):
-            directory.rmdir()
 
 
 def write_truth(path: Path, simulation: Simulation) -> None:

@@ -1,19 +1,27 @@
 """The command line: parse, call the library, print."""
 
+from __future__ import annotations
+
 import atexit
 import gc
 import io
 import os
 import sys
-from collections.abc import Callable, Sequence
-from typing import NoReturn
+
+from iceg.cli import ending
+
+TYPE_CHECKING = False  # typing takes longer to load than all that is needed before signals are handled
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from typing import NoReturn
 
 _COLLECTION = (500_000, 20, 20)
 """Thresholds of the garbage collector: hardly anything here forms cycles, and looking for them takes time."""
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 """The matrices here are small: BLAS threads would wait for each other, busily, for a fifth of a run's CPU time, and the
 last digits of its results would depend on the number of cores."""
-_FAILED, _USAGE, _INTERRUPTED = 1, 2, 130
+_DEBUG = "--debug"
+_FAILED, _USAGE = 1, 2
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -23,9 +31,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         arguments: what follows the program's name; the process's own when left out.
 
     Returns:
-        The exit code: 0, 1 for an error in the data, 2 in the arguments or settings, 130 when interrupted.
+        The exit code: 0, 1 for an error in the data, 2 in the arguments or settings, 70 for an error of iceg itself,
+        128 and the signal's number when a signal ended it: 130 for Ctrl-C.
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
+    debug = _DEBUG in words
     _open_closed_streams()
     _never_fail_to_print()
     for name in _ONE_THREAD:  # looked at when NumPy is loaded
@@ -33,17 +43,19 @@ def main(arguments: Sequence[str] | None = None) -> int:
     gc.set_threshold(*_COLLECTION)
     atexit.register(gc.freeze)  # nothing to look for at the end either
     try:
-        return _main(words)
+        return _main([word for word in words if word != _DEBUG])
     except KeyboardInterrupt as err:
         return _interrupted(err)
-    except ImportError as err:  # what compiled libraries make of Ctrl-C while they are loaded
-        if not isinstance(err.__cause__ or err.__context__, KeyboardInterrupt):
-            raise
-        return _interrupted()
     except BrokenPipeError:
         # Whoever read our output has seen enough; keep the interpreter from flushing into the closed pipe.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return _FAILED
+    except Exception as err:  # noqa: BLE001 what nobody foresaw is told, too
+        if ending.is_told_to_end() or _comes_of_interrupt(err):
+            return _interrupted()
+        from iceg.cli.unexpected import tell_unexpected
+
+        return tell_unexpected(err, debug=debug)
 
 
 def command() -> NoReturn:
@@ -52,7 +64,9 @@ def command() -> NoReturn:
     After a run the process ends as it is: to take apart all that the run has made and loaded, object by object, takes
     as long as to read its log.
     """
+    ending.install()
     code = main()
+    ending.end_at_once()
     if sys.argv[1:2] == ["run"]:
         sys.stdout.flush()
         sys.stderr.flush()
@@ -87,6 +101,7 @@ def _main(words: list[str]) -> int:
         command = _parse(words)
     except IcegError as err:
         return _complain(err, _USAGE)
+    ending.interrupt_instead()
     try:
         command()
         sys.stdout.flush()
@@ -98,6 +113,8 @@ def _main(words: list[str]) -> int:
         raise
     except OSError as err:  # a folder that must not be written to, a full disk
         return _complain(f"{err.filename or 'standard output'}: {reason(err)}", _FAILED)
+    except MemoryError as err:
+        return _complain(f"this takes more memory than there is ({err or 'no size is known'})", _FAILED)
     return 0
 
 
@@ -112,9 +129,17 @@ def _parse(words: list[str]) -> Callable[[], None]:
     return parse(words)
 
 
+def _comes_of_interrupt(error: BaseException | None) -> bool:
+    """Whether Ctrl-C is behind an error, as where compiled libraries were interrupted while they were loaded."""
+    while error is not None:
+        if isinstance(error, KeyboardInterrupt):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
 def _interrupted(told: KeyboardInterrupt | None = None) -> int:
-    print("\niceg: " + ", ".join(["interrupted", *map(str, told.args if told else ())]), file=sys.stderr)
-    return _INTERRUPTED
+    return ending.say_interrupted(told.args if told else ())
 
 
 def _complain(error: Exception | str, code: int) -> int:

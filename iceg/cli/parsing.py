@@ -21,7 +21,10 @@ Command = Run | DpSlam | Demo | Info | Eval | Plot | Simulate | Optimize | Bench
 Kind = TypeVar("Kind", bound=Command | RunOptions)
 Settings = TypeVar("Settings", Config, DpSlamConfig)
 
-_DESCRIPTION = "2D laser SLAM for recorded logs. 'iceg COMMAND --help' tells more; 'iceg --version' the version."
+_DESCRIPTION = (
+    "2D laser SLAM for recorded logs. 'iceg COMMAND --help' tells more; 'iceg --version' the version; --debug with any "
+    "command the traceback of an error of iceg itself."
+)
 
 _COMMANDS: dict[str, type[Command]] = {
     "run": Run,

@@ -3,11 +3,13 @@
 import dataclasses
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from iceg.cli.quick_start import load_numba_without_scipy
 from iceg.config import Config
+from iceg.slam.run_warning import RunWarning, in_short
 
 if TYPE_CHECKING:
     from frontends.scan import Log
@@ -67,13 +69,16 @@ def run_log(
             write_results(result, directory, overwrite=overwrite)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(what_was_kept(directory, before)) from None
-    _tell_results(result, progress.matching, time.perf_counter() - started, directory)
+    told = log.warnings
+    _tell_results(result, progress.matching, time.perf_counter() - started)
+    _warn([warning for warning in result.log.warnings if warning not in told])
+    _warn(in_short([*_tracking_warnings(result), *result.warnings], "warnings and lost_at_scans in summary.json"))
+    print(f"Results are in {directory}: map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more")
 
 
 def tell_warnings(log: "Log") -> None:
     """Print what reading a log has found."""
-    for warning in log.warnings:
-        print(f"warning: {warning}", file=sys.stderr)
+    _warn(log.warnings)
 
 
 def written_at(directory: Path) -> int | None:
@@ -94,7 +99,7 @@ def what_was_kept(directory: Path, before: int | None) -> str:
     )
 
 
-def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, directory: Path) -> None:
+def _tell_results(result: "SlamResult", progress: "Progress", seconds: float) -> None:
     from iceg.show.progress import real_time_factor
 
     factor = real_time_factor(result.log.stamps, seconds)
@@ -103,8 +108,6 @@ def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, di
     matched = f", {100 * progress.accepted / progress.tried:.1f} % of the matches accepted" if progress.tried else ""
     print(f"{_counted(len(result.key_scans), 'key pose')}, {_counted(len(result.landmarks), 'landmark')}{matched}")
     _tell_finish(result)
-    _tell_doubts(result)
-    print(f"Results are in {directory}: map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more")
 
 
 def _counted(n: int, what: str) -> str:
@@ -121,21 +124,25 @@ def _tell_finish(result: "SlamResult") -> None:
     print(f"finish: {rounds[-1]['closures']} closures in force; key poses moved by {rematched}{joint}")
 
 
-def _tell_doubts(result: "SlamResult") -> None:
-    """Say where the map may be wrong, and where only odometry carried it."""
-    carried, lost = result.summary["scans_carried_by_odometry"], result.summary["lost_at_scans"]
-    told = {found["scan"] for found in result.summary["breaks"]}
-    untold = [scan for scan in lost if scan not in told]
-    if untold:
-        places = ", ".join(str(scan) for scan in untold[:8]) + (
-            f" and {len(untold) - 8} more" if len(untold) > 8 else ""
+def _tracking_warnings(result: "SlamResult") -> list[RunWarning]:
+    """What the counts of a run warn of: where tracking began anew, and how much only odometry tells."""
+    warned = {found["scan"] for found in result.summary["breaks"]}
+    warnings = [
+        RunWarning(
+            kind="lost",
+            sentence=f"tracking was lost at scan {scan}; loop closures tie what follows to the rest",
+            scan=scan,
         )
-        print(
-            f"warning: from scan {places} on nothing matched what was known before; loop closures tie it to the rest",
-            file=sys.stderr,
-        )
-    if carried > _MANY_CARRIED * len(result.log):
-        print(f"warning: odometry alone carried {carried} of {len(result.log)} scans", file=sys.stderr)
-    for warning in result.summary["warnings"]:
-        if warning not in result.log.warnings:
-            print(f"warning: {warning}", file=sys.stderr)
+        for scan in result.summary["lost_at_scans"]
+        if scan not in warned
+    ]
+    carried, n_scans = result.summary["scans_carried_by_odometry"], len(result.log)
+    if carried > _MANY_CARRIED * n_scans:
+        sentence = f"{carried} of {n_scans} scans matched nothing: odometry alone tells the way there"
+        warnings.append(RunWarning(kind="carried", sentence=sentence))
+    return warnings
+
+
+def _warn(sentences: Sequence[str]) -> None:
+    for sentence in dict.fromkeys(sentences):
+        print(f"warning: {sentence}", file=sys.stderr)

@@ -90,10 +90,11 @@ class Bench:
             print(f"\n{name.replace('-', ' ').capitalize()}\n{format_markdown(rows)}", flush=True)
 
     def _experiment(self, file: Path) -> None:
+        from graph.publish import publishing
         from iceg.evaluation.bench.comparison import run_experiment
         from iceg.evaluation.bench.experiment import read_experiment
         from iceg.evaluation.bench.plots import save_plots
-        from iceg.evaluation.bench.summary import summary_rows, write_results
+        from iceg.evaluation.bench.summary import RESULT_FILES, summary_rows, write_results
         from iceg.evaluation.bench.tables import format_markdown
 
         experiment = read_experiment(file)
@@ -108,7 +109,8 @@ class Bench:
             )
         except KeyboardInterrupt:
             raise KeyboardInterrupt(f"complete runs are kept in {self.output}, the same command goes on") from None
-        files = [*write_results(outcomes, self.output), *save_plots(outcomes, self.output)]
+        with publishing(self.output, replaces=RESULT_FILES) as staging:
+            files = [*write_results(outcomes, staging), *save_plots(outcomes, staging)]
         print(f"\n{format_markdown(summary_rows(outcomes))}")
         print(f"Results are in {self.output}: {', '.join(path.name for path in files)}; each run in cells/")
         failures = sum(outcome.error is not None for outcome in outcomes)

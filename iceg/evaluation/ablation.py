@@ -12,6 +12,7 @@ from frontends.logs import read_log
 from graph.batch import optimize
 from graph.factors import Factor
 from graph.odometry import OdometryModel
+from graph.publish import publishing
 from graph.se2 import between, compose
 from iceg.config import Config
 from iceg.evaluation.bench.logs import BenchLog, find_logs, possible_beside
@@ -103,14 +104,16 @@ def write_tables(logs: Sequence[BenchLog], output: Path) -> Iterator[tuple[str, 
     Yields:
         Name and new rows of a table, after each log.
     """
-    output.mkdir(parents=True, exist_ok=True)
     tables: dict[str, list[Row]] = {"stages": [], "covariances": []}
     for log in logs:
         found = ablation(log)
-        for name, rows in (("stages", found.stages), ("covariances", found.covariances)):
+        new = {"stages": found.stages, "covariances": found.covariances}
+        for name, rows in new.items():
             tables[name] += rows
-            write_csv(tables[name], output / f"ablation-{name}.csv")
-            yield name, rows
+        with publishing(output) as staging:
+            for name, rows_so_far in tables.items():
+                write_csv(rows_so_far, staging / f"ablation-{name}.csv")
+        yield from new.items()
 
 
 def with_covariances(factors: Sequence[Factor], choice: Covariances) -> list[Factor]:

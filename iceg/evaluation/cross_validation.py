@@ -30,6 +30,7 @@ from graph.problem import Problem
 from graph.se2 import between_jacobians
 from iceg.evaluation.consistency import Consistency, consistency
 from iceg.evaluation.errors import EvaluationError
+from iceg.results import whole_results
 
 KINDS: tuple[FactorKind, ...] = ("odometry", "ice", "stretch", "closure")
 _LEAST_REDUNDANCY = 1e-3
@@ -127,12 +128,14 @@ def cross_validation_report(folder: Path | str) -> dict[str, float]:
         folder: of a run, or a g2o file itself.
 
     Raises:
+        ResultsError: the files of the folder are not those of one run.
         GraphError: the graph is missing, cannot be read or does not determine every pose.
         EvaluationError: nothing in it is known twice.
     """
     folder = Path(folder)
     path = folder / "graph.g2o" if folder.is_dir() else folder
-    graph = read_g2o(path)
+    with whole_results(folder):
+        graph = read_g2o(path)
     optimum = optimize(graph.factors, graph.poses).poses
     report: dict[str, float] = {}
     for kind, found in cross_validation(graph.factors, optimum).items():

@@ -16,7 +16,7 @@ from iceg.evaluation.trajectory import (
     read_truth_csv,
     trajectory_errors,
 )
-from iceg.results import read_covariances
+from iceg.results import read_covariances, whole_results
 from iceg.tum import read_tum
 
 
@@ -76,19 +76,27 @@ def truth_report(trajectory: Path, truth: Path) -> dict[str, float]:
     Raises:
         IcegError: as `relations_csv_report`.
     """
-    T_world_robot, T_map_robot = read_truth_csv(truth), read_poses(trajectory)
-    check_one_row_per_scan(T_map_robot, T_world_robot, truth)
-    report = trajectory_report(trajectory_errors(T_map_robot, T_world_robot))
+    T_world_robot = read_truth_csv(truth)
+    with whole_results(trajectory):
+        T_map_robot = read_poses(trajectory)
+        check_one_row_per_scan(T_map_robot, T_world_robot, truth)
+        nees = _nees_report(trajectory, T_world_robot)
+    return trajectory_report(trajectory_errors(T_map_robot, T_world_robot)) | nees
+
+
+def _nees_report(trajectory: Path, T_world_robot: NDArray[np.float64]) -> dict[str, float]:
+    """Empty where there are no covariances to judge."""
     covariances_file = trajectory / "covariances.csv"
     if not trajectory.is_dir() or not covariances_file.exists():
-        return report
+        return {}
     scans, key_poses, covariances = read_covariances(covariances_file)
     if len(scans) < 2:
-        return report
+        return {}
     values = pose_nees(key_poses, poses_of_scans(T_world_robot, scans, covariances_file), covariances)
-    return report | consistency_report(consistency(values))
+    return consistency_report(consistency(values))
 
 
 def read_poses(trajectory: Path) -> NDArray[np.float64]:
-    """(n_scans, 3) poses of a `trajectory.tum`, given itself or by its folder."""
-    return read_tum(trajectory / "trajectory.tum" if trajectory.is_dir() else trajectory).poses
+    """(n_scans, 3) poses of a `trajectory.tum`, given itself or by its folder, whose files have to be of one run."""
+    with whole_results(trajectory):
+        return read_tum(trajectory / "trajectory.tum" if trajectory.is_dir() else trajectory).poses

@@ -26,6 +26,7 @@ from frontends.logs import read_log
 from frontends.scan import Log
 from frontends.simulator.simulation import simulate
 from graph.factors import Factor
+from graph.publish import publishing
 from graph.se2 import between
 from iceg.config import Config
 from iceg.evaluation.bench.tables import Row, write_csv
@@ -187,17 +188,17 @@ def study(recordings: Iterable[Recording], output: Path) -> Iterator[JudgedRun]:
     Yields:
         Each run as it is judged.
     """
-    output.mkdir(parents=True, exist_ok=True)
     runs = []
     for recording in recordings:
         runs.append(judge_run(recording))
         yield runs[-1]
-    summary, each = (output / name for name in TABLES)
-    write_csv(summarise(runs), summary)
-    write_csv([_run_row(one) for one in runs], each)
     from iceg.show.nees_plot import save_nees_plot
 
-    save_nees_plot({kind: _together(runs, kind) for kind in JUDGED}, output / "nees.png")
+    with publishing(output) as staging:
+        summary, each = (staging / name for name in TABLES)
+        write_csv(summarise(runs), summary)
+        write_csv([_run_row(one) for one in runs], each)
+        save_nees_plot({kind: _together(runs, kind) for kind in JUDGED}, staging / "nees.png")
 
 
 def _row(kind: str, scene: str, runs: Sequence[JudgedRun]) -> Row:

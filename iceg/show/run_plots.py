@@ -2,6 +2,7 @@
 
 import io
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,8 +11,11 @@ from numpy.typing import NDArray
 
 from graph.atomic import write_atomically
 from graph.dense import eigvalsh
-from iceg.run_folder import is_of_dp_slam, read_ros_map, read_run_folder
+from graph.publish import publishing
+from iceg.results import whole_results
+from iceg.run_folder import RunFolder, is_of_dp_slam, read_ros_map, read_run_folder
 from iceg.show.map_image import MapLayers
+from iceg.show.map_picture import save_map_png
 from iceg.slam.closures.closure import joined_scans
 from iceg.tum import read_tum
 
@@ -27,7 +31,8 @@ def plot_results(directory: Path | str) -> tuple[Path, ...]:
     """Draw all pictures of a run from the files in its folder.
 
     Args:
-        directory: what a run has written, or DP-SLAM, which knows no uncertainty; `map.png` in it is replaced.
+        directory: what a run has written, or DP-SLAM, which knows no uncertainty; all its pictures
+            are replaced in one step.
 
     Returns:
         The pictures drawn.
@@ -36,26 +41,11 @@ def plot_results(directory: Path | str) -> tuple[Path, ...]:
         IcegError: a file is missing or not as expected.
     """
     directory = Path(directory)
-    from iceg.show.map_picture import save_map_png
-
-    map_png, trajectory_png, uncertainty_png = (directory / name for name in PICTURES)
-    if is_of_dp_slam(directory):
-        trajectory = read_tum(directory / "trajectory.tum").poses
-        save_map_png(map_png, MapLayers(grid=read_ros_map(directory / "map.yaml"), trajectory=trajectory))
-        save_trajectory_plot(trajectory, trajectory_png)
-        return map_png, trajectory_png
-    run = read_run_folder(directory)
-    layers = MapLayers(
-        grid=run.grid,
-        trajectory=run.trajectory.poses,
-        key_poses=run.key_poses,
-        landmarks=run.landmarks,
-        closures=joined_scans(run.closures),
-    )
-    save_map_png(map_png, layers)
-    save_trajectory_plot(run.trajectory.poses, trajectory_png)
-    save_uncertainty_plot(run.key_poses, run.covariances, uncertainty_png)
-    return map_png, trajectory_png, uncertainty_png
+    is_filter = is_of_dp_slam(directory)
+    draw = _drawing_of_dp_slam(directory) if is_filter else _drawing_of_run(read_run_folder(directory))
+    with publishing(directory) as staging:
+        draw(*(staging / name for name in PICTURES))
+    return tuple(directory / name for name in PICTURES[: 2 if is_filter else 3])
 
 
 def save_trajectory_plot(poses: NDArray[np.float64], path: Path) -> None:
@@ -104,6 +94,35 @@ def save_uncertainty_plot(key_poses: NDArray[np.float64], covariances: NDArray[n
         axis.set_ylim(bottom=0.0)
         axis.grid(alpha=0.3)
     _save(figure, path)
+
+
+def _drawing_of_dp_slam(directory: Path) -> Callable[[Path, Path, Path], None]:
+    with whole_results(directory):
+        trajectory = read_tum(directory / "trajectory.tum").poses
+        grid = read_ros_map(directory / "map.yaml")
+
+    def draw(map_png: Path, trajectory_png: Path, _uncertainty_png: Path) -> None:
+        save_map_png(map_png, MapLayers(grid=grid, trajectory=trajectory))
+        save_trajectory_plot(trajectory, trajectory_png)
+
+    return draw
+
+
+def _drawing_of_run(run: RunFolder) -> Callable[[Path, Path, Path], None]:
+    layers = MapLayers(
+        grid=run.grid,
+        trajectory=run.trajectory.poses,
+        key_poses=run.key_poses,
+        landmarks=run.landmarks,
+        closures=joined_scans(run.closures),
+    )
+
+    def draw(map_png: Path, trajectory_png: Path, uncertainty_png: Path) -> None:
+        save_map_png(map_png, layers)
+        save_trajectory_plot(run.trajectory.poses, trajectory_png)
+        save_uncertainty_plot(run.key_poses, run.covariances, uncertainty_png)
+
+    return draw
 
 
 def _save(figure: "Figure", path: Path) -> None:

@@ -36,7 +36,8 @@ from iceg.slam.odometry.contradicted_steps import with_both_ways
 from iceg.slam.odometry.standstill import with_odometry_between_readings
 from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import Progress, ProgressCallback
-from iceg.slam.summary import summarise
+from iceg.slam.run_warning import RunWarning
+from iceg.slam.summary import run_warnings, summarise
 from iceg.slam.tracking.broken_track import retied
 from iceg.slam.tracking.laser_orientation import track_as_mounted
 from iceg.slam.tracking.log_tracking import track_calibrating
@@ -62,6 +63,7 @@ class SlamResult:
         landmarks: the feature map, expired landmarks included.
         grid: the occupancy grid.
         closures: every loop closure tried.
+        warnings: what is doubtful about it, besides what is about the log.
         summary: counts, warnings, seconds per stage and calibration.
     """
 
@@ -76,6 +78,7 @@ class SlamResult:
     landmarks: Landmarks
     grid: OccupancyGrid
     closures: list[Closure]
+    warnings: tuple[RunWarning, ...]
     summary: dict[str, Any]
 
     def __repr__(self) -> str:
@@ -131,6 +134,8 @@ def run(
     with clock.stage("grid"):
         grid, doubt = render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
+    worst = least_known(key_scans, covariances)
+    warnings = run_warnings(track, solution, finished.rounds, worst, doubt)
     return SlamResult(
         log=log,
         config=config,
@@ -143,8 +148,9 @@ def run(
         landmarks=landmarks,
         grid=grid,
         closures=_closures(track, solution) + manual_records(closures, track),
+        warnings=warnings,
         summary={
-            **summarise(log, track, solution, calibration, finished.rounds, least_known(key_scans, covariances), doubt),
+            **summarise(log, track, solution, calibration, finished.rounds, worst, warnings),
             "seconds": clock.seconds,
             "cpu_seconds": clock.cpu_seconds,
         },

@@ -1,5 +1,6 @@
 """What a run tells of itself: counts, warnings, what became of each doubt, and the calibration of the odometry."""
 
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -12,7 +13,13 @@ from iceg.slam.finish import Round
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.standstill import describe_dead
 from iceg.slam.path_uncertainty import LeastKnown
+from iceg.slam.run_warning import RunWarning
 from iceg.slam.tracking.track import Track
+
+_COVARIANCES_OF_GRAPH = (
+    "how sure the poses are (covariances.csv) is told by the matches between scans alone, as the walls of the map do "
+    "not confirm it: they may be farther off than it says"
+)
 
 
 def summarise(
@@ -22,7 +29,7 @@ def summarise(
     calibration: OdometryCalibration,
     rounds: list[Round],
     worst: LeastKnown,
-    grid_doubt: str | None,
+    warnings: Sequence[RunWarning],
 ) -> dict[str, Any]:
     """Sum up a run, for `summary.json`.
 
@@ -33,7 +40,7 @@ def summarise(
         calibration: of the odometry.
         rounds: what the offline finish did.
         worst: the key pose known least.
-        grid_doubt: what the occupancy grid warns of, None for nothing.
+        warnings: what the run warns of besides what the log does.
 
     Returns:
         Counts, warnings and calibration under the names of `summary.json`; lengths in metres, angles in radians.
@@ -45,7 +52,7 @@ def summarise(
         "log": log.path.name,
         "scans": len(log),
         "skipped_lines": log.skipped_lines,
-        "warnings": [*log.warnings, *_doubts(track, solution, rounds, worst, grid_doubt)],
+        "warnings": [*log.warnings, *(warning.sentence for warning in warnings)],
         "key_poses": len(track.keys),
         "scans_carried_by_odometry": track.failures,
         "lost_at_scans": track.lost,
@@ -75,16 +82,25 @@ def summarise(
     }
 
 
-def _doubts(
+def run_warnings(
     track: Track, solution: Solution, rounds: list[Round], worst: LeastKnown, grid_doubt: str | None
-) -> list[str]:
-    """What the run itself found doubtful, a sentence each."""
-    doubts = [sentence for sentence in (grid_doubt, worst.warning()) if sentence is not None]
-    doubts += [describe_dead(*stretch) for stretch in track.dead]
+) -> tuple[RunWarning, ...]:
+    """What the run itself found doubtful.
+
+    Args:
+        track: what the front end made of the log.
+        solution: the graph at the end, its record of breaks.
+        rounds: what the offline finish did.
+        worst: the key pose known least.
+        grid_doubt: what the occupancy grid warns of, None for nothing.
+    """
+    warnings = [] if grid_doubt is None else [RunWarning(kind="coarse grid", sentence=grid_doubt)]
+    uncertain = worst.warning()
+    if uncertain is not None:
+        warnings.append(RunWarning(kind="uncertain path", sentence=uncertain, scan=worst.scan))
+    warnings += [describe_dead(*stretch) for stretch in track.dead]
     if rounds and rounds[-1].covariances_from == "graph":
-        doubts.append(
-            "covariances of the key poses are those of the graph: the walls do not tell them, or not credibly"
-        )
-    doubts += [describe_break(found, track) for found in solution.breaks]
-    doubts += [describe_vote(vote, track) for vote in solution.alike]
-    return doubts
+        warnings.append(RunWarning(kind="covariances", sentence=_COVARIANCES_OF_GRAPH))
+    warnings += [describe_break(found, track) for found in solution.breaks]
+    warnings += [describe_vote(vote, track) for vote in solution.alike]
+    return tuple(warnings)

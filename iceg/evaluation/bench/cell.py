@@ -107,7 +107,7 @@ class Cell:
 
     def to_json(self) -> str:
         """As text; `from_json` reads it back."""
-        return json.dumps(asdict(self), ensure_ascii=False)
+        return json.dumps(asdict(self))
 
     @classmethod
     def from_json(cls, text: str) -> "Cell":

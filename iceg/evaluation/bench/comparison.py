@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 from iceg.evaluation.bench.executors import run_here, run_on_dask
@@ -57,7 +58,8 @@ def run_experiment(
         running = run_here(left, min(workers or os.cpu_count() or 1, len(left)), experiment.time_limit_s)
     else:
         running = run_on_dask(left, scheduler, experiment.time_limit_s)
-    for outcome in running:
-        keep(outcome, digests[outcome.cell.name], cells)
-        done(outcome)
+    with closing(running):  # ends its processes even where an interrupt comes while an outcome is kept
+        for outcome in running:
+            keep(outcome, digests[outcome.cell.name], cells)
+            done(outcome)
     return [outcomes[cell.name] for cell in experiment.cells]

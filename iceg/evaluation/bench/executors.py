@@ -1,28 +1,26 @@
-"""Where the runs are made: in processes on this machine, or on a Dask cluster; each in a fresh process of its own.
+"""Where the runs are made: several at a time on this machine, or on a Dask cluster; each in a fresh process of its own.
 
 What happens inside a run, a crash included, thus ends with that run, and time and memory are those of it alone.
 """
 
-import multiprocessing
-import os
 import signal
 import subprocess
-import sys
 import tempfile
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 
 from iceg.evaluation.bench.cell import Cell
+from iceg.evaluation.bench.child_process import Children
 from iceg.evaluation.bench.outcome import FIGURES_FILE, TRAJECTORY_FILE, Outcome, failed, parse_figures
 from iceg.evaluation.bench.runs import ONE_CORE
 from iceg.evaluation.errors import EvaluationError
 
 _CONNECT_TIMEOUT = 60
-_INTERRUPTED = 130
+_CELL_PROCESS = "iceg.evaluation.bench.cell_process"
 
 
-def run_here(cells: Sequence[Cell], workers: int, time_limit_s: float | None = None) -> Iterator[Outcome]:
+def run_here(cells: Sequence[Cell], workers: int, time_limit_s: float | None = None) -> Generator[Outcome, None, None]:
     """Run cells on this machine.
 
     Args:
@@ -33,18 +31,21 @@ def run_here(cells: Sequence[Cell], workers: int, time_limit_s: float | None = N
     Yields:
         Outcomes in the order in which they are complete.
     """
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context, initializer=_end_on_interrupt) as pool:
-        futures = {pool.submit(_attempt_in_pool, cell, time_limit_s): cell for cell in cells}
+    children = Children()
+    with ThreadPoolExecutor(workers) as pool:
+        futures = {pool.submit(attempt, cell, time_limit_s, children): cell for cell in cells}
         try:
             for future in as_completed(futures):
                 error = future.exception()
                 yield future.result() if error is None else failed(futures[future], f"{type(error).__name__}: {error}")
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
+            children.end()
 
 
-def run_on_dask(cells: Sequence[Cell], scheduler: str, time_limit_s: float | None = None) -> Iterator[Outcome]:
+def run_on_dask(
+    cells: Sequence[Cell], scheduler: str, time_limit_s: float | None = None
+) -> Generator[Outcome, None, None]:
     """Run cells on the workers of a Dask cluster.
 
     Its workers need this version of iceg, and see the logs under the same paths.
@@ -78,27 +79,21 @@ def run_on_dask(cells: Sequence[Cell], scheduler: str, time_limit_s: float | Non
             future.release()
 
 
-def attempt(cell: Cell, time_limit_s: float | None = None) -> Outcome:
+def attempt(cell: Cell, time_limit_s: float | None = None, children: Children | None = None) -> Outcome:
     """Run a cell in a fresh process on one core.
 
     Args:
         cell: what to run.
         time_limit_s: the process is ended after that [s].
+        children: processes it is to be ended with.
 
     Returns:
         What it found, or why it failed.
     """
-    command = [sys.executable, "-m", "iceg.evaluation.bench.cell_process"]
     with tempfile.TemporaryDirectory(prefix="iceg-bench-") as name:
         try:
-            done = subprocess.run(
-                [*command, name],
-                input=cell.to_json(),
-                env=os.environ | ONE_CORE,
-                capture_output=True,
-                encoding="utf-8",
-                timeout=time_limit_s,
-                check=False,
+            done = (children or Children()).run(
+                _CELL_PROCESS, [name], ONE_CORE, given=cell.to_json(), time_limit_s=time_limit_s
             )
         except subprocess.TimeoutExpired:
             return failed(cell, f"stopped after the time limit of {time_limit_s:g} s")
@@ -117,17 +112,3 @@ def _reason(done: subprocess.CompletedProcess[str]) -> str:
         return f"ended by signal {-done.returncode} ({signal.strsignal(-done.returncode)})"
     lines = done.stderr.strip().splitlines()
     return lines[-1] if lines else f"ended with code {done.returncode}"
-
-
-def _end_on_interrupt() -> None:
-    """Let Ctrl-C end a worker without a traceback."""
-    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
-        signal.signal(signal.SIGINT, lambda *_: sys.exit(_INTERRUPTED))
-
-
-def _attempt_in_pool(cell: Cell, time_limit_s: float | None) -> Outcome:
-    """`attempt`; when interrupted its files are removed and the worker ends, lest it go on with the next cell."""
-    try:
-        return attempt(cell, time_limit_s)
-    except SystemExit:
-        os._exit(_INTERRUPTED)

@@ -6,7 +6,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from graph.atomic import write_atomically
+from graph.file_names import readable
+from graph.publish import publishing
 from iceg.evaluation.bench.cell import Cell
 from iceg.evaluation.bench.tables import Row
 
@@ -51,7 +52,7 @@ def failed(cell: Cell, error: str) -> Outcome:
 
 
 def keep(outcome: Outcome, digest: str, cells: Path) -> None:
-    """Write an outcome into a folder of its own; the record comes last, it vouches for the rest.
+    """Write an outcome into a folder of its own, record and trajectory in one step.
 
     Args:
         outcome: what to keep.
@@ -59,13 +60,6 @@ def keep(outcome: Outcome, digest: str, cells: Path) -> None:
         cells: the folder of all cells.
     """
     folder = cells / outcome.cell.folder
-    folder.mkdir(parents=True, exist_ok=True)
-    record = folder / _RECORD_FILE
-    record.unlink(missing_ok=True)
-    if outcome.error is None:
-        write_atomically(folder / TRAJECTORY_FILE, outcome.trajectory)
-    else:
-        (folder / TRAJECTORY_FILE).unlink(missing_ok=True)
     content = {
         "run": outcome.cell.name,
         "digest": digest,
@@ -73,7 +67,11 @@ def keep(outcome: Outcome, digest: str, cells: Path) -> None:
         "figures": outcome.figures,
         "cell": asdict(outcome.cell),
     }
-    write_atomically(record, json.dumps(content, indent=2, ensure_ascii=False, default=str).encode() + b"\n")
+    with publishing(folder, replaces=(TRAJECTORY_FILE,)) as staging:
+        if outcome.error is None:
+            (staging / TRAJECTORY_FILE).write_bytes(outcome.trajectory)
+        record = json.dumps(content, indent=2, ensure_ascii=False, default=str)
+        (staging / _RECORD_FILE).write_bytes(readable(record).encode() + b"\n")
 
 
 def kept(cell: Cell, digest: str, cells: Path) -> Outcome | None:

@@ -1,15 +1,13 @@
 """Whole runs, each in a fresh process on one core, judged by what they leave on disk."""
 
-import os
 import resource
-import subprocess
-import sys
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from iceg.evaluation.bench.child_process import Children
 from iceg.evaluation.bench.logs import BenchLog
 from iceg.evaluation.bench.tables import Row
 from iceg.evaluation.errors import EvaluationError
@@ -50,12 +48,12 @@ def run_in_fresh_process(log: Path, folder: Path, flags: Sequence[str] = ()) -> 
     Raises:
         EvaluationError: it failed.
     """
-    command = [sys.executable, "-m", "iceg", "run", str(log), "-o", str(folder), "--overwrite", *flags]
+    words = ["run", str(log), "-o", str(folder), "--overwrite", *flags]
     before, started = _cpu_of_children(), time.perf_counter()
-    done = subprocess.run(command, env=os.environ | ONE_CORE | _COMPILED, capture_output=True, text=True, check=False)
+    done = Children().run("iceg", words, ONE_CORE | _COMPILED)
     wall, cpu = time.perf_counter() - started, _cpu_of_children() - before
     if done.returncode != 0:
-        raise EvaluationError(f"{' '.join(command[2:])} failed: {' '.join(done.stderr.split())}")
+        raise EvaluationError(f"iceg {' '.join(words)} failed: {' '.join(done.stderr.split())}")
     return TimedRun(folder=folder, wall_s=wall, cpu_s=cpu)
 
 

@@ -10,6 +10,8 @@ from graph.atomic import write_atomically
 from iceg.evaluation.bench.outcome import Outcome
 from iceg.evaluation.bench.tables import Row, columns_of, write_csv
 
+RESULT_FILES = ("results.csv", "results.parquet")
+
 _ACCURACY = {
     "trans_mean": "relations, mean [m]",
     "trans_median": "relations, median [m]",
@@ -62,7 +64,7 @@ def write_results(outcomes: Sequence[Outcome], output: Path) -> list[Path]:
         The files written.
     """
     rows = [outcome.row() for outcome in outcomes]
-    table, columnar = output / "results.csv", output / "results.parquet"
+    table, columnar = (output / name for name in RESULT_FILES)
     write_csv(rows, table)
     if find_spec("pyarrow") is None:
         return [table]

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from graph.atomic import write_atomically
+from graph.file_names import readable
 
 Figure = float | int | str | None
 Row = dict[str, Figure]
@@ -38,7 +39,7 @@ def write_csv(rows: Sequence[Row], path: Path) -> None:
     writer = csv.DictWriter(text, columns_of(rows), lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
-    write_atomically(path, text.getvalue().encode())
+    write_atomically(path, readable(text.getvalue()).encode())
 
 
 def _format(value: Figure, column: str) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 
 from graph.factors import Factor
 from graph.measurement import NoMatch
+from iceg.slam.run_warning import Kind, RunWarning
 from iceg.slam.tracking.track import Track
 
 Outcome = Literal["joined", "apart", "contradicted", "credible", "drifted"]
@@ -98,27 +99,31 @@ def _is_sudden(track: Track, key: int) -> bool:
     return isinstance(here, NoMatch) and not isinstance(before, NoMatch) and before.is_fully_observed
 
 
-def describe_break(found: Break, track: Track) -> str:
+def describe_break(found: Break, track: Track) -> RunWarning:
     """A break in a sentence for a person."""
-    where = f"before scan {track.keys[found.key].index} ({found.reason})"
+    scan = track.keys[found.key].index
+    kind, sentence = _told(found, f"before scan {scan} ({found.reason})")
+    return RunWarning(kind=kind, sentence=sentence, scan=scan)
+
+
+def _told(found: Break, where: str) -> tuple[Kind, str]:
+    elsewhere = f"{found.closures} scans that agree put the robot {found.moved:.1f} m from where the path does"
     if found.outcome == "joined":
-        return (
-            f"the path is broken {where}: {found.closures} key scans that agree put the robot {found.moved:.1f} m from "
-            "where the path does, and the map follows them"
-        )
+        return "found again", f"tracking was lost {where}, and the robot found again: {elsewhere}; the map follows them"
     if found.outcome == "apart":
-        return f"the path is broken {where}: no loop closure ties the rest to what was before, it may be displaced"
+        return "cut off", (
+            f"tracking was lost {where}: no loop closure ties the rest to what was before, it may be displaced"
+        )
     if found.outcome == "credible":
-        return (
-            f"the path may be broken {where}: odometry led on, and {found.closures} key scans agree with where it did, "
+        return "odometry led on", (
+            f"tracking may have been lost {where}: odometry led on, and {found.closures} scans agree with it there, "
             "but not all; the map follows them"
         )
     if found.outcome == "drifted":
-        return (
-            f"the path may be broken {where}: {found.closures} key scans that agree put the robot {found.moved:.1f} m "
-            "from where the path does, more than chance explains; it is taken for drift, and the map follows them"
+        return "drifted", (
+            f"the path may have drifted {where}: {elsewhere}, more than chance explains; the map follows them"
         )
-    return (
-        f"the path may be broken {where}: {found.closures} key scans that agree put the robot {found.moved:.1f} m from "
-        "where the path does; the robot was carried, or two places look alike; the map follows the path"
+    return "contradicted", (
+        f"the path may be wrong {where}: {elsewhere}; the robot was carried, or two places look alike; the map follows "
+        "the path"
     )

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from graph.se2 import between, compose
 from iceg.slam.closures.attempt import PARTNER_DISTANCE, PARTNER_KEYS, PARTNER_TURN, Attempt
+from iceg.slam.run_warning import RunWarning
 from iceg.slam.tracking.track import Track
 
 _SAME_PLACE, _SAME_TURN = 0.5, 0.1
@@ -152,11 +153,12 @@ def unsettled(votes: Iterable[Vote], attempts: Iterable[Attempt]) -> tuple[Vote,
     return tuple(vote for vote in votes if not any(old < vote.first <= new for old, new in ends))
 
 
-def describe_vote(vote: Vote, track: Track) -> str:
+def describe_vote(vote: Vote, track: Track) -> RunWarning:
     """A vote that is not clear, in a sentence for a person."""
     first, last = track.keys[vote.first].index, track.keys[vote.last].index
-    return (
-        f"places look alike: of the key scans from scan {first} to {last}, {vote.count} fit one place seen before and "
-        f"{vote.rival} another, {vote.apart:.1f} m away, about as well; no loop is closed there, and how what follows "
-        "lies to what was before is known by the path alone"
+    sentence = (
+        f"places look alike: from scan {first} to {last}, {vote.count} scans fit one place seen before and "
+        f"{vote.rival} another, {vote.apart:.1f} m away, about as well; no loop is closed there, so that how what "
+        "follows lies to what was before is known by the path alone"
     )
+    return RunWarning(kind="look alike", sentence=sentence, scan=first)

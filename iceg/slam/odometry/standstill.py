@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from frontends.scan import Log
 from graph.se2 import between, compose
 from iceg.slam.odometry.steps import is_moving
+from iceg.slam.run_warning import RunWarning
 from iceg.slam.tracking.repeated_scans import is_repeated
 
 _SELDOM = 0.5
@@ -91,11 +92,12 @@ def dead_stretches(odometry: NDArray[np.float64], ranges: NDArray[np.float32]) -
     return [(first, last) for first, last in _standstills(odometry) if _scans_change(ranges[first : last + 1])]
 
 
-def describe_dead(first: int, last: int) -> str:
+def describe_dead(first: int, last: int) -> RunWarning:
     """A stretch without odometry in a sentence for a person."""
-    return (
+    sentence = (
         f"the odometry stands still from scan {first} to scan {last} while the scans change: it is not believed there"
     )
+    return RunWarning(kind="odometry stands still", sentence=sentence, scan=first)
 
 
 def _standstills(odometry: NDArray[np.float64]) -> Iterator[tuple[int, int]]:

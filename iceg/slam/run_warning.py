@@ -1,0 +1,83 @@
+"""What a run warns of: each place in a sentence, and all of a kind in one line for whoever looks at the terminal."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+Kind = Literal[
+    "lost",
+    "found again",
+    "cut off",
+    "odometry led on",
+    "drifted",
+    "contradicted",
+    "look alike",
+    "odometry stands still",
+    "uncertain path",
+    "coarse grid",
+    "covariances",
+    "carried",
+]
+
+_MANY: dict[Kind, str] = {
+    "lost": "tracking was lost at {n} places, first at scan {scan}; loop closures tie what follows to the rest",
+    "found again": "tracking was lost at {n} places and the robot found again at each, first at scan {scan}",
+    "cut off": (
+        "tracking was lost at {n} places, first at scan {scan}, and no loop closure ties what follows to what was "
+        "before: those parts of the map may be displaced"
+    ),
+    "odometry led on": (
+        "tracking may have been lost at {n} places, first at scan {scan}; the map follows odometry there, and scans "
+        "that agree with it"
+    ),
+    "drifted": (
+        "the path drifted more than chance explains at {n} places, first at scan {scan}; the map follows the scans"
+    ),
+    "contradicted": (
+        "at {n} places, first at scan {scan}, later scans put the robot elsewhere than the path does; the map follows "
+        "the path and may be wrong there"
+    ),
+    "look alike": "places look alike {n} times, first from scan {scan} on; no loop is closed there",
+    "odometry stands still": (
+        "the odometry stands still at {n} places while the scans change, first at scan {scan}; it is not believed there"
+    ),
+}
+"""How several of a kind are told; of all other kinds there is one at most."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunWarning:
+    """Something that a person should know about a result.
+
+    Attributes:
+        kind: warnings of one kind are told together.
+        sentence: for a person who does not know the program.
+        scan: the first scan concerned; None where it is about the whole run.
+    """
+
+    kind: Kind
+    sentence: str
+    scan: int | None = None
+
+
+def in_short(warnings: Iterable[RunWarning], details: str) -> list[str]:
+    """One line for each kind, in the order in which the kinds first come.
+
+    Args:
+        warnings: of a run.
+        details: where each of them can be read.
+
+    Returns:
+        A sentence as it is where it is the only one of its kind; else how many there are, and where the first is.
+    """
+    kinds: dict[Kind, list[RunWarning]] = {}
+    for warning in warnings:
+        kinds.setdefault(warning.kind, []).append(warning)
+    return [_line(kind, alike, details) for kind, alike in kinds.items()]
+
+
+def _line(kind: Kind, alike: Sequence[RunWarning], details: str) -> str:
+    if len(alike) == 1 or kind not in _MANY:
+        return alike[0].sentence
+    first = min(warning.scan for warning in alike if warning.scan is not None)
+    return f"{_MANY[kind].format(n=len(alike), scan=first)}; see {details}"
