@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from frontends.simulator.world import SimulatorError
+from graph.limits import LIMITS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,8 +61,8 @@ class Statement:
             value = float(word)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value):
-            raise self.error(f"'{word}'", "a number")
+        if not abs(value) <= LIMITS.coordinate:
+            raise self.error(f"'{word[:40]}'", f"a number of at most {LIMITS.coordinate:g}")
         return value
 
 

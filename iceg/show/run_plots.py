@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.atomic import write_atomically
+from graph.limits import LimitError
 from iceg.run_folder import is_of_dp_slam, read_ros_map, read_run_folder
 from iceg.show.map_image import MapLayers
 from iceg.slam.closures.closure import joined_scans
@@ -35,6 +36,13 @@ def plot_results(directory: Path | str) -> tuple[Path, ...]:
         IcegError: a file is missing or not as expected.
     """
     directory = Path(directory)
+    try:
+        return _plot(directory)
+    except LimitError as err:
+        raise LimitError(f"{directory}: {err}") from err
+
+
+def _plot(directory: Path) -> tuple[Path, ...]:
     from iceg.show.map_picture import save_map_png
 
     map_png, trajectory_png, uncertainty_png = (directory / name for name in PICTURES)
