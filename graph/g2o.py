@@ -224,7 +224,7 @@ def _kernel(edge: _Edge) -> RobustKernel | None:
     if len(edge.remark) <= 1:
         return None
     if len(edge.remark) != 3:
-        raise GraphError(f"found the remark {' '.join(edge.remark)!r}, expected KIND or KIND KERNEL WIDTH")
+        raise GraphError(f"found the remark {' '.join(edge.remark)[:80]!r}, expected KIND or KIND KERNEL WIDTH")
     return RobustKernel(name=cast("KernelName", edge.remark[1]), width=_number(edge.remark[2], edge.where))
 
 
@@ -266,7 +266,7 @@ def _id(word: str, where: str) -> int:
     try:
         number = int(word) if len(word) <= _ID_DIGITS else 2 * _LARGEST_ID
     except ValueError as err:
-        raise G2oError(f"{where}: found {word!r}, expected a vertex id (an integer)") from err
+        raise G2oError(f"{where}: found {word[:80]!r}, expected a vertex id (an integer)") from err
     if len(word) > _ID_DIGITS and not word.lstrip("+-").isdigit():
         raise G2oError(f"{where}: found {word[:40]!r}, expected a vertex id (an integer)")
     if abs(number) > _LARGEST_ID:
@@ -290,7 +290,7 @@ def _number(word: str, where: str) -> float:
     try:
         value = float(word)
     except ValueError as err:
-        raise G2oError(f"{where}: found {word!r}, expected a number") from err
+        raise G2oError(f"{where}: found {word[:80]!r}, expected a number") from err
     if not math.isfinite(value):
         raise G2oError(f"{where}: found {word}, expected a finite number")
     return value

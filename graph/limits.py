@@ -65,7 +65,7 @@ class Limits:
     """Files that a `.world` file includes, those that they include counted as well."""
     people: int = 1000
     """Who walk in a simulated world."""
-    simulated_time: float = 20_000.0
+    simulated_time: float = 100_000.0
     """Of a simulated drive [s]."""
     simulated_scans: int = 200_000
     """Of a simulated drive."""
@@ -119,7 +119,7 @@ def parse_limits(text: str) -> Limits:
     Raises:
         LimitError: a name that is no limit, or a value that is no positive number.
     """
-    kinds = {field.name: type(field.default) for field in dataclasses.fields(Limits)}
+    kinds = {name: int if isinstance(most, int) else float for name, most in vars(Limits()).items()}
     changed = {}
     for entry in filter(None, (part.strip() for part in text.split(","))):
         name, _, value = (part.strip() for part in entry.partition("="))

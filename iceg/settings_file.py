@@ -190,7 +190,7 @@ def _convert(value: object, hint: Any) -> tuple[bool, Any]:  # noqa: ANN401
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return True, float(value)
     if hint is Path and isinstance(value, str):
-        return "\0" not in value, Path(value)
+        return True, Path(value)
     if isinstance(value, float) and math.isnan(value):
         return False, None
     return isinstance(hint, type) and type(value) is hint, value

@@ -64,7 +64,7 @@ def read_csv_table(path: Path, columns: Sequence[str]) -> NDArray[np.float64]:
     Raises:
         TableError: naming the file and line, what was found and what was expected.
     """
-    rows = []
+    rows: list[list[float]] = []
     with open_table(path, TableError, "a CSV", "utf-8-sig") as file:
         reader = csv.reader(file)
         header = [word.strip() for word in next(reader, [])]
@@ -91,7 +91,7 @@ def read_blank_separated_table(path: Path, columns: Sequence[str]) -> NDArray[np
     Raises:
         TableError: naming the file and line, what was found and what was expected.
     """
-    rows = []
+    rows: list[list[float]] = []
     with open_table(path, TableError, "text") as file:
         for number, line in enumerate(file, 1):
             words = line.split()
@@ -147,4 +147,4 @@ def first_that_is_no_number(words: Sequence[str]) -> str:
             return False
         return True
 
-    return next(word for word in words if not is_number(word))
+    return next(word for word in words if not is_number(word))[:80]

@@ -73,7 +73,7 @@ def read_tum(path: Path | str) -> Trajectory:
         TrajectoryError: the file cannot be read, holds no pose, or a line is not 8 finite numbers.
     """
     path = Path(path)
-    rows = []
+    rows: list[list[float]] = []
     with open_table(path, TrajectoryError, "a TUM trajectory") as file:
         for number, line in enumerate(file, 1):
             row = line.split()

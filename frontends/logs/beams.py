@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.limits import LIMITS
+
 _KNOWN_SCANNERS = {  # number of beams: (first bearing, step) [degrees]
     180: (-90.0, 1.0),  # SICK LMS, the beam at +90° left out
     181: (-90.0, 1.0),
@@ -42,8 +44,9 @@ class Setup(NamedTuple):
 
     @property
     def stated_max(self) -> float:
-        """The maximum range the messages state [m], infinite where they state none."""
-        return self.description.range_max if self.description and self.description.range_max > 0 else math.inf
+        """The maximum range the messages state [m], infinite where they state none that a laser has."""
+        stated = self.description.range_max if self.description else 0.0
+        return stated if 0 < stated <= LIMITS.range else math.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,7 +13,7 @@ from graph.limits import LIMITS
 
 LEG_RADIUS = 0.06
 """Of a person [m]."""
-_LEAST_PATH = 1e-3  # m
+_LEAST_PATH = 1e-9  # m
 _MOST_SPEED = 100.0  # m/s
 _STRIDE = 1.4  # m: from a step of one foot to the next step of the same
 _REACH = 0.25  # m: how far a foot gets ahead of the body

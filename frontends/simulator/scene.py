@@ -233,7 +233,7 @@ def _draw(draft: _Draft, text: str, path: Path, including: tuple[Path, ...]) -> 
             _include(draft, statement, path, including)
         elif statement.keyword not in _ROUTE:
             known = ", ".join([*_ROUTE, *_SHAPES, "plan", "person", "include"])
-            raise statement.error(f"'{statement.keyword}'", f"one of {known}")
+            raise statement.error(f"'{statement.keyword[:80]}'", f"one of {known}")
         elif not including:
             _ROUTE[statement.keyword](draft, statement)
 

@@ -53,7 +53,7 @@ class Statement:
         unknown = next((key for key in self.named if key not in defaults), None)
         if unknown is not None:
             known = ", ".join(f"{key}=" for key in defaults) or "no options"
-            raise self.error(f"'{unknown}='", f"{known} after '{self.keyword}'")
+            raise self.error(f"'{unknown[:80]}='", f"{known} after '{self.keyword}'")
         return defaults | {key: self._number(word) for key, word in self.named.items()}
 
     def _number(self, word: str) -> float:

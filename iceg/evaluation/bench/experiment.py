@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-from graph.errors import IcegError
+from graph.errors import IcegError, reason
 from graph.files import read_text
 from graph.limits import LIMITS, at_most
 from iceg.evaluation.bench.cell import SCENE, Cell, LogSource
@@ -233,7 +233,9 @@ def _existing(name: str, folder: Path, where: str) -> Path:
         path = (folder / Path(os.path.expandvars(name)).expanduser()).resolve()
         is_file = path.is_file()
     except (RuntimeError, OSError, ValueError) as err:  # no such user, a loop of links, no path at all
-        raise ExperimentError(f"{where}: found {shown_value(name)}, expected the path of a file ({err})") from err
+        raise ExperimentError(
+            f"{where}: found {shown_value(name)}, expected the path of a file ({reason(err)})"
+        ) from err
     if not is_file:
         raise ExperimentError(f"{where}: no file {path}")
     return path
