@@ -292,5 +292,5 @@ def _number(word: str, where: str) -> float:
     except ValueError as err:
         raise G2oError(f"{where}: found {word[:80]!r}, expected a number") from err
     if not math.isfinite(value):
-        raise G2oError(f"{where}: found {word}, expected a finite number")
+        raise G2oError(f"{where}: found {word[:80]}, expected a finite number")
     return value

@@ -9,6 +9,7 @@ import dataclasses
 import math
 import os
 from dataclasses import dataclass
+from typing import Any
 
 from graph.errors import IcegError
 
@@ -120,7 +121,7 @@ def parse_limits(text: str) -> Limits:
         LimitError: a name that is no limit, or a value that is no positive number.
     """
     kinds = {name: int if isinstance(most, int) else float for name, most in vars(Limits()).items()}
-    changed = {}
+    changed: dict[str, Any] = {}
     for entry in filter(None, (part.strip() for part in text.split(","))):
         name, _, value = (part.strip() for part in entry.partition("="))
         if name not in kinds:

@@ -195,8 +195,9 @@ def main() -> int:
     started = time.perf_counter()
     tally = fuzz(given.seed, given.targets, int(given.lines), 60.0 * minutes, given.use)
     print(
-        f"{tally.lines} lines of {tally.inputs} inputs in {time.perf_counter() - started:.0f} s: "
-        f"{tally.accepted} accepted, {tally.commands} through the command line, {tally.findings.total()} findings of {len(tally.findings)} kinds"
+        f"{tally.lines} lines of {tally.inputs} inputs in {time.perf_counter() - started:.0f} s: {tally.accepted} "
+        f"accepted, {tally.commands} through the command line, {tally.findings.total()} findings of "
+        f"{len(tally.findings)} kinds"
     )
     return 1 if tally.findings else 0
 
