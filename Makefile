@@ -12,7 +12,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export MPLBACKEND ?= Agg
 export ICEG_DATA ?= $(abspath ../shared/data)
 
-.PHONY: help demo bench test lint types imports pytest pytest-bounds pytest-python machines format clean
+.PHONY: help demo bench test lint types imports pytest pytest-bounds pytest-python machines fuzz hostile format clean
 .DEFAULT_GOAL := help
 
 help:
@@ -53,6 +53,14 @@ pytest-python: $(VENV)/installed-dev.stamp
 
 machines: $(VENV)/installed-dev.stamp
 	$(BIN)/python tests/machines.py $(ARGS)
+
+# ARGS="--minutes 10" or ARGS="--lines 1000000", --seed N; what it finds is kept in tests/fuzz_corpus/.
+fuzz: $(VENV)/installed-dev.stamp
+	$(BIN)/python -m tests.fuzz $(ARGS)
+
+# Each hostile file in a process of its own, with its memory and time; ARGS="plan PNG" for a few.
+hostile: $(VENV)/installed-dev.stamp
+	$(BIN)/python -m tests.fuzz.hostile $(ARGS)
 
 format: $(VENV)/installed-dev.stamp
 	$(BIN)/ruff check --fix

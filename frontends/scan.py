@@ -10,10 +10,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from graph.elementary import cos_sin
 from graph.errors import IcegError
+from graph.limits import LIMITS
 
 
 class ScanError(IcegError):
-    """Numbers that are no scan."""
+    """Numbers that are no scan, no laser or no log."""
+
+
+_WHOLE_TURN = 2.0 * np.pi + 2e-3
+"""The widest field of view [rad]; the first beam may be measured twice, and steps are printed rounded."""
+_MOST_BEARING = 8.0 * np.pi
+"""Farther round no beam points, however the angles are counted [rad]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,12 +32,30 @@ class ScanGeometry:
         range_min: shortest range taken as a return [m].
         range_max: longest range taken as a return [m].
         T_robot_laser: (3,) pose of the laser on the robot: x [m], y [m], heading [rad].
+
+    Raises:
+        ScanError: bearings that do not increase or span more than a whole turn, a range or a place that no laser has.
     """
 
     bearings: NDArray[np.float64]
     range_min: float
     range_max: float
     T_robot_laser: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
+
+    def __post_init__(self) -> None:
+        bearings, place = np.asarray(self.bearings), np.asarray(self.T_robot_laser)
+        if bearings.ndim != 1 or not 1 <= len(bearings) <= LIMITS.beams:
+            raise ScanError(f"found bearings of shape {bearings.shape}, expected one row of 1 to {LIMITS.beams}")
+        if not (np.abs(bearings).max() <= _MOST_BEARING and bearings[-1] - bearings[0] <= _WHOLE_TURN):
+            raise ScanError(
+                f"found bearings from {bearings.min():g} to {bearings.max():g} rad, expected them within a whole turn"
+            )
+        if not (bearings[1:] > bearings[:-1]).all():
+            raise ScanError("found bearings that do not increase from each beam to the next, expected them to")
+        if not 0 <= self.range_min <= self.range_max:
+            raise ScanError(f"found ranges from {self.range_min} to {self.range_max} m, expected 0 ≤ least ≤ most")
+        if place.shape != (3,) or not (np.abs(place) <= (LIMITS.range, LIMITS.range, LIMITS.heading)).all():
+            raise ScanError(f"found the laser at {place.tolist()} on the robot, expected x, y [m] and heading [rad]")
 
     @property
     def n_beams(self) -> int:
@@ -134,6 +159,9 @@ class Log:
         sweep: seconds by which the beam of the largest bearing is measured after the one of the smallest; negative
             where the laser turns clockwise, 0 where all beams are measured at once, None where the log does not say.
             Odometry, stamp and truth of a scan are those of the middle of its sweep.
+
+    Raises:
+        ScanError: arrays that do not belong together, or numbers that are not finite or beyond `graph.limits`.
     """
 
     ranges: NDArray[np.float32]
@@ -147,6 +175,21 @@ class Log:
     message_counts: Mapping[str, int] = field(default_factory=dict)
     truth: NDArray[np.float64] | None = None
     sweep: float | None = None
+
+    def __post_init__(self) -> None:
+        n = len(self.ranges)
+        if self.ranges.shape != (n, self.geometry.n_beams):
+            raise ScanError(
+                f"{self.path}: found ranges of shape {self.ranges.shape}, expected a row a scan and "
+                f"{self.geometry.n_beams} columns, one a beam"
+            )
+        if self.ranges.size and not np.fmax.reduce(self.ranges, axis=None, initial=0.0) <= LIMITS.range:
+            raise ScanError(f"{self.path}: found ranges of more than {LIMITS.range:g} m, expected NaN for no return")
+        _check_poses(self.odometry, n, f"{self.path}: odometry")
+        if self.truth is not None:
+            _check_poses(self.truth, n, f"{self.path}: truth")
+        if self.stamps.shape != (n,) or not (np.abs(self.stamps) <= LIMITS.stamp).all():
+            raise ScanError(f"{self.path}: expected {n} finite stamps of at most {LIMITS.stamp:g} s")
 
     def __repr__(self) -> str:
         odometry = "" if self.has_odometry else ", no odometry"
@@ -168,4 +211,16 @@ class Log:
             odometry=self.odometry[scans],
             stamps=self.stamps[scans],
             truth=None if self.truth is None else self.truth[scans],
+        )
+
+
+def _check_poses(poses: NDArray[np.float64], n: int, where: str) -> None:
+    """Refuse what is not (n, 3) poses within the limits."""
+    if poses.shape != (n, 3):
+        raise ScanError(f"{where}: found shape {poses.shape}, expected {(n, 3)}: x, y, heading of each scan")
+    most = (LIMITS.coordinate, LIMITS.coordinate, LIMITS.heading)
+    bad = np.flatnonzero(~(np.abs(poses) <= most).all(axis=1))
+    if len(bad):
+        raise ScanError(
+            f"{where}: found {poses[bad[0]].tolist()} at scan {bad[0]}, expected finite numbers within {most[0]:g} m"
         )

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from graph.errors import GraphError
+from graph.ranges import check_magnitudes
 
 Factorization = Literal["CHOLESKY", "QR"]
 
@@ -43,3 +44,4 @@ class PoseGraphConfig:
             raise GraphError(f"factorization is CHOLESKY or QR, found {self.factorization!r}")
         if self.prior_sigma <= 0.0:
             raise GraphError(f"prior_sigma is positive, found {self.prior_sigma}")
+        check_magnitudes(self, GraphError)

@@ -17,6 +17,7 @@ a place seen again."""
 KernelName = Literal["huber", "cauchy", "geman_mcclure", "dcs"]
 
 _KINDS: tuple[str, ...] = get_args(FactorKind)
+_LEAST_WIDTH, _MOST_WIDTH = 1e-9, 1e9
 _KERNEL_NAMES: tuple[str, ...] = get_args(KernelName)
 
 
@@ -36,8 +37,11 @@ class RobustKernel:
     def __post_init__(self) -> None:
         if self.name not in _KERNEL_NAMES:
             raise GraphError(f"a robust kernel is one of {', '.join(_KERNEL_NAMES)}, found {self.name!r}")
-        if not (math.isfinite(self.width) and self.width > 0.0):
-            raise GraphError(f"the width of a robust kernel is a positive number, found {self.width}")
+        if not _LEAST_WIDTH <= self.width <= _MOST_WIDTH:
+            raise GraphError(
+                f"the width of a robust kernel is a positive number from {_LEAST_WIDTH:g} to {_MOST_WIDTH:g}, found "
+                f"{self.width}"
+            )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -19,6 +19,8 @@ from graph.atomic import write_atomically
 from graph.dense import eigvalsh
 from graph.errors import GraphError, reason
 from graph.factors import Factor, FactorKind, KernelName, RobustKernel
+from graph.files import check_file
+from graph.limits import LIMITS, at_most
 from graph.noise import information_of
 
 FIX_SIGMA = 1e-3
@@ -27,6 +29,10 @@ FIX_SIGMA = 1e-3
 _UPPER = np.triu_indices(3)
 _N_FIELDS = {"VERTEX_SE2": 5, "EDGE_SE2": 12, "EDGE_PRIOR_SE2": 11, "FIX": 2}
 _LARGEST_ID = 2**62
+_ID_DIGITS = 20
+_MOST_INFORMATION = 1e20
+_MOST_CONDITION = 1e15
+"""Of an information matrix; beyond, float64 does not tell its weakest direction from none."""
 
 
 class G2oError(GraphError):
@@ -98,9 +104,12 @@ def read_g2o(path: Path | str) -> G2oGraph:
     """
     file = Path(path)
     contents = _Contents()
+    check_file(file, "table_bytes", G2oError, "a pose graph")
     try:
         with file.open(encoding="utf-8-sig") as lines:
             for number, line in enumerate(lines, start=1):
+                if number > LIMITS.rows:
+                    raise G2oError(f"{file}:{number}: found more lines, expected {at_most('rows')}")
                 _read_line(contents, line, f"{file}:{number}")
     except OSError as err:
         raise G2oError(f"{file}: cannot be read as a pose graph: {reason(err)}") from err
@@ -134,7 +143,7 @@ def _read_line(contents: _Contents, line: str, where: str) -> None:
         return
     tag = words[0]
     if tag not in _N_FIELDS:
-        raise G2oError(f"{where}: found {tag}, expected one of {', '.join(_N_FIELDS)} (an SE(2) pose graph)")
+        raise G2oError(f"{where}: found {tag[:40]}, expected one of {', '.join(_N_FIELDS)} (an SE(2) pose graph)")
     if tag == "FIX" and len(words) > 1:
         contents.fixed += [(_id(word, where), where) for word in words[1:]]
         return
@@ -142,7 +151,7 @@ def _read_line(contents: _Contents, line: str, where: str) -> None:
         raise G2oError(f"{where}: found {len(words) - 1} fields after {tag}, expected {_N_FIELDS[tag] - 1}")
     n_ids = 2 if tag == "EDGE_SE2" else 1
     ids = [_id(word, where) for word in words[1 : 1 + n_ids]]
-    numbers = [_number(word, where) for word in words[1 + n_ids :]]
+    numbers = _bounded([_number(word, where) for word in words[1 + n_ids :]], where)
     if tag == "VERTEX_SE2":
         if ids[0] in contents.vertices:
             raise G2oError(f"{where}: found vertex {ids[0]} a second time")
@@ -195,6 +204,15 @@ def _covariance_of(information: NDArray[np.float64]) -> NDArray[np.float64]:
     strengths = eigvalsh(information)
     if strengths[0] <= 0.0:
         raise GraphError(f"an information matrix is positive definite, found {strengths.tolist()} along its axes")
+    if strengths[2] > _MOST_INFORMATION or strengths[0] < 1.0 / _MOST_INFORMATION:
+        raise GraphError(
+            f"an information matrix has eigenvalues from {1.0 / _MOST_INFORMATION:g} to {_MOST_INFORMATION:g}, found "
+            f"{strengths.tolist()}"
+        )
+    if strengths[2] > _MOST_CONDITION * strengths[0]:
+        raise GraphError(
+            f"an information matrix can be inverted, found {strengths.tolist()} along its axes: they differ too much"
+        )
     return information_of(information)
 
 
@@ -207,7 +225,7 @@ def _kernel(edge: _Edge) -> RobustKernel | None:
     if len(edge.remark) <= 1:
         return None
     if len(edge.remark) != 3:
-        raise GraphError(f"found the remark {' '.join(edge.remark)!r}, expected KIND or KIND KERNEL WIDTH")
+        raise GraphError(f"found the remark {' '.join(edge.remark)[:80]!r}, expected KIND or KIND KERNEL WIDTH")
     return RobustKernel(name=cast("KernelName", edge.remark[1]), width=_number(edge.remark[2], edge.where))
 
 
@@ -247,19 +265,33 @@ def _remark(factor: Factor) -> str:
 
 def _id(word: str, where: str) -> int:
     try:
-        number = int(word)
+        number = int(word) if len(word) <= _ID_DIGITS else 2 * _LARGEST_ID
     except ValueError as err:
-        raise G2oError(f"{where}: found {word!r}, expected a vertex id (an integer)") from err
+        raise G2oError(f"{where}: found {word[:80]!r}, expected a vertex id (an integer)") from err
+    if len(word) > _ID_DIGITS and not word.lstrip("+-").isdigit():
+        raise G2oError(f"{where}: found {word[:40]!r}, expected a vertex id (an integer)")
     if abs(number) > _LARGEST_ID:
-        raise G2oError(f"{where}: found {word}, expected a vertex id of at most {_LARGEST_ID}")
+        raise G2oError(f"{where}: found {word[:40]}, expected a vertex id of at most {_LARGEST_ID}")
     return number
+
+
+def _bounded(numbers: list[float], where: str) -> list[float]:
+    """x, y, heading and what follows, if they can be a pose and an information matrix."""
+    if max(map(abs, numbers[:2])) > LIMITS.coordinate or abs(numbers[2]) > LIMITS.heading:
+        raise G2oError(
+            f"{where}: found the pose {numbers[:3]}, expected one within {LIMITS.coordinate:g} m of the origin, its "
+            f"heading within {LIMITS.heading:g} rad"
+        )
+    if any(abs(number) > _MOST_INFORMATION for number in numbers[3:]):
+        raise G2oError(f"{where}: found the information {numbers[3:]}, expected at most {_MOST_INFORMATION:g}")
+    return numbers
 
 
 def _number(word: str, where: str) -> float:
     try:
         value = float(word)
     except ValueError as err:
-        raise G2oError(f"{where}: found {word!r}, expected a number") from err
+        raise G2oError(f"{where}: found {word[:80]!r}, expected a number") from err
     if not math.isfinite(value):
-        raise G2oError(f"{where}: found {word}, expected a finite number")
+        raise G2oError(f"{where}: found {word[:80]}, expected a finite number")
     return value

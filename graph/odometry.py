@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.errors import GraphError
+from graph.ranges import check_magnitudes
 from graph.se2 import compose_covariance, inverse
 
 
@@ -66,6 +67,7 @@ class OdometryModel:
             least = "above 0" if setting.name.endswith("_floor") else "0 or above"
             if not (math.isfinite(value) and value >= 0.0) or (value == 0.0 and least == "above 0"):
                 raise GraphError(f"odometry: {setting.name} is a standard deviation {least}, found {value}")
+        check_magnitudes(self, GraphError)
 
     def start(self) -> OdometryMotion:
         """No motion yet: the robot stands at the key pose."""

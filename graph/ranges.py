@@ -1,4 +1,4 @@
-"""Ranges that numbers among the settings must keep to."""
+"""Ranges that numbers must keep to: those in files, and those among the settings."""
 
 import dataclasses
 import math
@@ -9,14 +9,43 @@ from graph.errors import IcegError
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
+LEAST, MOST = 1e-9, 1e6
+"""No positive setting is smaller, and none larger, whatever its unit (m, rad, s, a count, a share) …"""
+MOST_COUNT = 10**9
+"""… but for whole numbers."""
+
+
+def number_in(text: str, low: float, high: float, what: str, error: type[IcegError], where: str = "") -> float:
+    """A number out of a file that must lie in a range.
+
+    Args:
+        text: what stands there.
+        low: the least.
+        high: the most.
+        what: the number is, with its unit.
+        error: raised where it is none, or lies elsewhere.
+        where: file and line, for the message.
+
+    Raises:
+        IcegError: of the type given, with what was found and what was expected.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not low <= value <= high:
+        place = f"{where}: " if where else ""
+        raise error(f"{place}found '{text[:40]}', expected {what} from {low:g} to {high:g}")
+    return value
+
 
 def check_numbers(settings: "DataclassInstance", error: type[IcegError], *, positive: tuple[str, ...] = ()) -> None:
-    """Refuse negative numbers among the fields of a dataclass of settings.
+    """Refuse negative and enormous numbers among the fields of a dataclass of settings.
 
     Args:
         settings: the dataclass; what it nests checks itself.
         error: raised where a number is out of range.
-        positive: fields that must not be zero or infinite either.
+        positive: fields that must not be zero either.
 
     Raises:
         IcegError: of the type given, with the field, what was found and what was expected.
@@ -27,6 +56,56 @@ def check_numbers(settings: "DataclassInstance", error: type[IcegError], *, posi
             continue
         if field.name in positive and not 0 < value < math.inf:
             least = "1 or more" if isinstance(value, int) else "a positive number"
-            raise error(f"found {field.name} {value}, expected {least}")
+            raise error(f"found {field.name} {shown_number(value)}, expected {least}")
         if not value >= 0:
-            raise error(f"found {field.name} {value}, expected 0 or more")
+            raise error(f"found {field.name} {shown_number(value)}, expected 0 or more")
+    check_magnitudes(settings, error)
+
+
+def check_magnitudes(settings: "DataclassInstance", error: type[IcegError]) -> None:
+    """Refuse numbers among the fields that are beyond all sense: too large but not infinite, or positive and too small.
+
+    Args:
+        settings: the dataclass; what it nests checks itself.
+        error: raised where a number is out of range.
+
+    Raises:
+        IcegError: of the type given, with the field, what was found and what was expected.
+    """
+    for field in dataclasses.fields(settings):
+        value = getattr(settings, field.name)
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, bool) or not isinstance(number, int | float) or field.name == "seed":
+                continue
+            most = MOST_COUNT if isinstance(number, int) else MOST
+            if not (-most <= number <= most or number == math.inf):
+                raise error(f"found {field.name} {shown_number(number)}, expected at most {most:g}")
+            if 0 < abs(number) < LEAST:
+                raise error(f"found {field.name} {shown_number(number)}, expected at least {LEAST:g}, or 0")
+
+
+def check_between(
+    settings: "DataclassInstance", error: type[IcegError], prefix: str = "", **bounds: tuple[float, float]
+) -> None:
+    """Refuse numbers among the fields that lie outside their own bounds; what is None is left alone.
+
+    Args:
+        settings: the dataclass.
+        error: raised where a number is out of range.
+        prefix: before the name of the field, in the message.
+        **bounds: least and most of each field to be looked at.
+
+    Raises:
+        IcegError: of the type given, with the field, what was found and what was expected.
+    """
+    for name, (low, high) in bounds.items():
+        value = getattr(settings, name)
+        if value is not None and not low <= value <= high:
+            raise error(f"found {prefix}{name} {shown_number(value)}, expected a number from {low:g} to {high:g}")
+
+
+def shown_number(value: float) -> str:
+    """For messages: a number, of a whole one with very many digits how many."""
+    if isinstance(value, int) and abs(value) >= 10**30:
+        return f"a whole number of {value.bit_length() * 30103 // 100000 + 1} digits"
+    return str(value)

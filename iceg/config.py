@@ -1,11 +1,13 @@
 """All settings of a run: one small dataclass per stage, defined where the stage is, put together here."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from graph.config import PoseGraphConfig
+from graph.limits import LIMITS
 from graph.odometry import OdometryModel
+from graph.ranges import check_magnitudes, shown_number
 from iceg.ice.config import IceConfig
 from iceg.maps.config import FeatureMapConfig, GridConfig
 from iceg.settings_file import ConfigError, format_settings, parse_settings, read_settings
@@ -16,6 +18,7 @@ __all__ = ["Config", "ConfigError", "MatcherName", "format_config", "parse_confi
 MatcherName = Literal["ice", "icp", "plicp", "idc", "mbicp", "wsm", "qwsm", "ndt", "csm"]
 """ICE, and the keys of `frontends.matchers.MATCHERS`."""
 
+_MOST_SEED = 2**63 - 1
 _HEADING = "Settings of iceg: SI units, angles in radians. Leave a key out to get its default."
 
 
@@ -31,10 +34,13 @@ class LogConfig:
     """Longest reading taken as a return [m]; left out: derived from the log."""
 
     def __post_init__(self) -> None:
-        if self.range_min is not None and not self.range_min >= 0:
-            raise ConfigError(f"range_min is {self.range_min} m, expected ≥ 0")
-        if self.range_max is not None and not self.range_max > (self.range_min or 0.0):
-            raise ConfigError(f"range_max is {self.range_max} m, expected more than {self.range_min or 0.0} m")
+        most = LIMITS.range
+        if self.range_min is not None and not 0 <= self.range_min <= most:
+            raise ConfigError(f"range_min is {self.range_min} m, expected ≥ 0 and at most {most:g} m")
+        if self.range_max is not None and not (self.range_min or 0.0) < self.range_max <= most:
+            raise ConfigError(
+                f"range_max is {self.range_max} m, expected more than {self.range_min or 0.0} m, at most {most:g} m"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,8 +74,21 @@ class Config:
     grid: GridConfig = field(default_factory=GridConfig)
 
     def __post_init__(self) -> None:
-        if self.seed < 0:
-            raise ConfigError(f"seed: found {self.seed}, expected 0 or more")
+        if not 0 <= self.seed <= _MOST_SEED:
+            raise ConfigError(f"seed: found {shown_number(self.seed)}, expected 0 or more, at most 2⁶³ - 1")
+        _check_magnitudes(self)
+
+
+def _check_magnitudes(settings: Any, prefix: str = "") -> None:  # noqa: ANN401
+    """Refuse numbers beyond all sense, stage by stage; what a stage knows better it has refused itself."""
+    try:
+        check_magnitudes(settings, ConfigError)
+    except ConfigError as err:
+        raise ConfigError(f"{prefix.rstrip('.')}: {err}" if prefix else str(err)) from None
+    for stage in fields(settings):
+        value = getattr(settings, stage.name)
+        if is_dataclass(value):
+            _check_magnitudes(value, f"{prefix}{stage.name}.")
 
 
 def read_config(path: Path | str) -> Config:

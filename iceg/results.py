@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 from graph.deferred_signals import signals_deferred
 from graph.errors import IcegError, reason
 from graph.file_names import readable
+from graph.files import read_text
 from graph.publish import check_replaceable, publishing, settle
 from iceg.config import format_config
 from iceg.memory import peak_memory_mb
-from iceg.tables import read_csv_table
+from iceg.tables import TableError, read_csv_table
 from iceg.tum import format_tum
 
 if TYPE_CHECKING:
@@ -168,6 +169,9 @@ def read_covariances(path: Path | str) -> tuple[NDArray[np.int64], NDArray[np.fl
     """
     path = Path(path)
     table = read_csv_table(path, _COVARIANCE_COLUMNS)
+    bad = np.flatnonzero((table[:, 0] < 0) | (table[:, 0] != np.floor(table[:, 0])))
+    if len(bad):
+        raise TableError(f"{path}: row {bad[0] + 1}: found scan {table[bad[0], 0]:g}, expected whole numbers from 0")
     covariances = np.empty((len(table), 3, 3))
     rows, columns = _UPPER_TRIANGLE
     covariances[:, rows, columns] = covariances[:, columns, rows] = table[:, 4:]
@@ -182,9 +186,10 @@ def read_summary(directory: Path | str) -> dict[str, Any]:
     """
     directory = Path(directory)
     path = directory / "summary.json"
+    text = read_text(path, "drawing_bytes", ResultsError, "the summary of a run, expected in the folder of one")
     try:
-        summary = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as err:
+        summary = json.loads(text)
+    except (ValueError, RecursionError) as err:
         raise ResultsError(f"{path}: cannot be read, expected a folder that a run has written: {err}") from err
     if not isinstance(summary, dict):
         raise ResultsError(f"{path}: found {type(summary).__name__}, expected a JSON object")

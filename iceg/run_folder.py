@@ -11,14 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.errors import reason
+from graph.files import check_file, read_text
+from graph.limits import LIMITS, check_limit
+from graph.ranges import number_in
 from iceg.ice.features import KIND_NAMES
 from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
 from iceg.results import CLOSURE_COLUMNS, ResultsError, read_covariances, read_summary, whole_results
 from iceg.slam.closures.closure import Closure, Verdict
+from iceg.tables import check_row, open_table
 from iceg.tum import Trajectory, read_tum
 
 _FILES = ("trajectory.tum", "covariances.csv", "closures.csv", "features.geojson", "map.yaml")
+_CELLS = (1e-4, 1e6)  # m: the least and the greatest side of a cell
+_SIZE_DIGITS = 9
 _CERTAIN_LOG_ODDS = 3.0
 """What a black or white cell of map.pgm is read as."""
 _DARK, _BRIGHT = 0.35 * 255, 0.804 * 255  # map_server's thresholds on 1 - grey / 255
@@ -74,15 +80,31 @@ def read_run_folder(directory: Path | str) -> RunFolder:
 
 def _read(directory: Path) -> RunFolder:
     key_scans, key_poses, covariances = read_covariances(directory / "covariances.csv")
+    trajectory, closures = read_tum(directory / "trajectory.tum"), read_closures(directory / "closures.csv")
+    _check_scans(directory, len(trajectory), key_scans, closures)
     return RunFolder(
-        trajectory=read_tum(directory / "trajectory.tum"),
+        trajectory=trajectory,
         key_scans=key_scans,
         key_poses=key_poses,
         covariances=covariances,
         grid=read_ros_map(directory / "map.yaml"),
         landmarks=read_geojson(directory / "features.geojson"),
-        closures=read_closures(directory / "closures.csv"),
+        closures=closures,
     )
+
+
+def _check_scans(directory: Path, n_scans: int, key_scans: NDArray[np.int64], closures: tuple[Closure, ...]) -> None:
+    """Refuse files that name scans the trajectory does not have: they are not of one run."""
+    last = {
+        "covariances.csv": int(key_scans.max()),
+        "closures.csv": max((max(closure.scan_i, closure.scan_j) for closure in closures), default=-1),
+    }
+    for name, scan in last.items():
+        if scan >= n_scans:
+            raise ResultsError(
+                f"{directory / name}: found scan {scan}, but trajectory.tum has {n_scans} rows; expected the files of "
+                "one run"
+            )
 
 
 def is_of_dp_slam(directory: Path) -> bool:
@@ -100,17 +122,20 @@ def read_ros_map(path: Path) -> OccupancyGrid:
     Raises:
         ResultsError: a file is missing or not of that form.
     """
+    where = f"{path}: cannot be read as a map"
+    text = read_text(path, "settings_bytes", ResultsError, "a map", "ascii")
     try:
-        description = dict(line.split(": ", 1) for line in path.read_text(encoding="ascii").splitlines() if line)
-        resolution = float(description["resolution"])
-        origin = np.array([float(word) for word in description["origin"].strip("[]").split(",")[:2]])
+        description = dict(line.split(": ", 1) for line in text.splitlines() if line)
+        resolution = number_in(description["resolution"], *_CELLS, "a resolution in metres", ResultsError, where)
+        origin = _origin(description["origin"], where)
         image = path.parent / description["image"]
     except KeyError as err:
         raise ResultsError(
             f"{path}: cannot be read as a map: found no {err}, expected 'image', 'resolution' and 'origin'"
         ) from err
-    except (OSError, ValueError) as err:
+    except ValueError as err:
         raise ResultsError(f"{path}: cannot be read as a map: {reason(err)}") from err
+    check_file(image, "image_bytes", ResultsError, "a map")
     try:
         grey = _read_pgm(image.read_bytes())
     except (OSError, ValueError) as err:
@@ -128,11 +153,12 @@ def read_geojson(path: Path) -> Landmarks:
     Raises:
         ResultsError: the file is missing or not of that form.
     """
+    text = read_text(path, "table_bytes", ResultsError, "landmarks")
     try:
-        features = json.loads(path.read_text(encoding="utf-8"))["features"]
-        return _landmarks(features)
-    except (OSError, ValueError, KeyError, TypeError) as err:
-        raise ResultsError(f"{path}: cannot be read as landmarks: {type(err).__name__} {reason(err)}") from err
+        return _checked(_landmarks(json.loads(text)["features"]), path)
+    except (ValueError, KeyError, TypeError, IndexError, OverflowError, RecursionError) as err:
+        shown = str(err)[:120]
+        raise ResultsError(f"{path}: cannot be read as landmarks: {type(err).__name__} {shown}") from err
 
 
 def read_closures(path: Path) -> tuple[Closure, ...]:
@@ -141,16 +167,26 @@ def read_closures(path: Path) -> tuple[Closure, ...]:
     Raises:
         ResultsError: the file is missing or not of that form.
     """
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            reader = csv.reader(file)
-            header = next(reader, [])
-            if tuple(header) != CLOSURE_COLUMNS:
-                found, expected = ",".join(header), ",".join(CLOSURE_COLUMNS)
-                raise ResultsError(f"{path}:1: found the header '{found[:80]}', expected '{expected}'")
-            return tuple(_closure_at(row, f"{path}:{reader.line_num}") for row in reader)
-    except (OSError, ValueError, csv.Error) as err:
-        raise ResultsError(f"{path}: cannot be read as loop closures: {reason(err)}") from err
+    closures: list[Closure] = []
+    with open_table(path, ResultsError, "loop closures") as file:
+        reader = csv.reader(file)
+        header = next(reader, [])
+        if tuple(header) != CLOSURE_COLUMNS:
+            found, expected = ",".join(header), ",".join(CLOSURE_COLUMNS)
+            raise ResultsError(f"{path}:1: found the header '{found[:80]}', expected '{expected}'")
+        for row in reader:
+            check_row(len(closures) + 1, f"{path}:{reader.line_num}", ResultsError)
+            closures.append(_closure_at(row, f"{path}:{reader.line_num}"))
+    return tuple(closures)
+
+
+def _origin(text: str, where: str) -> NDArray[np.float64]:
+    """(2,) x and y of the lower left corner of a map [m], out of `[x, y, heading]`."""
+    words = text.strip().strip("[]").split(",")
+    if len(words) < 2:
+        raise ResultsError(f"{where}: found the origin '{text[:40]}', expected [x, y, heading]")
+    most = LIMITS.coordinate
+    return np.array([number_in(word, -most, most, "a place in metres", ResultsError, where) for word in words[:2]])
 
 
 def _closure_at(row: list[str], where: str) -> Closure:
@@ -161,20 +197,24 @@ def _closure_at(row: list[str], where: str) -> Closure:
     try:
         return _closure(dict(zip(CLOSURE_COLUMNS, row, strict=True)))
     except ValueError as err:
-        raise ResultsError(f"{where}: cannot be read as a loop closure: {err}") from err
+        raise ResultsError(f"{where}: cannot be read as a loop closure: {str(err)[:200]}") from err
 
 
 def _closure(row: dict[str, str]) -> Closure:
     verdict = row["verdict"]
     if verdict not in get_args(Verdict):
-        raise ValueError(f"found the verdict '{verdict}', expected one of {', '.join(get_args(Verdict))}")
+        raise ValueError(f"found the verdict '{verdict[:40]}', expected one of {', '.join(get_args(Verdict))}")
+
+    def number(name: str, most: float, least: float = 0.0) -> float:
+        return number_in(row[name], least, most, name, ResultsError)
+
     return Closure(
-        scan_i=int(row["scan_i"]),
-        scan_j=int(row["scan_j"]),
-        T_i_j=np.array([float(row["x_m"]), float(row["y_m"]), float(row["theta_rad"])]),
-        score=float(row["score"]),
-        inliers=int(row["inliers"]),
-        overlap=float(row["overlap"]),
+        scan_i=int(number("scan_i", LIMITS.rows)),
+        scan_j=int(number("scan_j", LIMITS.rows)),
+        T_i_j=np.array([number(name, LIMITS.coordinate, -LIMITS.coordinate) for name in ("x_m", "y_m", "theta_rad")]),
+        score=number("score", LIMITS.coordinate, -LIMITS.coordinate),
+        inliers=int(number("inliers", LIMITS.beams * LIMITS.rows)),
+        overlap=number("overlap", LIMITS.coordinate),
         verdict=cast("Verdict", verdict),
         reason=row["reason"],
     )
@@ -184,7 +224,10 @@ def _read_pgm(content: bytes) -> NDArray[np.uint8]:
     header = re.match(rb"P5\s(?:#[^\n]*\n)*(\d+)\s+(\d+)\s+255\s", content)
     if header is None:
         raise ValueError(f"found an image starting with {content[:16]!r}, expected a binary PGM of 8 bits")
-    cols, rows = int(header[1]), int(header[2])
+    cols, rows = (int(size) if len(size) <= _SIZE_DIGITS else 0 for size in header.groups())
+    if not cols or not rows:
+        raise ValueError(f"found an image of {header[1][:20]!r} x {header[2][:20]!r} pixels, expected one or more")
+    check_limit(rows * cols, "grid_cells", f"found an image of {cols} x {rows} pixels")
     pixels = np.frombuffer(content, dtype=np.uint8, offset=header.end())
     if len(pixels) != rows * cols:
         raise ValueError(f"found {len(pixels)} pixels, expected {cols} x {rows}")
@@ -213,6 +256,20 @@ def _landmarks(features: list[dict[str, Any]]) -> Landmarks:
         missed=integers("missed"),
         expired_at=integers("expired_at"),
     )
+
+
+def _checked(landmarks: Landmarks, path: Path) -> Landmarks:
+    """The landmarks, if they lie where a map can have any."""
+    directions = np.nan_to_num(landmarks.directions, nan=0.0, posinf=np.inf, neginf=-np.inf)
+    numbers = (landmarks.positions, landmarks.covariances.reshape(-1, 4), directions)
+    for values, most in zip(numbers, (LIMITS.coordinate, LIMITS.coordinate**2, LIMITS.heading), strict=True):
+        bad = np.flatnonzero(~(np.abs(values) <= most).all(axis=1))
+        if len(bad):
+            raise ResultsError(
+                f"{path}: found {values[bad[0]].tolist()} for landmark {landmarks.ids[bad[0]]}, expected finite "
+                f"numbers of at most {most:g}"
+            )
+    return landmarks
 
 
 def _padded(rows: list[list[float]]) -> NDArray[np.float64]:

@@ -17,11 +17,14 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar, Union
 
-from graph.errors import IcegError, reason
+from graph.errors import IcegError
+from graph.files import read_text
 
 Settings = TypeVar("Settings")
 
 _COMMENT_WIDTH = 110
+_LONGEST_SHOWN = 200  # characters of a value in a message
+_MOST_WHOLE = 2**63 - 1  # as TOML has it
 _CLOSE = 0.7
 """How like another a name must be to be meant by it (`difflib`: 1 for the same)."""
 
@@ -40,10 +43,7 @@ def read_settings(cls: type[Settings], path: Path) -> Settings:
     Raises:
         ConfigError: naming the file and the key.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as err:
-        raise ConfigError(f"{path}: cannot be read as a configuration: {reason(err)}") from err
+    text = read_text(path, "settings_bytes", ConfigError, "a configuration")
     return parse_settings(cls, text, where=str(path))
 
 
@@ -58,11 +58,26 @@ def parse_settings(cls: type[Settings], text: str, where: str) -> Settings:
     Raises:
         ConfigError: not TOML, an unknown key, a wrong type or a value out of range.
     """
+    return build_settings(cls, parse_toml(text, where, ConfigError), where=where)
+
+
+def parse_toml(text: str, where: str, error: type[IcegError]) -> dict[str, Any]:
+    """The tables of a TOML text.
+
+    Args:
+        text: TOML.
+        where: the name of its source, for messages.
+        error: raised where it is none.
+
+    Raises:
+        IcegError: of the type given.
+    """
     try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as err:
-        raise ConfigError(f"{where}: not valid TOML: {err}") from err
-    return build_settings(cls, table, where=where)
+        return tomllib.loads(text)
+    except RecursionError as err:
+        raise error(f"{where}: not valid TOML: nested too deeply") from err
+    except ValueError as err:  # TOML's own, and Python's for a number of too many digits
+        raise error(f"{where}: not valid TOML: {str(err)[:200]}") from err
 
 
 def build_settings(cls: type[Settings], table: Mapping[str, Any], where: str) -> Settings:
@@ -121,11 +136,11 @@ class _Reader:
     def convert(self, value: object, hint: Any, key: str) -> Any:  # noqa: ANN401
         if dataclasses.is_dataclass(hint) and isinstance(hint, type):
             if not isinstance(value, dict):
-                raise ConfigError(f"{self.where}: {key}: found {value!r}, expected a table [{key}]")
+                raise ConfigError(f"{self.where}: {key}: found {shown_value(value)}, expected a table [{key}]")
             return self.build(hint, value, f"{key}.")
         accepted, converted = _convert(value, hint)
         if not accepted:
-            raise ConfigError(f"{self.where}: {key}: found {value!r}, expected {_describe(hint)}")
+            raise ConfigError(f"{self.where}: {key}: found {shown_value(value)}, expected {_describe(hint)}")
         return converted
 
     def unknown(self, key: str) -> ConfigError:
@@ -170,6 +185,8 @@ def _convert(value: object, hint: Any) -> tuple[bool, Any]:  # noqa: ANN401
         return next((attempt for attempt in attempts if attempt[0]), (False, None))
     if origin is tuple:
         return _convert_tuple(value, arguments)
+    if isinstance(value, int) and not -_MOST_WHOLE - 1 <= value <= _MOST_WHOLE:
+        return False, None
     if hint is float and isinstance(value, int) and not isinstance(value, bool):
         return True, float(value)
     if hint is Path and isinstance(value, str):
@@ -177,6 +194,15 @@ def _convert(value: object, hint: Any) -> tuple[bool, Any]:  # noqa: ANN401
     if isinstance(value, float) and math.isnan(value):
         return False, None
     return isinstance(hint, type) and type(value) is hint, value
+
+
+def shown_value(value: object) -> str:
+    """A value for messages, however long or deep it is."""
+    try:
+        text = repr(value)
+    except (RecursionError, ValueError):  # nested too deeply, or a number of too many digits
+        return "something too large to show"
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}…"
 
 
 def _convert_tuple(value: object, arguments: tuple[Any, ...]) -> tuple[bool, Any]:

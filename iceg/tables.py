@@ -1,17 +1,54 @@
 """Tables of numbers in text files."""
 
 import csv
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graph.errors import IcegError, reason
+from graph.files import check_file
+from graph.limits import LIMITS, at_most
+
+_VARIANCES = {"xx", "xy", "xtheta", "yy", "ytheta", "thetatheta"}
 
 
 class TableError(IcegError):
     """A table that cannot be read or does not hold what it should."""
+
+
+@contextmanager
+def open_table(path: Path, error: type[IcegError], what: str, encoding: str = "utf-8") -> Iterator[TextIO]:
+    """A text file of rows, open for reading; whatever breaks its encoding or cannot be read ends in one error.
+
+    Args:
+        path: the file.
+        error: raised where it cannot be read, or is too large.
+        what: for the message: "cannot be read as" what.
+        encoding: of its text.
+
+    Raises:
+        IcegError: of the type given.
+    """
+    check_file(path, "table_bytes", error, what)
+    try:
+        with path.open(encoding=encoding, newline="") as file:
+            yield file
+    except (OSError, UnicodeDecodeError, csv.Error) as err:
+        raise error(f"{path}: cannot be read as {what}: {reason(err)}") from err
+
+
+def check_row(number: int, where: str, error: type[IcegError]) -> None:
+    """Refuse a table that has more rows than allowed.
+
+    Raises:
+        IcegError: of the type given.
+    """
+    if number > LIMITS.rows:
+        raise error(f"{where}: found more rows, expected {at_most('rows')}")
 
 
 def read_csv_table(path: Path, columns: Sequence[str]) -> NDArray[np.float64]:
@@ -27,18 +64,15 @@ def read_csv_table(path: Path, columns: Sequence[str]) -> NDArray[np.float64]:
     Raises:
         TableError: naming the file and line, what was found and what was expected.
     """
-    rows = []
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            header = [word.strip() for word in next(reader, [])]
-            if header != list(columns):
-                raise TableError(
-                    f"{path}:1: found the header '{','.join(header)[:80]}', expected '{','.join(columns)}'"
-                )
-            rows = [parse_numbers(row, columns, f"{path}:{reader.line_num}") for row in reader if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as err:
-        raise TableError(f"{path}: cannot be read as a CSV: {reason(err)}") from err
+    rows: list[list[float]] = []
+    with open_table(path, TableError, "a CSV", "utf-8-sig") as file:
+        reader = csv.reader(file)
+        header = [word.strip() for word in next(reader, [])]
+        if header != list(columns):
+            raise TableError(f"{path}:1: found the header '{','.join(header)[:80]}', expected '{','.join(columns)}'")
+        for row in filter(None, reader):
+            check_row(len(rows) + 1, f"{path}:{reader.line_num}", TableError)
+            rows.append(parse_numbers(row, columns, f"{path}:{reader.line_num}"))
     if not rows:
         raise TableError(f"{path}: holds no rows under its header '{','.join(columns)}'")
     return np.array(rows)
@@ -57,15 +91,13 @@ def read_blank_separated_table(path: Path, columns: Sequence[str]) -> NDArray[np
     Raises:
         TableError: naming the file and line, what was found and what was expected.
     """
-    rows = []
-    try:
-        with path.open(encoding="utf-8") as file:
-            for number, line in enumerate(file, 1):
-                words = line.split()
-                if words and not words[0].startswith("#"):
-                    rows.append(parse_numbers(words, columns, f"{path}:{number}"))
-    except (OSError, UnicodeDecodeError) as err:
-        raise TableError(f"{path}: cannot be read as text: {reason(err)}") from err
+    rows: list[list[float]] = []
+    with open_table(path, TableError, "text") as file:
+        for number, line in enumerate(file, 1):
+            words = line.split()
+            if words and not words[0].startswith("#"):
+                check_row(len(rows) + 1, f"{path}:{number}", TableError)
+                rows.append(parse_numbers(words, columns, f"{path}:{number}"))
     if not rows:
         raise TableError(f"{path}: holds no rows, expected lines '{' '.join(columns)}'")
     return np.array(rows)
@@ -89,9 +121,20 @@ def parse_numbers(words: Sequence[str], columns: Sequence[str], where: str) -> l
         values = [float(word) for word in words]
     except ValueError as err:
         raise TableError(f"{where}: found '{first_that_is_no_number(words)}', {expected}") from err
-    if not np.isfinite(values).all():
-        raise TableError(f"{where}: found '{' '.join(words)}', expected finite numbers")
+    for value, word, column in zip(values, words, columns, strict=True):
+        most = _most(column)
+        if not abs(value) <= most:
+            raise TableError(f"{where}: found '{word[:40]}' for {column}, expected finite numbers of at most {most:g}")
     return values
+
+
+def _most(column: str) -> float:
+    """The greatest magnitude of a number, by the column it stands in."""
+    if column in {"t_s", "stamp", "stamp_i", "stamp_j"}:
+        return LIMITS.stamp
+    if column.endswith(("theta_rad", "roll", "pitch", "yaw")):
+        return LIMITS.heading
+    return LIMITS.coordinate**2 if column in _VARIANCES else LIMITS.coordinate
 
 
 def first_that_is_no_number(words: Sequence[str]) -> str:
@@ -104,4 +147,4 @@ def first_that_is_no_number(words: Sequence[str]) -> str:
             return False
         return True
 
-    return next(word for word in words if not is_number(word))
+    return next(word for word in words if not is_number(word))[:80]

@@ -1,5 +1,6 @@
 """Trajectories in the TUM format: `t x y z qx qy qz qw`, one line per scan (evo and others read it)."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.elementary import arctan2, cos_sin
-from graph.errors import IcegError, reason
-from iceg.tables import first_that_is_no_number
+from graph.errors import IcegError
+from graph.limits import LIMITS
+from iceg.tables import check_row, first_that_is_no_number, open_table
 
 _LINE = "%.6f %.9f %.9f 0 0 0 %.12f %.12f\n"
 _N_COLUMNS = 8
@@ -72,15 +74,16 @@ def read_tum(path: Path | str) -> Trajectory:
         TrajectoryError: the file cannot be read, holds no pose, or a line is not 8 finite numbers.
     """
     path = Path(path)
-    try:
-        with path.open(encoding="utf-8") as file:
-            rows = [line.split() for line in file]
-    except (OSError, UnicodeDecodeError) as err:
-        raise TrajectoryError(f"{path}: cannot be read as a TUM trajectory: {reason(err)}") from err
-    numbered = [(number, row) for number, row in enumerate(rows, 1) if row and not row[0].startswith("#")]
-    if not numbered:
+    rows: list[list[float]] = []
+    with open_table(path, TrajectoryError, "a TUM trajectory") as file:
+        for number, line in enumerate(file, 1):
+            row = line.split()
+            if row and not row[0].startswith("#"):
+                check_row(len(rows) + 1, f"{path}:{number}", TrajectoryError)
+                rows.append(_parse_line(path, number, row))
+    if not rows:
         raise TrajectoryError(f"{path}: holds no pose, expected lines 't x y z qx qy qz qw'")
-    table = np.array([_parse_line(path, number, row) for number, row in numbered])
+    table = np.array(rows)
     x, y, z, w = table[:, 4:8].T
     # Homogeneous in the quaternion, so that a rounded norm does no harm.
     heading = arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
@@ -96,8 +99,13 @@ def _parse_line(path: Path, number: int, row: list[str]) -> list[float]:
         ) from err
     if len(values) != _N_COLUMNS:
         raise TrajectoryError(f"{path}:{number}: found {len(values)} numbers, expected 8: 't x y z qx qy qz qw'")
-    if not np.isfinite(values).all() or not any(values[4:]):
+    if not np.isfinite(values).all() or not 1e-3 <= math.hypot(*values[4:]) <= 1e3:
         raise TrajectoryError(
-            f"{path}:{number}: found '{' '.join(row)}', expected finite numbers and a unit quaternion"
+            f"{path}:{number}: found '{' '.join(row)[:200]}', expected finite numbers and a unit quaternion"
+        )
+    if abs(values[0]) > LIMITS.stamp or max(map(abs, values[1:4])) > LIMITS.coordinate:
+        raise TrajectoryError(
+            f"{path}:{number}: found '{' '.join(row)[:200]}', expected a stamp of at most {LIMITS.stamp:g} s and a "
+            f"place within {LIMITS.coordinate:g} m of the origin"
         )
     return values

@@ -122,7 +122,7 @@ def test_importing_the_configuration_is_light() -> None:
 @pytest.mark.parametrize(
     ("setting", "value", "complaint"),
     [
-        ("grid.resolution", "inf", "resolution is inf m, expected a positive number"),
+        ("grid.resolution", "inf", "resolution is inf m, expected a positive number from 0.0001 to 100000"),
         ("loops.spacing", "-1.0", "found spacing -1.0, expected 0 or more"),
         ("loops.place_confirmations", "0", "found place_confirmations 0, expected 1 or more"),
         ("finish.doubts", "0", "found doubts 0, expected 1 or more"),

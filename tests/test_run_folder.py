@@ -118,7 +118,7 @@ def test_pictures_are_drawn_from_the_files_and_are_the_same_each_time(tmp_path: 
         ("closures.csv", f"{CLOSURE_HEADER}1,2\n", "closures.csv:2: found 2 values, expected 10"),
         ("closures.csv", f"{CLOSURE_HEADER}1,2,0,0,0,1,1,1,perhaps,why\n", "closures.csv:2: cannot be read"),
         ("map.yaml", "image: none.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n", "none.pgm: cannot be read as a map"),
-        ("map.yaml", "resolution: wide\n", "map.yaml: cannot be read as a map: could not convert"),
+        ("map.yaml", "resolution: wide\n", "map.yaml: cannot be read as a map: found 'wide', expected a resolution"),
         ("map.yaml", "image: map.pgm\n", "map.yaml: cannot be read as a map: found no 'resolution'"),
         ("map.pgm", "P2\n1 1\n255\n0\n", "map.pgm: cannot be read as a map: found an image"),
         ("map.pgm", "P5\n9 9\n255\nxx", "map.pgm: cannot be read as a map: found 2 pixels, expected 9 x 9"),

@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass, field, fields
 
 from graph.errors import IcegError
+from graph.limits import LIMITS, check_limit
+from graph.ranges import check_between, check_magnitudes, shown_number
 
 
 class DpSlamError(IcegError):
@@ -55,6 +57,7 @@ class MotionModel:
         for name in ("floor", "turn_floor"):
             if not getattr(self, name) > 0:
                 raise DpSlamError(f"dp_slam.motion.{name} must be positive, found {getattr(self, name)}")
+        check_magnitudes(self, DpSlamError)
 
 
 ATRV_JR = MotionModel(
@@ -121,3 +124,19 @@ class DpSlamConfig:
                 raise DpSlamError(f"dp_slam.{name} must be at least 1, found {getattr(self, name)}")
         if not 0 < self.floor < 1:
             raise DpSlamError(f"dp_slam.floor must lie in (0, 1), found {self.floor}")
+        if not 0 <= self.seed < 2**63:
+            raise DpSlamError(f"dp_slam.seed must lie between 0 and 2⁶³, found {shown_number(self.seed)}")
+        check_magnitudes(self, DpSlamError)
+        check_between(
+            self,
+            DpSlamError,
+            "dp_slam.",
+            resolution=(1e-3, 100.0),
+            max_range=(0.0, LIMITS.range),
+            trace_margin=(0.0, 100.0),
+            particles=(1, 100_000),
+            samples=(1, 1_000_000),
+            max_beams=(1, LIMITS.beams),
+            passes=(1, LIMITS.beams),
+        )
+        check_limit(self.max_cells, "grid_cells", f"found dp_slam.max_cells {shown_number(self.max_cells)}")

@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.limits import LIMITS
+
 _KNOWN_SCANNERS = {  # number of beams: (first bearing, step) [degrees]
     180: (-90.0, 1.0),  # SICK LMS, the beam at +90° left out
     181: (-90.0, 1.0),
@@ -20,6 +22,9 @@ _KNOWN_SCANNERS = {  # number of beams: (first bearing, step) [degrees]
     1081: (-135.0, 0.25),
 }
 _PRINTED_PRECISION = 2e-4  # rad: six decimals of a step, summed over the beams
+_MOST_START = 4.0 * math.pi  # rad: a first beam farther round is a number gone wrong
+_LEAST_STEP = 1e-6  # rad: beams nearer to each other are one
+_WHOLE_TURN = 2.0 * math.pi + 1e-3  # rad: and what printing adds to it
 
 
 class BeamDescription(NamedTuple):
@@ -39,8 +44,9 @@ class Setup(NamedTuple):
 
     @property
     def stated_max(self) -> float:
-        """The maximum range the messages state [m], infinite where they state none."""
-        return self.description.range_max if self.description and self.description.range_max > 0 else math.inf
+        """The maximum range the messages state [m], infinite where they state none that a laser has."""
+        stated = self.description.range_max if self.description else 0.0
+        return stated if 0 < stated <= LIMITS.range else math.inf
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,31 +79,37 @@ def find_beams(setup: Setup, parameters: Mapping[str, float]) -> Beams:
 
     In this order: first bearing and step of the message; its first bearing and field of view, where the step
     contradicts them; the scanner known for this number of beams; `resolution` and `fov` of the log's parameters; an
-    even spread over 180°.
+    even spread over 180°. Numbers that no laser can have (a first bearing beyond two turns, beams less than 10⁻⁶ rad
+    apart or over more than a whole turn) are passed over with a warning.
 
     Args:
         setup: number of beams and, where the message has one, the description.
         parameters: `resolution` and `fov` [degrees], where the log states them.
     """
     n_beams, description = setup
+    warnings: tuple[str, ...] = ()
     if description is not None:
         start, view, step, _ = description
-        if _spans(step, n_beams, view):
+        sound = abs(start) <= _MOST_START
+        if sound and _spans(step, n_beams, view):
             bearings = _evenly(start, step, n_beams)
             return Beams(bearings=bearings[::-1] if step < 0 else bearings, reversed_order=step < 0)
-        if 0 < view <= 2.0 * np.pi + _PRINTED_PRECISION:
+        if sound and n_beams > 1 and _LEAST_STEP * (n_beams - 1) <= view <= _WHOLE_TURN:
             warning = (
                 f"the laser's step {step:g} rad does not spread {n_beams} beams over {view:g} rad: the latter is taken"
             )
             return Beams(bearings=start + np.linspace(0.0, view, n_beams), warnings=(warning,))
+        if any((start, view, step)):
+            said = f"{n_beams} beams {step:g} rad apart over {view:g} rad from {start:g} rad on"
+            warnings = (f"the log says {said}, which is no laser's: it is left out",)
     known = _known(n_beams)
     if known is not None:
-        return Beams(bearings=known)
-    step, view = (np.radians(parameters.get(name, 0.0)) for name in ("resolution", "fov"))
-    if _spans(step, n_beams, view):
-        return Beams(bearings=_evenly(-0.5 * view, step, n_beams))
+        return Beams(bearings=known, warnings=warnings)
+    step, view = (math.radians(parameters.get(name, 0.0)) for name in ("resolution", "fov"))
+    if step > 0 and _spans(step, n_beams, view):
+        return Beams(bearings=_evenly(-0.5 * view, step, n_beams), warnings=warnings)
     warning = f"no scanner with {n_beams} beams is known: they are spread evenly from -90° to +90°"
-    return Beams(bearings=np.linspace(-0.5 * np.pi, 0.5 * np.pi, n_beams), warnings=(warning,))
+    return Beams(bearings=np.linspace(-0.5 * np.pi, 0.5 * np.pi, n_beams), warnings=(*warnings, warning))
 
 
 def place_on_bearings(
@@ -155,8 +167,10 @@ def stack_sweeps(
 
 
 def _spans(step: float, n_beams: int, view: float) -> bool:
-    """Whether the step fits the field of view, give or take a beam left out at its end."""
-    return step != 0 and abs(abs(step) * (n_beams - 1) - abs(view)) <= 1.5 * abs(step)
+    """Whether the step fits the field of view, give or take a beam left out at its end, and a laser can have both."""
+    spanned = abs(step) * (n_beams - 1)
+    possible = abs(step) >= _LEAST_STEP and spanned <= _WHOLE_TURN
+    return possible and abs(spanned - abs(view)) <= 1.5 * abs(step)
 
 
 def _known(n_beams: int) -> NDArray[np.float64] | None:

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 
 from frontends.logs import laser_mount, odometry_lines
 from frontends.logs.beams import stack_sweeps, usual_setup
+from frontends.logs.budget import check_stack
 from frontends.logs.carmen_writer import write_carmen
 from frontends.logs.errors import LogError
-from frontends.logs.plausibility import choose_stamps, judge_odometry
+from frontends.logs.plausibility import check_steps, choose_stamps, judge_odometry
 from frontends.logs.usable_range import mask_no_returns, usable_range, warn_of_no_returns
 from frontends.scan import Log, ScanGeometry
 from graph.se2 import wrap_angle
@@ -85,12 +86,14 @@ def _assemble(path: Path, records: "Records", *, rear: bool, range_min: float | 
     setup = usual_setup(records.setups)
     if setup is None:
         raise LogError(f"{path}: {_why_no_scans(records)}")
+    check_stack(path, len(records.ranges), setup.n_beams)
     parameters = laser_mount.scanner_parameters(records.parameters, rear=rear)
     ranges, bearings, beam_warnings = stack_sweeps(records.ranges, records.setups, setup, parameters)
     usable = usable_range(ranges, range_min=range_min, range_max=range_max, stated_max=setup.stated_max)
     mask_no_returns(ranges, usable)
     T_odom_robot, T_odom_laser = _recorded_poses(records)
     T_robot_laser, mount_warnings = laser_mount.find(T_odom_robot, T_odom_laser, records.parameters, rear=rear)
+    check_steps(path, T_odom_robot)
     stamps, stamp_warnings = choose_stamps(np.array(records.stamps))
     has_odometry, odometry_warnings = judge_odometry(T_odom_robot, ranges)
     return Log(

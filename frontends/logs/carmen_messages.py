@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 
 from frontends.logs.beams import BeamDescription
 from frontends.logs.errors import MalformedLineError
-from frontends.logs.number_fields import read_numbers
+from frontends.logs.number_fields import checked_pose, read_numbers
 from frontends.logs.text import Line
+from graph.limits import LIMITS
 
-_MOST_BEAMS = 100_000
-_COUNT_DIGITS = 6  # fewer are certainly no more beams than that
+_COUNT_DIGITS = 6  # fewer are no more beams than are allowed
 _STAMPS = "the stamps 'ipc_timestamp host logger_timestamp'"
 
 
@@ -100,7 +100,8 @@ def parse_laser(line: Line, name: str) -> LaserMessage:
     if layout.posed:
         pair = np.empty(6 + layout.trailing)
         position = read_numbers(line, position, pair, "of the laser and robot pose")
-        poses = _finite(pair[:6], "a finite pose")
+        values = pair.tolist()
+        poses = (*checked_pose(values[:3]), *checked_pose(values[3:6]))
     stamp, logger_stamp = _stamps(line, position)
     return LaserMessage(ranges.astype(np.float32), poses, stamp, logger_stamp, beams)
 
@@ -113,7 +114,7 @@ def parse_odometry(line: Line) -> tuple[float, ...]:
     """
     values = np.empty(6)
     position = read_numbers(line, line.block.index(b"ODOM", line.start) + 4, values, "of 'x y θ tv rv acceleration'")
-    pose = _finite(values[:3], "a finite pose")
+    pose = checked_pose(values[:3].tolist())
     _stamps(line, position)
     return pose
 
@@ -135,19 +136,20 @@ def _is_old_form(line: Line, layout: LaserFormat) -> bool:
     if layout.posed:
         return False
     words = line.text.split()
-    return len(words) > 1 and words[1].isdigit() and len(words) == 1 + 1 + int(words[1]) + 3
+    is_count = len(words) > 1 and words[1].isdigit() and len(words[1]) < _COUNT_DIGITS
+    return is_count and len(words) == 1 + 1 + int(words[1]) + 3
 
 
 def _count(line: Line, position: int, what: str) -> tuple[int, int]:
     end = line.block.find(b" ", position + 1, line.stop)
     digits = line.block[position + 1 : end] if end >= 0 else b""
-    if digits.isdigit() and len(digits) < _COUNT_DIGITS:
+    if digits.isdigit() and len(digits) < _COUNT_DIGITS and int(digits) <= LIMITS.beams:
         return int(digits), end
     number = np.empty(1)
     position = read_numbers(line, position, number, what)
     count = float(number[0])
-    if not 0 <= count <= _MOST_BEAMS or not count.is_integer():
-        raise MalformedLineError(f"{what} {count:g}", f"a whole number from 0 to {_MOST_BEAMS}")
+    if not 0 <= count <= LIMITS.beams or not count.is_integer():
+        raise MalformedLineError(f"{what} {count:g}", f"a whole number from 0 to {LIMITS.beams}")
     return int(count), position
 
 
@@ -166,6 +168,8 @@ def _stamps(line: Line, position: int) -> tuple[float, float]:
     except ValueError:
         shown = b" ".join(words)[:60].decode("ascii", "backslashreplace")
         raise MalformedLineError(f"'{shown}' after the other fields", _STAMPS) from None
-    if not all(map(math.isfinite, stamps)):
-        raise MalformedLineError(f"the stamps {stamps[0]} and {stamps[1]}", "finite numbers")
+    if not (abs(stamps[0]) <= LIMITS.stamp and abs(stamps[1]) <= LIMITS.stamp):
+        raise MalformedLineError(
+            f"the stamps {stamps[0]} and {stamps[1]}", f"finite numbers of at most {LIMITS.stamp:g} s"
+        )
     return stamps

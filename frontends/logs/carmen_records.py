@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.logs.beams import Setup
+from frontends.logs.budget import Budget
 from frontends.logs.carmen_messages import FORMATS, parse_laser, parse_odometry, parse_parameter
 from frontends.logs.errors import MalformedLineError
 from frontends.logs.line_loop import LineTroubles, read_lines
@@ -57,6 +58,7 @@ def collect(path: Path, names: tuple[str, ...], *, skip_bad_lines: bool) -> Reco
     ranks = {name: rank for rank, name in enumerate(names)}
     best = len(names)
     records = Records()
+    budget = Budget(path)
 
     def read(line: Line) -> None:
         nonlocal best
@@ -65,10 +67,10 @@ def collect(path: Path, names: tuple[str, ...], *, skip_bad_lines: bool) -> Reco
             return
         rank = ranks.get(name, len(names))
         if rank < best:
-            _record_laser(records, line, name)
+            _record_laser(records, line, name, budget)
             best = rank
         elif rank == best < len(names):
-            _record_laser(records, line, name)
+            _record_laser(records, line, name, budget)
         elif name == "ODOM":
             _record_odometry(records, line)
         elif name == "PARAM":
@@ -99,8 +101,9 @@ def _message_name(line: Line) -> str:
     return name
 
 
-def _record_laser(records: Records, line: Line, name: str) -> None:
+def _record_laser(records: Records, line: Line, name: str, budget: Budget) -> None:
     message = parse_laser(line, name)
+    budget.take(len(message.ranges))
     if name != records.name:
         records.change_to(name)
     records.ranges.append(message.ranges)

@@ -17,13 +17,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from frontends.logs.beams import Setup, find_beams, stack_sweeps, usual_setup
+from frontends.logs.budget import Budget, check_stack
 from frontends.logs.errors import LogError, MalformedLineError
 from frontends.logs.line_loop import LineTroubles, read_lines
-from frontends.logs.plausibility import judge_odometry
+from frontends.logs.plausibility import check_steps, judge_odometry
 from frontends.logs.text import Line
 from frontends.logs.text_output import write_text_log
 from frontends.logs.usable_range import mask_no_returns, usable_range, warn_of_no_returns
 from frontends.scan import Log, ScanGeometry
+from graph.limits import LIMITS
 from graph.se2 import wrap_angle
 
 __all__ = ["is_dpslam", "read_dpslam", "write_dpslam"]
@@ -34,7 +36,6 @@ FAR_NO_RETURN = 81.83
 """The same while it measures in centimetres, for lasers that reach beyond 8 m."""
 
 _MILLIMETRE_CODES = (8.1825, 8.1915)  # 13 bits less the nine error codes at their top
-_MOST_BEAMS = 100_000
 _ODOMETRY, _LASER = b"odometry", b"laser"
 _MOUNT = (0.40, 0.0, 0.0)  # of the authors' ATRV Jr; matches of its loop5 log with its odometry say 0.39 m
 
@@ -125,6 +126,7 @@ class _Records:
 def _collect(path: Path, *, skip_bad_lines: bool) -> _Records:
     """Go through the log once."""
     records = _Records()
+    budget = Budget(path)
     pose: tuple[float, float, float] | None = None
 
     def read(line: Line) -> None:
@@ -135,6 +137,7 @@ def _collect(path: Path, *, skip_bad_lines: bool) -> _Records:
             records.counts["Odometry"] += 1
         elif keyword == _LASER:
             records.ranges.append(_parse_laser(line))
+            budget.take(len(records.ranges[-1]))
             records.lines.append(line.number)
             records.poses.append(pose)
             records.counts["Laser"] += 1
@@ -159,18 +162,17 @@ def _keyword(line: Line) -> bytes:
 def _parse_odometry(line: Line) -> tuple[float, float, float]:
     pose = np.empty(3)
     _end(line, _numbers(line, _behind(line), pose, "of the pose 'x y θ'"), "the pose")
-    x, y, heading = pose.tolist()
-    if not all(map(math.isfinite, (x, y, heading))):
-        raise MalformedLineError(f"{x} {y} {heading}", "a finite pose")
-    return x, y, heading
+    from frontends.logs.number_fields import checked_pose
+
+    return checked_pose(pose.tolist())
 
 
 def _parse_laser(line: Line) -> NDArray[np.float32]:
     number = np.empty(1)
     position = _numbers(line, _behind(line), number, "the number of readings")
     count = float(number[0])
-    if not 0 <= count <= _MOST_BEAMS or not count.is_integer():
-        raise MalformedLineError(f"{count:g} readings", f"a whole number from 0 to {_MOST_BEAMS}")
+    if not 0 <= count <= LIMITS.beams or not count.is_integer():
+        raise MalformedLineError(f"{count:g} readings", f"a whole number from 0 to {LIMITS.beams}")
     ranges = np.empty(int(count))
     _end(line, _numbers(line, position, ranges, "of the readings"), "the readings")
     return ranges.astype(np.float32)
@@ -211,6 +213,8 @@ def _assemble(
     usual = usual_setup(setups)
     if usual is None:
         raise LogError(f"{path}: {_why_no_scans(records)}")
+    check_stack(path, len(setups), usual.n_beams)
+    check_steps(path, odometry)
     ranges, bearings, beam_warnings = stack_sweeps(records.ranges, setups, usual, {})
     usable = usable_range(ranges, range_min=range_min, range_max=range_max, stated_max=_stated_max(ranges))
     mask_no_returns(ranges, usable)

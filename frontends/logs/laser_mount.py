@@ -13,6 +13,8 @@ _SAME_PLACE = 0.02  # m: what rounding and the time between the two poses leave
 _SAME_HEADING = math.radians(1.0)
 _MOST_SCANS = 0.9
 """Share of the scans whose two recorded poses must tell the same mount."""
+_FARTHEST = 100.0  # m: no robot is larger
+_MOST_DEGREES = 3600.0
 
 
 def find(
@@ -44,7 +46,7 @@ def find(
     off_place = np.hypot(*(T_robot_laser[:, :2] - usual).T)
     off_heading = np.abs(wrap_angle(T_robot_laser[:, 2] - heading))
     agree = (off_place <= _SAME_PLACE) & (off_heading <= _SAME_HEADING)
-    if agree.mean() < _MOST_SCANS:
+    if agree.mean() < _MOST_SCANS or np.hypot(*usual) > _FARTHEST:
         taken = "PARAM" if stated is not None else "the robot's centre"
         warnings.append(
             f"the laser's pose moves against the robot's by up to {off_place.max():.2f} m: it is no mounting, "
@@ -91,6 +93,10 @@ def _stated(parameters: Mapping[str, str], *, rear: bool) -> tuple[NDArray[np.fl
     warnings = []
     if scanner_parameters(parameters, rear=rear).get("flipped", 0.0) > 0:
         warnings.append("the laser was mounted upside down; CARMEN has put its beams in the usual order already")
+    for index, most in enumerate((_FARTHEST, _FARTHEST, _MOST_DEGREES)):
+        if abs(values[index]) > most:
+            warnings.append(f"{names[index]} is {values[index]:g}, which no laser on a robot has: it is left out")
+            values[index] = np.nan
     if np.isnan(values).all():
         return None, warnings
     values = np.nan_to_num(values)

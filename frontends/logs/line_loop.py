@@ -4,6 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+
 from frontends.logs.errors import LogError, MalformedLineError
 from frontends.logs.text import Line, TextLog
 
@@ -49,15 +51,16 @@ def read_lines(path: Path, read: Callable[[Line], None], troubles: LineTroubles,
         LogError: the file cannot be read; or a line is malformed, with its place.
     """
     source = TextLog(path)
-    for line in source.lines():
-        try:
-            read(line)
-        except MalformedLineError as error:
-            if not line.terminated:
-                troubles.warnings.append(f"the last line is cut off and left out (line {line.number}: {error})")
-            elif skip_bad_lines:
-                troubles.skip(error.at(path, line.number))
-            else:
-                raise error.at(path, line.number) from None
+    with np.errstate(over="ignore"):  # a reading too long for float32 becomes infinite: no return
+        for line in source.lines():
+            try:
+                read(line)
+            except MalformedLineError as error:
+                if not line.terminated:
+                    troubles.warnings.append(f"the last line is cut off and left out (line {line.number}: {error})")
+                elif skip_bad_lines:
+                    troubles.skip(error.at(path, line.number))
+                else:
+                    raise error.at(path, line.number) from None
     if source.cut_off:
         troubles.warnings.append("the compressed file is cut off; all that could be unpacked is used")

@@ -1,11 +1,14 @@
 """Numbers of a text line, exactly as `float` reads them and many times as fast."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from frontends.logs._number_kernels import scan_numbers
 from frontends.logs.errors import MalformedLineError
 from frontends.logs.text import Line
+from graph.limits import LIMITS
 
 
 def read_numbers(line: Line, position: int, out: NDArray[np.float64], what: str) -> int:
@@ -34,6 +37,22 @@ def read_numbers(line: Line, position: int, out: NDArray[np.float64], what: str)
         more, position = scan_numbers(line.bytes_of_block, position, line.stop, out[done + 1 :])
         done += 1 + more
     return position
+
+
+def checked_pose(pose: Sequence[float]) -> tuple[float, float, float]:
+    """x, y [m] and heading [rad] of a line, if they can be a pose.
+
+    Raises:
+        MalformedLineError: a number that is not finite or beyond the limits.
+    """
+    x, y, heading = pose
+    most = LIMITS.coordinate
+    if abs(x) <= most and abs(y) <= most and abs(heading) <= LIMITS.heading:
+        return x, y, heading
+    raise MalformedLineError(
+        f"the pose {x} {y} {heading}",
+        f"a finite pose within {most:g} m of the origin, its heading within {LIMITS.heading:g} rad",
+    )
 
 
 def _number(token: bytes, expected: str) -> float:

@@ -1,7 +1,12 @@
 """What the stamps and the odometry of a log are worth."""
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
+
+from frontends.logs.errors import LogError
+from graph.limits import LIMITS, at_most
 
 _STILL = 1e-6  # m or rad: odometry that moves less over a whole log does not move
 _CHANGED = 0.1  # m: median change of the readings that the robot's standing still does not explain
@@ -30,6 +35,25 @@ def choose_stamps(both: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[
     if back:
         warnings.append(f"the stamps step back {back} times: file order is taken as the order of time")
     return np.ascontiguousarray(stamps), warnings
+
+
+def check_steps(path: Path, odometry: NDArray[np.float64]) -> None:
+    """Refuse odometry that jumps farther from one scan to the next than anything drives.
+
+    Args:
+        path: the log, for the message.
+        odometry: (n, 3) T_odom_robot.
+
+    Raises:
+        LogError: naming the scan, what was found and what was expected.
+    """
+    steps = np.hypot(*np.diff(odometry[:, :2], axis=0).T)
+    longest = int(np.argmax(steps)) if len(steps) else 0
+    if len(steps) and steps[longest] > LIMITS.odometry_step:
+        raise LogError(
+            f"{path}: found odometry that jumps by {steps[longest]:.6g} m from scan {longest} to the next, expected "
+            f"{at_most('odometry_step')}"
+        )
 
 
 def judge_odometry(odometry: NDArray[np.float64], ranges: NDArray[np.float32]) -> tuple[bool, list[str]]:

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from frontends.logs.errors import LogError
 from graph.errors import reason
+from graph.files import check_file
+from graph.limits import LIMITS, at_most
 
 _BLOCK_BYTES = 1 << 20
 _OPENERS = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ\x00", lzma.open))
@@ -61,10 +63,12 @@ class TextLog:
         """Every line in file order.
 
         Raises:
-            LogError: the file is missing, unreadable or its compressed content is damaged.
+            LogError: the file is missing, unreadable or too large, or its compressed content is damaged.
         """
         number = 0
         for block, terminated in self._whole_lines():
+            if number > LIMITS.lines:
+                raise LogError(f"{self.path}: found more than {LIMITS.lines} lines, expected {at_most('lines')}")
             bytes_of_block = np.frombuffer(block, dtype=np.uint8)
             start, end = 0, len(block)
             while start < end:
@@ -91,16 +95,26 @@ class TextLog:
             cut = chunk.rfind(b"\n") + 1
             if cut == 0:
                 pending.append(chunk)
+                self._check_line(sum(map(len, pending)))
                 continue
             yield b"".join([*pending, chunk[:cut]]), True
             pending = [chunk[cut:]]
         yield b"".join(pending), False
 
+    def _check_line(self, size: int) -> None:
+        if size > LIMITS.line_bytes:
+            raise LogError(f"{self.path}: found a line of {size} bytes or more, expected {at_most('line_bytes')}")
+
     def _chunks(self) -> Iterator[bytes]:
+        check_file(self.path, "log_bytes", LogError, "a log")
+        unpacked = 0
         try:
             with closing(_open(self.path)) as stream:
                 yield stream.read1(_BLOCK_BYTES).removeprefix(codecs.BOM_UTF8)
                 while chunk := stream.read1(_BLOCK_BYTES):
+                    unpacked += len(chunk)
+                    if unpacked > LIMITS.log_bytes:
+                        raise LogError(f"{self.path}: found a longer text, expected {at_most('log_bytes')} bytes")
                     yield chunk
         except EOFError:
             self.cut_off = True

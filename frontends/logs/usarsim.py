@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.logs.beams import BeamDescription, Setup, stack_sweeps, usual_setup
+from frontends.logs.budget import check_stack
 from frontends.logs.errors import LogError
 from frontends.logs.handedness import handedness
-from frontends.logs.plausibility import choose_stamps, judge_odometry
+from frontends.logs.plausibility import check_steps, choose_stamps, judge_odometry
 from frontends.logs.usable_range import (
     DEFAULT_RANGE_MIN,
     UsableRange,
@@ -99,6 +100,7 @@ def _assemble(path: Path, records: Records, name: str, range_min: float | None, 
     usual = usual_setup(setups)
     if usual is None:
         raise LogError(f"{path}: no RangeScanner message has two beams or more, which a scan in the plane needs")
+    check_stack(path, len(setups), usual.n_beams)
     ranges, bearings, beam_warnings = stack_sweeps(sweeps.ranges, setups, usual, {})
     usable = _usable(ranges, range_min, range_max, shortest, longest)
     mask_no_returns(ranges, usable)
@@ -116,6 +118,7 @@ def _assemble(path: Path, records: Records, name: str, range_min: float | None, 
     for source in _ODOMETRY:
         if len(records.poses[source]) and not has_odometry:
             odometry, pose_warnings = poses_of(source)
+            check_steps(path, odometry)
             has_odometry, judged = judge_odometry(odometry, ranges)
             odometry_warnings = [*pose_warnings, *judged]
             if has_odometry and source != _ODOMETRY[0]:

@@ -20,10 +20,13 @@ from numpy.typing import NDArray
 from frontends.logs.errors import MalformedLineError
 from frontends.logs.number_fields import read_numbers
 from frontends.logs.text import Line
+from graph.limits import LIMITS
 
 _KIND = re.compile(rb"[A-Za-z][A-Za-z0-9_]*")
 _CONTINUES = re.compile(rb"[-+.,0-9]|nan$|inf", re.IGNORECASE)
 _FEW = 6  # numbers that are read one by one
+_MOST = {"time": LIMITS.stamp, "minrange": LIMITS.range, "maxrange": LIMITS.range, "fov": 360.0, "resolution": 360.0}
+"""The most that a number can be, by its key [s, m, ° or rad]."""
 _COMMAS_TO_SPACES = bytes.maketrans(b",;", b"  ")
 
 
@@ -78,8 +81,9 @@ class Message:
             value = float(self.fields[key])
         except ValueError:
             value = float(self.numbers(key, 1)[0])
-        if not np.isfinite(value):
-            raise MalformedLineError(f"{value} in {{{key}}}", "a finite number")
+        most = _MOST.get(key, LIMITS.coordinate)
+        if not abs(value) <= most:
+            raise MalformedLineError(f"{value} in {{{key}}}", f"a finite number of at most {most:g}")
         return value
 
 

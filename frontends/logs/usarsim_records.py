@@ -7,13 +7,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.logs.budget import Budget
 from frontends.logs.errors import MalformedLineError
 from frontends.logs.line_loop import LineTroubles, read_lines
+from frontends.logs.number_fields import checked_pose
 from frontends.logs.sensor_poses import SensorPoses
 from frontends.logs.text import Line
 from frontends.logs.usarsim_messages import Message, parse_message, parse_sensors
+from graph.limits import LIMITS
 
 LASER = "rangescanner"
+_FARTHEST_MOUNT = 100.0  # m: no robot is larger
 POSES = {"odometry": "Odometry", "ins": "INS", "groundtruth": "GroundTruth"}
 """The types of messages that hold a pose, as they are looked up and as they are called."""
 
@@ -52,6 +56,7 @@ class Records:
 def collect(path: Path, *, skip_bad_lines: bool) -> Records:
     """Go through the log once."""
     records = Records()
+    budget = Budget(path)
     now = 0.0
 
     def read(line: Line) -> None:
@@ -59,20 +64,20 @@ def collect(path: Path, *, skip_bad_lines: bool) -> Records:
         message = parse_message(line)
         if message is not None:
             now = message.number("time", now)
-            _record(records, message, line, now)
+            _record(records, message, line, now, budget)
 
     read_lines(path, read, records.troubles, skip_bad_lines=skip_bad_lines)
     return records
 
 
-def _record(records: Records, message: Message, line: Line, now: float) -> None:
+def _record(records: Records, message: Message, line: Line, now: float, budget: Budget) -> None:
     place = records.counts.total()
     kind, of_type = message.kind, message.type
     if kind == "SEN" and not of_type:
         raise MalformedLineError("a SEN message without {Type}", "the type of its sensor")
     if kind == "SEN" and of_type == LASER:
         for sensor in parse_sensors(line) if line.text.lower().count(b"range") > 2 else [message]:
-            _record_sweep(records, sensor, now, place)
+            _record_sweep(records, sensor, now, place, budget)
     elif kind == "SEN" and of_type in POSES:
         records.poses[of_type].add(_pose(message), message.number("time"), place)
     elif kind in {"CONF", "GEO"} and of_type == LASER:
@@ -85,8 +90,11 @@ def _record(records: Records, message: Message, line: Line, now: float) -> None:
     records.counts[f"{kind} {message.text('type')}".strip()] += 1
 
 
-def _record_sweep(records: Records, sensor: Message, now: float, place: int) -> None:
+def _record_sweep(records: Records, sensor: Message, now: float, place: int, budget: Budget) -> None:
     ranges = sensor.numbers("range")
+    if len(ranges) > LIMITS.beams:
+        raise MalformedLineError(f"{len(ranges)} readings", f"at most {LIMITS.beams}")
+    budget.take(len(ranges))
     setup = (len(ranges), sensor.number("fov"), sensor.number("resolution"))
     sweeps = records.sweeps.setdefault(sensor.text("name"), Sweeps())
     sweeps.ranges.append(ranges.astype(np.float32))
@@ -101,15 +109,15 @@ def _pose(message: Message) -> tuple[float, float, float]:
         x, y, heading = message.numbers("pose", 3).tolist()
     else:
         (x, y, _), (_, _, heading) = (message.numbers(key, 3).tolist() for key in ("location", "orientation"))
-    if not np.isfinite((x, y, heading)).all():
-        raise MalformedLineError(f"{x} {y} {heading}", "a finite pose")
-    return x, y, heading
+    return checked_pose((x, y, heading))
 
 
 def _mount(records: Records, sensor: Message) -> tuple[float, float, float, float]:
     (x, y, _), (roll, _, yaw) = (sensor.numbers(key, 3).tolist() for key in ("location", "orientation"))
-    if not np.isfinite((x, y, roll, yaw)).all():
-        raise MalformedLineError(f"{x} {y} {roll} {yaw}", "a finite mounting")
+    if not (max(abs(x), abs(y)) <= _FARTHEST_MOUNT and max(abs(roll), abs(yaw)) <= LIMITS.heading):
+        raise MalformedLineError(
+            f"{x} {y} {roll} {yaw}", f"a finite mounting within {_FARTHEST_MOUNT:g} m of the robot"
+        )
     base = sensor.text("mount")
     if base.lower() not in {"", "hard", "platform", "robot"}:
         sentence = f"the laser {sensor.text('name')} is mounted on '{base}', whose own place on the robot is left out"

@@ -1,5 +1,6 @@
 """Floor plans as walls: drawings (SVG) and images (PNG, PGM and what else matplotlib reads), black on white."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,11 @@ from numpy.typing import NDArray
 from frontends.simulator.svg import SvgError, read_svg
 from frontends.simulator.world import Segments, SimulatorError
 from graph.errors import reason
+from graph.files import check_file
+from graph.limits import LIMITS, at_most
+
+_LEAST_SCALE, _MOST_SCALE = 1e-6, 1e6  # m
+_FORMATS = ("PNG", "PPM", "JPEG", "BMP", "GIF", "TIFF", "WEBP")
 
 
 def read_plan(path: Path, *, metres: float) -> Segments:
@@ -23,17 +29,23 @@ def read_plan(path: Path, *, metres: float) -> Segments:
     Raises:
         SimulatorError: the file cannot be read, or there is no wall in it.
     """
-    if not metres > 0:
-        raise SimulatorError(f"{path}: found a scale of {metres} m, expected a positive one")
+    if not _LEAST_SCALE <= metres <= _MOST_SCALE:
+        raise SimulatorError(
+            f"{path}: found a scale of {metres} m, expected a positive one from {_LEAST_SCALE:g} to {_MOST_SCALE:g}"
+        )
     if path.suffix.lower() == ".svg":
         try:
             segments = read_svg(path) * metres
         except SvgError as error:
             raise SimulatorError(f"{path}: {error}") from error
     else:
-        segments = outlines(_image(path) < 0.5, metres)
+        walls = _image(path) < 0.5
+        _check_edges(walls, path)
+        segments = outlines(walls, metres)
     if len(segments) == 0:
         raise SimulatorError(f"{path}: found no wall, expected lines or black cells")
+    if not (np.abs(segments) <= LIMITS.coordinate).all():
+        raise SimulatorError(f"{path}: found a wall farther out than {LIMITS.coordinate:g} m")
     return segments
 
 
@@ -65,22 +77,48 @@ def _runs(edges: NDArray[np.bool_]) -> NDArray[np.float64]:
     return np.stack([rows, starts - 1, ends - 1], axis=1).astype(np.float64)
 
 
+def _check_edges(walls: NDArray[np.bool_], path: Path) -> None:
+    """Refuse an image of more edges than a world may have walls, such as a photograph."""
+    padded = np.pad(walls, 1)
+    flat, upright = padded[1:] != padded[:-1], padded[:, 1:] != padded[:, :-1]
+    runs = np.count_nonzero(flat[:, 1:] & ~flat[:, :-1]) + np.count_nonzero(upright[1:] & ~upright[:-1])
+    if runs > LIMITS.walls:
+        raise SimulatorError(f"{path}: found {runs} edges of black cells, expected {at_most('walls')}")
+
+
+def _check_size(width: int, height: int) -> None:
+    if not 0 < width * height <= LIMITS.pixels:
+        raise ValueError(f"found {width} x {height} pixels, expected one or more, {at_most('pixels')}")
+
+
 def _image(path: Path) -> NDArray[np.float64]:
     """(rows, columns) brightness, 0 black to 1 white; what is transparent is white."""
-    from matplotlib.image import imread
-
+    check_file(path, "image_bytes", SimulatorError, "an image")
     try:
         with path.open("rb") as stream:
             magic = stream.read(2)
-        pixels = _pgm(path) if magic in {b"P2", b"P5"} else np.asarray(imread(path), dtype=np.float64)
-    except (OSError, ValueError, SyntaxError) as error:
-        raise SimulatorError(f"{path}: cannot be read as an image: {reason(error)}") from error
+        pixels = _pgm(path) if magic in {b"P2", b"P5"} else _decoded(path)
+    except Exception as error:
+        shown = reason(error)[:200] or type(error).__name__
+        raise SimulatorError(f"{path}: cannot be read as an image: {shown}") from error
     if pixels.max(initial=0.0) > 1.0:
         pixels /= 255.0
     if pixels.ndim == 2:
         return pixels
     grey = pixels[..., 0] if pixels.shape[2] < 3 else pixels[..., :3].mean(axis=2)
     return np.where(pixels[..., -1] < 0.5, 1.0, grey) if pixels.shape[2] in {2, 4} else grey
+
+
+def _decoded(path: Path) -> NDArray[np.float64]:
+    """An image as matplotlib reads it, its size checked before anything of it is decoded."""
+    from matplotlib.image import imread
+    from PIL import Image
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", Image.DecompressionBombWarning)
+        with Image.open(path, formats=_FORMATS) as image:
+            _check_size(*image.size)
+        return np.asarray(imread(path), dtype=np.float64)
 
 
 def _pgm(path: Path) -> NDArray[np.float64]:
@@ -94,16 +132,19 @@ def _pgm(path: Path) -> NDArray[np.float64]:
         elif content[position : position + 1].isspace():
             position += 1
         else:
-            word = content[position : position + 20].split(None, 1)[0]
-            header.append(int(word))
-            position += len(word)
+            word = content[position : position + 20].split(None, 1)[:1]
+            header.append(int(word[0]) if word else 0)
+            position += len(word[0]) if word else 0
     columns, rows, brightest = header
+    _check_size(columns, rows)
+    if not 0 < brightest < 1 << 16:
+        raise ValueError(f"found {brightest} for white, expected a whole number from 1 to 65535")
     if content.startswith(b"P2"):
-        values = np.array(content[position:].split(), dtype=np.float64)
+        values = np.array(content[position:].split(None, rows * columns)[: rows * columns], dtype=np.float64)
     else:
         kind = np.dtype(">u2") if brightest > 255 else np.dtype(np.uint8)
         values = np.frombuffer(content, kind, offset=position + 1, count=rows * columns).astype(np.float64)
-    if len(values) != rows * columns or brightest <= 0:
+    if len(values) != rows * columns or not np.isfinite(values).all():
         raise ValueError(f"found {len(values)} cells, expected {columns} × {rows}")
     cells: NDArray[np.float64] = values.reshape(rows, columns) / brightest
     return cells

@@ -11,9 +11,11 @@ from frontends.simulator._kernels import cast_on_circles, cast_rays, cast_sweeps
 from frontends.simulator.people import LEG_RADIUS
 from frontends.simulator.world import SimulatorError, World
 from graph.elementary import arctan2, cos_sin
+from graph.ranges import check_between
 from graph.se2 import between, compose, expmap, logmap
 
 _MIRRORING = math.radians(8)  # glass met more squarely than this returns the beam
+_LEAST_STEP = 1e-6  # m
 _BLOCK = 4096  # scans cast at a time
 
 
@@ -55,6 +57,19 @@ class Laser:
     sweep_time: float = 0.0
 
     def __post_init__(self) -> None:
+        check_between(
+            self,
+            SimulatorError,
+            "laser.",
+            period=(0.0, 3600.0),
+            range_std=(-math.inf, 100.0),
+            range_std_per_metre=(-math.inf, 10.0),
+            quantisation=(-math.inf, 100.0),
+            beam_width=(0.0, math.pi),
+            edge_step=(0.0, 1e6),
+        )
+        if 0 < self.quantisation < _LEAST_STEP:
+            raise SimulatorError(f"laser.quantisation is 0 or at least {_LEAST_STEP} m, found {self.quantisation}")
         if not 0 <= self.mixed_share <= 1:
             raise SimulatorError(f"laser.mixed_share must lie in [0, 1], found {self.mixed_share}")
         if min(self.range_std, self.range_std_per_metre, self.quantisation) < 0:

@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from frontends.simulator.world import SimulatorError
 from graph.elementary import cos_sin
+from graph.limits import LIMITS
 
 LEG_RADIUS = 0.06
 """Of a person [m]."""
+_LEAST_PATH = 1e-9  # m
+_MOST_SPEED = 100.0  # m/s
 _STRIDE = 1.4  # m: from a step of one foot to the next step of the same
 _REACH = 0.25  # m: how far a foot gets ahead of the body
 _HIP = 0.1  # m: from the middle of the body to a leg
@@ -39,8 +42,13 @@ class Person:
     def __post_init__(self) -> None:
         if len(set(self.path)) < 2:
             raise SimulatorError(f"a person needs a path of two different points or more, found {self.path}")
-        if not 0 < self.speed < math.inf:
-            raise SimulatorError(f"a person's speed must be positive, found {self.speed}")
+        if not all(abs(value) <= LIMITS.coordinate for point in self.path for value in point):
+            raise SimulatorError(f"a person walks within {LIMITS.coordinate:g} m of the origin, found another path")
+        length = sum(math.dist(a, b) for a, b in zip(self.path, self.path[1:], strict=False))
+        if length < _LEAST_PATH:
+            raise SimulatorError(f"a person's path is at least {_LEAST_PATH} m long, found {length} m")
+        if not 0 < self.speed <= _MOST_SPEED:
+            raise SimulatorError(f"a person's speed must be positive, at most {_MOST_SPEED:g} m/s, found {self.speed}")
 
 
 def walk(

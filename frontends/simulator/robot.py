@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from frontends.simulator.world import SimulatorError
 from graph.elementary import cos_sin
+from graph.limits import LIMITS, at_most
+from graph.ranges import check_between
 from graph.se2 import between, wrap_angle
 
 _TICK = 0.02
@@ -19,6 +21,8 @@ _ARRIVED = 0.08
 _ALIGNED = math.radians(2)
 _TURN_ON_THE_SPOT = math.radians(25)
 _PATIENCE = 600.0
+_SCALES, _DEVIATIONS = (-10.0, 10.0), (0.0, 10.0)
+"""What wheels can be wrong by, in the units of `OdometryModel`."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,6 +64,12 @@ class Route:
             raise SimulatorError(f"a route needs one lap or more, found {self.laps}")
         if self.duration is not None and not 0 <= self.duration < math.inf:
             raise SimulatorError(f"a route's duration must not be negative, found {self.duration} s")
+        _check_time(self.duration or 0.0)
+        if self.laps * len(self.waypoints) > LIMITS.simulated_waypoints:
+            raise SimulatorError(
+                f"found {self.laps} laps of {len(self.waypoints)} waypoints, expected "
+                f"{at_most('simulated_waypoints')} together"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,6 +121,21 @@ class OdometryModel:
     drift_std: float = math.radians(0.5)
     slip_std: float = 0.02
     slip_time: float = 2.0
+
+    def __post_init__(self) -> None:
+        check_between(
+            self,
+            SimulatorError,
+            "odometry.",
+            translation_scale=_SCALES,
+            rotation_scale=_SCALES,
+            heading_drift=_SCALES,
+            translation_std=_DEVIATIONS,
+            rotation_std=_DEVIATIONS,
+            drift_std=_DEVIATIONS,
+            slip_std=_DEVIATIONS,
+            slip_time=(_TICK, 1e6),
+        )
 
 
 def drive(route: Route, driving: Driving, period: float, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -239,6 +264,7 @@ class _Operator:
 
     def stand(self, duration: float) -> None:
         """Brake and stand still."""
+        _check_time(self.time + duration)
         while duration > 0 and (self._speed or self._turn_rate):
             self._tick(0.0, 0.0)
         for _ in range(round(duration / _TICK)):
@@ -270,6 +296,11 @@ class _Operator:
         self._y += self._speed * _TICK * math.sin(middle)
         self._heading += self._turn_rate * _TICK
         self.trace.extend((self._x, self._y, self._heading))
+
+
+def _check_time(time: float) -> None:
+    if not time <= LIMITS.simulated_time:
+        raise SimulatorError(f"found a drive of {time:.6g} s or more, expected {at_most('simulated_time')}")
 
 
 def _towards(value: float, target: float, step: float) -> float:

@@ -37,7 +37,8 @@ from frontends.simulator.robot import OdometryModel, Route, Waypoint
 from frontends.simulator.statements import Statement, statements
 from frontends.simulator.world import Segments, SimulatorError, World
 from graph.atomic import write_atomically
-from graph.errors import reason
+from graph.files import read_text
+from graph.limits import LIMITS, at_most
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +134,7 @@ def parse_scene(text: str, path: Path) -> Scene:
     route = Route(start=draft.start, waypoints=tuple(draft.waypoints), laps=draft.laps, duration=draft.duration)
     return Scene(
         name=path.stem,
-        world=draft.world,
+        world=World.joined(draft.standing),
         route=route,
         people=tuple(draft.people),
         laser=draft.laser,
@@ -205,7 +206,9 @@ def _exact_degrees(radians: float) -> float:
 class _Draft:
     """What has been read of a scene so far."""
 
-    world: World = field(default_factory=World.empty)
+    standing: list[World] = field(default_factory=list)
+    walls: int = 0
+    includes: int = 0
     people: list[Person] = field(default_factory=list)
     start: tuple[float, float, float] | None = None
     waypoints: list[Waypoint] = field(default_factory=list)
@@ -219,33 +222,43 @@ def _draw(draft: _Draft, text: str, path: Path, including: tuple[Path, ...]) -> 
     """Add what a text says; of a file that others include only what stands and walks."""
     for statement in statements(text, path):
         if statement.keyword in _SHAPES:
-            draft.world = draft.world.with_world(_standing(statement))
+            _add(draft, statement, _standing(statement))
         elif statement.keyword == "plan":
-            draft.world = draft.world.with_world(_plan(statement, path))
+            _add(draft, statement, _plan(statement, path))
         elif statement.keyword == "person":
             draft.people.append(_person(statement))
+            if len(draft.people) > LIMITS.people:
+                raise statement.error("one more person", at_most("people"))
         elif statement.keyword == "include":
             _include(draft, statement, path, including)
         elif statement.keyword not in _ROUTE:
             known = ", ".join([*_ROUTE, *_SHAPES, "plan", "person", "include"])
-            raise statement.error(f"'{statement.keyword}'", f"one of {known}")
+            raise statement.error(f"'{statement.keyword[:80]}'", f"one of {known}")
         elif not including:
             _ROUTE[statement.keyword](draft, statement)
 
 
+def _add(draft: _Draft, statement: Statement, world: World) -> None:
+    draft.standing.append(world)
+    draft.walls += len(world.segments)
+    if draft.walls > LIMITS.walls:
+        raise statement.error(f"{draft.walls} pieces of wall", at_most("walls"))
+
+
 def _text(path: Path) -> str:
-    try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SimulatorError(f"{path}: cannot be read as a .world text file: {reason(error)}") from error
+    return read_text(path, "drawing_bytes", SimulatorError, "a .world text file", "utf-8")
 
 
 def _include(draft: _Draft, statement: Statement, path: Path, including: tuple[Path, ...]) -> None:
     statement.options()
     other = path.parent / statement.word("FILE")
-    if other in (*including, path):
+    text = _text(other)
+    if other.resolve() in [file.resolve() for file in (*including, path)]:
         raise statement.error(f"'{other.name}' again", "no file that includes itself")
-    _draw(draft, _text(other), other, (*including, path))
+    draft.includes += 1
+    if draft.includes > LIMITS.includes:
+        raise statement.error("one more file to include", at_most("includes"))
+    _draw(draft, text, other, (*including, path))
 
 
 def _start(draft: _Draft, statement: Statement) -> None:
@@ -286,7 +299,11 @@ def _laser(draft: _Draft, statement: Statement) -> None:
 
 
 def _odometry(draft: _Draft, statement: Statement) -> None:
-    draft.odometry = dataclasses.replace(draft.odometry, **_settings(statement, draft.odometry, _ODOMETRY_OPTIONS))
+    changed = _settings(statement, draft.odometry, _ODOMETRY_OPTIONS)
+    try:
+        draft.odometry = dataclasses.replace(draft.odometry, **changed)
+    except SimulatorError as error:
+        raise SimulatorError(f"{statement.where}: {error}") from error
 
 
 def _settings(statement: Statement, now: Laser | OdometryModel, names: tuple[str, ...]) -> dict[str, Any]:
@@ -340,8 +357,8 @@ def _table(statement: Statement, options: dict[str, float]) -> Segments:
 def _arc(statement: Statement, options: dict[str, float]) -> Segments:
     x, y, radius = statement.numbers(3, "X Y RADIUS")
     pieces = options["pieces"]
-    if pieces < 1 or pieces != round(pieces):
-        raise statement.error(f"pieces={pieces:g}", "a whole number of pieces, at least 1")
+    if not 1 <= pieces <= LIMITS.walls or pieces != round(pieces):
+        raise statement.error(f"pieces={pieces:g}", f"a whole number of pieces, at least 1, {at_most('walls')}")
     return shapes.arc(x, y, radius, math.radians(options["from"]), math.radians(options["to"]), round(pieces))
 
 

@@ -13,6 +13,7 @@ from frontends.simulator.robot import Driving, OdometryModel, drive, measure_odo
 from frontends.simulator.scene import Scene, load_scene
 from frontends.simulator.world import SimulatorError
 from graph.elementary import cos_sin
+from graph.limits import check_limit
 from graph.se2 import compose, wrap_angle
 
 _CLEARANCE = 0.3
@@ -84,6 +85,7 @@ def simulate(
     operator_rng, wheels_rng, laser_rng = np.random.default_rng(seed).spawn(3)
     truth = drive(where.route, driving or Driving(), laser.period, operator_rng)
     stamps = np.arange(len(truth), dtype=np.float64) * laser.period
+    _check_work(where, len(truth), laser)
     log = Log(
         ranges=sense(
             where.world,
@@ -100,6 +102,17 @@ def simulate(
         path=Path(f"{where.name}.clf"),
     )
     return Simulation(log=log, truth=truth, scene=where)
+
+
+def _check_work(scene: Scene, n_scans: int, laser: Laser) -> None:
+    """Refuse a drive that would fill the memory or take for ever."""
+    for found, name, what in (
+        (n_scans, "simulated_scans", "scans"),
+        (n_scans * laser.geometry.n_beams, "simulated_beams", "beams in all scans"),
+        (n_scans * len(scene.world.segments), "simulated_walls", "scans times pieces of wall"),
+        (n_scans * len(scene.people), "simulated_people", "scans times people"),
+    ):
+        check_limit(found, name, f"scene '{scene.name}': found {found} {what}")
 
 
 def scan_pairs(

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from frontends.simulator.world import SimulatorError
+from graph.limits import LIMITS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,7 +53,7 @@ class Statement:
         unknown = next((key for key in self.named if key not in defaults), None)
         if unknown is not None:
             known = ", ".join(f"{key}=" for key in defaults) or "no options"
-            raise self.error(f"'{unknown}='", f"{known} after '{self.keyword}'")
+            raise self.error(f"'{unknown[:80]}='", f"{known} after '{self.keyword}'")
         return defaults | {key: self._number(word) for key, word in self.named.items()}
 
     def _number(self, word: str) -> float:
@@ -60,8 +61,8 @@ class Statement:
             value = float(word)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value):
-            raise self.error(f"'{word}'", "a number")
+        if not abs(value) <= LIMITS.coordinate:
+            raise self.error(f"'{word[:40]}'", f"a number of at most {LIMITS.coordinate:g}")
         return value
 
 

@@ -10,13 +10,16 @@ from xml.etree import ElementTree as ET
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.simulator.world import Segments, polyline
+from frontends.simulator.world import Segments, SimulatorError, polyline
 from graph.dense import matmul, matvec
 from graph.elementary import cos_sin
+from graph.files import check_file
+from graph.limits import LIMITS, at_most
 
 Points = NDArray[np.float64]
 """(n, 2) of a polyline in units of the drawing."""
 
+_MOST = 1e9  # units
 _PIECES = 12  # straight pieces of a curve
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
 _COMMAND = re.compile(r"([MmLlHhVvZzCcSsQqTtAa])([^MmLlHhVvZzCcSsQqTtAa]*)")
@@ -40,19 +43,40 @@ def read_svg(path: Path) -> Segments:
     Raises:
         SvgError: the file is missing, no XML, or has a path or transform that breaks the format.
     """
+    check_file(path, "drawing_bytes", SimulatorError, "an SVG drawing")
     try:
         root = ET.parse(path).getroot()  # noqa: S314
-    except (OSError, ET.ParseError) as error:
+    except (OSError, ET.ParseError, LookupError, ValueError) as error:  # an encoding nobody knows or expat cannot read
         raise SvgError(f"cannot be read as an SVG drawing: {error}") from error
     if _tag(root) != "svg":
-        raise SvgError(f"found <{_tag(root)}>, expected <svg>")
-    pieces = [polyline(points) for points in _outlines(root, np.eye(3)) if len(points) > 1]
+        raise SvgError(f"found <{_tag(root)[:40]}>, expected <svg>")
+    try:
+        with np.errstate(over="ignore", invalid="ignore"):
+            return _segments(root)
+    except ArithmeticError as error:
+        raise SvgError(f"found numbers too large or too small to draw with ({error})") from error
+
+
+def _segments(root: ET.Element) -> Segments:
+    pieces, total = [], 0
+    for points in _outlines(root):
+        total += len(points)
+        _check_points(total)
+        if not (np.abs(points) <= _MOST).all():
+            raise SvgError(f"found a line that leads beyond {_MOST:g} units")
+        if len(points) > 1:
+            pieces.append(polyline(points))
     segments = np.concatenate(pieces) if pieces else np.zeros((0, 4))
     segments = segments[np.any(segments[:, :2] != segments[:, 2:], axis=1)]
     left, bottom = _lower_left(root)
     return np.stack(
         [segments[:, 0] - left, bottom - segments[:, 1], segments[:, 2] - left, bottom - segments[:, 3]], axis=1
     )
+
+
+def _check_points(found: int) -> None:
+    if found > LIMITS.walls:
+        raise SvgError(f"found {found} points of lines or more, expected {at_most('walls')}")
 
 
 def _lower_left(root: ET.Element) -> tuple[float, float]:
@@ -62,16 +86,19 @@ def _lower_left(root: ET.Element) -> tuple[float, float]:
     return 0.0, _length(root, "height")
 
 
-def _outlines(element: ET.Element, T_drawing_parent: Points) -> Iterator[Points]:
-    if _tag(element) in _HIDDEN or element.get("display") == "none" or "display:none" in element.get("style", ""):
-        return
-    T_drawing_element = matmul(T_drawing_parent, _transform(element.get("transform", "")))
-    outline = _OUTLINES.get(_tag(element))
-    if outline is not None:
-        for points in outline(element):
-            yield matmul(points, T_drawing_element[:2, :2].T) + T_drawing_element[:2, 2]
-    for child in element:
-        yield from _outlines(child, T_drawing_element)
+def _outlines(root: ET.Element) -> Iterator[Points]:
+    """All outlines in the order of the drawing, however deep its groups are nested."""
+    waiting = [(root, np.eye(3))]
+    while waiting:
+        element, T_drawing_parent = waiting.pop()
+        if _tag(element) in _HIDDEN or element.get("display") == "none" or "display:none" in element.get("style", ""):
+            continue
+        T_drawing_element = matmul(T_drawing_parent, _transform(element.get("transform", "")))
+        outline = _OUTLINES.get(_tag(element))
+        if outline is not None:
+            for points in outline(element):
+                yield matmul(points, T_drawing_element[:2, :2].T) + T_drawing_element[:2, 2]
+        waiting += [(child, T_drawing_element) for child in reversed(element)]
 
 
 def _line(element: ET.Element) -> Iterator[Points]:
@@ -134,6 +161,7 @@ def _path(element: ET.Element) -> Iterator[Points]:
                 ends = [2 * here - control if before in ("cs" if kind == "s" else "qt") and before else here, *ends]
             stroke += _bezier([here, *ends])
             control, here = ends[-2], ends[-1]
+        _check_points(len(stroke))
         before = kind
     yield _as_points(stroke)
 
@@ -238,13 +266,16 @@ def _arc_numbers(text: str) -> list[float]:
         found = pattern.match(text, position)
         if found is None:
             break
-        numbers.append(float(found.group()))
+        numbers += _numbers(found.group())
         position = found.end()
     return numbers
 
 
 def _numbers(text: str) -> list[float]:
-    return [float(number) for number in _NUMBER.findall(text)]
+    numbers = [float(number) for number in _NUMBER.findall(text)]
+    if not all(abs(number) <= _MOST for number in numbers):
+        raise SvgError(f"found a number beyond {_MOST:g}, expected smaller ones")
+    return numbers
 
 
 def _length(element: ET.Element, name: str) -> float:

@@ -1,6 +1,7 @@
 """A 2D world of wall segments, each with the time in which it stands and what it does to a beam."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,10 +9,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from graph.elementary import cos_sin
 from graph.errors import IcegError
+from graph.limits import LIMITS
 from graph.se2 import transform_points
 
 Segments = NDArray[np.float64]
 """(n, 4) wall segments x0, y0, x1, y1 [m] in the world frame."""
+
+
+_FARTHEST_WALL = 2.0 * LIMITS.coordinate
+"""A piece of furniture reaches beyond the place it is put at [m]."""
 
 
 class SimulatorError(IcegError):
@@ -38,8 +44,11 @@ class World:
 
     def __post_init__(self) -> None:
         n = len(self.segments)
-        if self.segments.shape != (n, 4) or not np.isfinite(self.segments).all():
-            raise SimulatorError(f"a world needs (n, 4) finite segments, found shape {self.segments.shape}")
+        if self.segments.shape != (n, 4) or not (np.abs(self.segments) <= _FARTHEST_WALL).all():
+            raise SimulatorError(
+                f"a world needs (n, 4) finite segments within {_FARTHEST_WALL:g} m of its origin, found shape "
+                f"{self.segments.shape}"
+            )
         if self.visible_from.shape != (n,) or self.visible_to.shape != (n,):
             raise SimulatorError(
                 f"{n} segments need as many times, found {self.visible_from.shape} and {self.visible_to.shape}"
@@ -81,12 +90,18 @@ class World:
 
     def with_world(self, other: "World") -> "World":
         """This world and all that stands in another one."""
-        return World(
-            segments=np.concatenate([self.segments, other.segments]),
-            visible_from=np.concatenate([self.visible_from, other.visible_from]),
-            visible_to=np.concatenate([self.visible_to, other.visible_to]),
-            glass=_joined(self, self.glass, other, other.glass),
-            dark=_joined(self, self.dark, other, other.dark),
+        return World.joined([self, other])
+
+    @classmethod
+    def joined(cls, worlds: Sequence["World"]) -> "World":
+        """All that stands in any of these worlds, in their order."""
+        worlds = worlds or [cls.empty()]
+        return cls(
+            segments=np.concatenate([world.segments for world in worlds]),
+            visible_from=np.concatenate([world.visible_from for world in worlds]),
+            visible_to=np.concatenate([world.visible_to for world in worlds]),
+            glass=_joined([(len(world.segments), world.glass) for world in worlds]),
+            dark=_joined([(len(world.segments), world.dark) for world in worlds]),
         )
 
     def without_glass(self) -> "World":
@@ -120,14 +135,11 @@ class World:
         return nearest
 
 
-def _joined(
-    world: World, share: NDArray[np.float64] | None, other: World, other_share: NDArray[np.float64] | None
-) -> NDArray[np.float64] | None:
-    if share is None and other_share is None:
+def _joined(shares: Sequence[tuple[int, NDArray[np.float64] | None]]) -> NDArray[np.float64] | None:
+    """The shares of several worlds of so many segments, 0 where one has none; None where none of them has any."""
+    if all(share is None for _, share in shares):
         return None
-    first = np.zeros(len(world.segments)) if share is None else share
-    second = np.zeros(len(other.segments)) if other_share is None else other_share
-    return np.concatenate([first, second])
+    return np.concatenate([np.zeros(n) if share is None else share for n, share in shares])
 
 
 def polyline(points: ArrayLike) -> Segments:

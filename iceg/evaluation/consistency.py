@@ -53,8 +53,11 @@ def nees(errors: NDArray[np.float64], covariances: NDArray[np.float64]) -> NDArr
         lower = dense.cholesky(covariances)
     except np.linalg.LinAlgError as err:
         raise EvaluationError("found a covariance that is not positive definite") from err
-    whitened = dense.solve_vector(lower, errors)
-    return np.asarray((whitened**2).sum(axis=-1))
+    with np.errstate(over="ignore", invalid="ignore"):
+        squared = np.asarray((dense.solve_vector(lower, errors) ** 2).sum(axis=-1))
+    if not np.isfinite(squared).all():
+        raise EvaluationError("found a covariance that is all but singular, by which no error can be judged")
+    return squared
 
 
 def relative_pose_errors(T_estimated: NDArray[np.float64], T_true: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -5,7 +5,7 @@ from math import pi
 from typing import Literal
 
 from graph.errors import IcegError
-from graph.ranges import check_numbers
+from graph.ranges import check_between, check_numbers
 
 Fitness = Literal["points", "probabilistic", "paper"]
 Search = Literal["hierarchy", "exhaustive", "genetic", "evolutionary"]
@@ -13,6 +13,13 @@ Search = Literal["hierarchy", "exhaustive", "genetic", "evolutionary"]
 
 class IceConfigError(IcegError):
     """A setting of ICE outside its range."""
+
+
+_CELLS = (0.01, 100.0)
+_WIDTHS = (1e-3, 100.0)
+_REACHES = (0.0, 200.0)
+_COUNTS = (1, 10_000)
+"""What lengths [m] and counts may be, so that no reference fills the memory and no search lasts for ever."""
 
 
 def _require(condition: bool, message: str) -> None:
@@ -45,6 +52,7 @@ class SegmentConfig:
         for name in ("gap", "split", "range_noise"):
             _require(getattr(self, name) > 0, f"segments.{name} must be positive, found {getattr(self, name)}")
         _require(self.min_points >= 2, f"segments.min_points must be at least 2, found {self.min_points}")
+        check_numbers(self, IceConfigError)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +72,7 @@ class FeatureConfig:
 
     def __post_init__(self) -> None:
         _require(0 < self.min_angle < pi / 2, f"features.min_angle must lie in (0, π/2), found {self.min_angle}")
+        check_numbers(self, IceConfigError)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,6 +127,20 @@ class HypothesisConfig:
     def __post_init__(self) -> None:
         positive = ("field_sigma", "sifting_points", "candidates", "alternatives", "population", "generations")
         check_numbers(self, IceConfigError, positive=positive)
+        check_between(
+            self,
+            IceConfigError,
+            field_sigma=_WIDTHS,
+            population=_COUNTS,
+            generations=_COUNTS,
+            ranking_points=_COUNTS,
+            sifting_points=_COUNTS,
+            candidates=_COUNTS,
+            alternatives=_COUNTS,
+            wide_window=_REACHES,
+            min_window=_REACHES,
+            trusted_window=_REACHES,
+        )
         _require(
             self.ranking_points >= 10, f"hypotheses.ranking_points must be at least 10, found {self.ranking_points}"
         )
@@ -148,6 +171,8 @@ class RefinementConfig:
             f"refinement: need 0 < scale <= coarse_scale, found {self.scale} and {self.coarse_scale}",
         )
         _require(0 <= self.min_inliers <= 1, f"refinement.min_inliers must lie in [0, 1], found {self.min_inliers}")
+        check_numbers(self, IceConfigError)
+        check_between(self, IceConfigError, scale=_WIDTHS, coarse_scale=_WIDTHS, iterations=(0, 10_000))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -169,6 +194,15 @@ class LocalMapConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, IceConfigError, positive=("reach", "fine_radius", "coarse_radius", "normal_reach"))
+        check_between(
+            self,
+            IceConfigError,
+            cell=_CELLS,
+            coarse_cell=_CELLS,
+            reach=_REACHES,
+            fine_radius=_REACHES,
+            coarse_radius=_REACHES,
+        )
         _require(
             0 < self.cell <= self.coarse_cell,
             f"local_map: need 0 < cell <= coarse_cell, found {self.cell} and {self.coarse_cell}",
@@ -194,6 +228,7 @@ class CovarianceConfig:
     def __post_init__(self) -> None:
         positive = ("min_sigma", "independence", "points", "max_step", "weak_sigma")
         check_numbers(self, IceConfigError, positive=positive)
+        check_between(self, IceConfigError, points=_COUNTS, max_step=(1e-4, 10.0))
 
 
 @dataclass(frozen=True, kw_only=True)

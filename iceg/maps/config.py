@@ -5,6 +5,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from graph.errors import IcegError
+from graph.limits import LIMITS, check_limit
+from graph.ranges import check_between, check_numbers, shown_number
 
 
 class GridError(IcegError):
@@ -15,6 +17,7 @@ class GridSizeError(GridError):
     """A grid that would be larger than allowed."""
 
 
+_LEAST_CELL, _MOST_CELL = 1e-4, 1e5  # m
 _FEWEST_CELLS = 16
 """Borders lie on multiples of the resolution and a cell is left free around: four by four hold any box, if large."""
 
@@ -55,8 +58,18 @@ class GridConfig:
     """Refuse grids larger than this (a diverged trajectory fills the memory); a run then doubles the resolution."""
 
     def __post_init__(self) -> None:
-        if not 0 < self.resolution < math.inf:
-            raise GridError(f"resolution is {self.resolution} m, expected a positive number")
+        if not _LEAST_CELL <= self.resolution <= _MOST_CELL:
+            raise GridError(
+                f"resolution is {self.resolution} m, expected a positive number from {_LEAST_CELL:g} to {_MOST_CELL:g}"
+            )
+        check_between(
+            self,
+            GridError,
+            max_range=(0.0, LIMITS.range),
+            beam_width=(0.0, 2.0 * math.pi),
+            min_travel=(0.0, LIMITS.range),
+            min_turn=(0.0, LIMITS.heading),
+        )
         if not 0.0 < self.miss_probability < 0.5 < self.hit_probability < 1.0:
             raise GridError(
                 f"miss_probability {self.miss_probability} and hit_probability {self.hit_probability}: "
@@ -80,6 +93,7 @@ class GridConfig:
             raise GridError(f"beam_width is {self.beam_width} rad, expected > 0")
         if self.max_cells < _FEWEST_CELLS:
             raise GridError(f"max_cells is {self.max_cells}, expected at least {_FEWEST_CELLS}")
+        check_limit(self.max_cells, "grid_cells", f"found max_cells {shown_number(self.max_cells)}")
 
 
 class FeatureMapError(IcegError):
@@ -128,6 +142,7 @@ class FeatureMapConfig:
         for name in ("pose_sigma", "heading_sigma", "drift_sigma", "occlusion_margin", "edge_on"):
             if not getattr(self, name) >= 0:
                 raise FeatureMapError(f"{name} is {getattr(self, name)}, expected ≥ 0")
+        check_numbers(self, FeatureMapError)
         if not 0.0 < self.false_detection_probability < self.detection_probability < 1.0:
             raise FeatureMapError(
                 f"false_detection_probability {self.false_detection_probability} and detection_probability "

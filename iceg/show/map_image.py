@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from PIL import ImageColor
 
 from graph.elementary import cos_sin
+from graph.limits import check_limit
 from iceg.show.canvas import Box, Canvas
 
 if TYPE_CHECKING:
@@ -164,6 +165,8 @@ def _shades_in(grid: "OccupancyGrid", box: Box) -> NDArray[np.uint8]:
     """Greys of the cells in a box whose borders are cell borders; unknown where it leaves the grid."""
     first_col, end_col = np.rint((np.array(box[:2]) - grid.origin[0]) / grid.resolution).astype(int)
     first_row, end_row = np.rint((np.array(box[2:]) - grid.origin[1]) / grid.resolution).astype(int)
+    n_cells = int(end_row - first_row) * int(end_col - first_col)
+    check_limit(n_cells, "grid_cells", f"found a picture of {n_cells} cells to hold map and trajectory")
     shades = np.full((end_row - first_row, end_col - first_col), round(_UNKNOWN), dtype=np.uint8)
     n_rows, n_cols = grid.shape
     rows = slice(max(first_row, 0), max(min(end_row, n_rows), 0))

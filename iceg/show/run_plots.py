@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from graph.atomic import write_atomically
 from graph.dense import eigvalsh
+from graph.limits import LimitError
 from graph.publish import publishing
 from iceg.results import whole_results
 from iceg.run_folder import RunFolder, is_of_dp_slam, read_ros_map, read_run_folder
@@ -43,8 +44,11 @@ def plot_results(directory: Path | str) -> tuple[Path, ...]:
     directory = Path(directory)
     is_filter = is_of_dp_slam(directory)
     draw = _drawing_of_dp_slam(directory) if is_filter else _drawing_of_run(read_run_folder(directory))
-    with publishing(directory) as staging:
-        draw(*(staging / name for name in PICTURES))
+    try:
+        with publishing(directory) as staging:
+            draw(*(staging / name for name in PICTURES))
+    except LimitError as err:
+        raise LimitError(f"{directory}: {err}") from err
     return tuple(directory / name for name in PICTURES[: 2 if is_filter else 3])
 
 

@@ -3,11 +3,15 @@
 from dataclasses import dataclass, field
 
 from graph.errors import IcegError
-from graph.ranges import check_numbers
+from graph.ranges import check_between, check_magnitudes, check_numbers
 
 
 class SlamConfigError(IcegError):
     """A setting of the SLAM system outside its range."""
+
+
+_STEPS = (1e-3, 1000.0)
+"""Between key scans [m, rad]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,6 +32,7 @@ class KeyScanConfig:
             raise SlamConfigError(f"key_scans: distance {self.distance} and angle {self.angle} must be positive")
         if self.window < 1 or self.rebuild < 1:
             raise SlamConfigError(f"key_scans: window {self.window} and rebuild {self.rebuild} must be at least 1")
+        check_between(self, SlamConfigError, "key_scans: ", distance=_STEPS, angle=_STEPS, window=(1, 1000))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,6 +118,18 @@ class LoopClosureConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError, positive=("confirmations", "place_confirmations"))
+        check_magnitudes(self, SlamConfigError)
+        check_between(
+            self,
+            SlamConfigError,
+            radius=(0.0, 1000.0),
+            max_drift=(0.0, 200.0),
+            reference_half=(0, 1000),
+            max_passes=(0, 1000),
+            max_pieces=(0, 1000),
+            places=(0, 100_000),
+            places_each=(0, 1000),
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,6 +168,18 @@ class JointRefinementConfig:
         for name in ("cell", "half_length", "half_width", "scale", "independence"):
             if not getattr(self, name) > 0.0:
                 raise SlamConfigError(f"joint refinement: {name} must be positive, found {getattr(self, name)}")
+        check_numbers(self, SlamConfigError)
+        check_between(
+            self,
+            SlamConfigError,
+            "joint refinement: ",
+            cell=(0.01, 100.0),
+            half_length=(0.01, 100.0),
+            half_width=(1e-3, 100.0),
+            scale=(1e-4, 100.0),
+            steps=(0, 1000),
+            max_points=(1, 5_000_000),
+        )
         if self.max_points < 1 or self.scans_per_key < 1:
             raise SlamConfigError(
                 f"joint refinement: max_points {self.max_points} and scans_per_key {self.scans_per_key} "
@@ -193,3 +222,12 @@ class FinishConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError, positive=("kernel_width", "doubts"))
+        check_between(
+            self,
+            SlamConfigError,
+            rounds=(0, 1000),
+            max_passes=(0, 1000),
+            doubts=(1, 100_000),
+            search_distance=(0.0, 100.0),
+            doubt_distance=(0.0, 100.0),
+        )

@@ -1,8 +1,8 @@
 """What to compare: methods × logs × seeds × the values of a sweep, from one TOML file."""
 
 import itertools
+import math
 import os
-import tomllib
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -11,10 +11,13 @@ from pathlib import Path
 from typing import Any
 
 from graph.errors import IcegError, reason
+from graph.files import read_text
+from graph.limits import LIMITS, at_most
 from iceg.evaluation.bench.cell import SCENE, Cell, LogSource
 from iceg.evaluation.bench.logs import known_beside
 from iceg.evaluation.bench.methods import METHODS, applies, flattened
 from iceg.evaluation.errors import EvaluationError
+from iceg.settings_file import parse_toml, shown_value
 
 _KEYS = ("methods", "logs", "seeds", "sweep", "time_limit_s")
 _METHOD_KEYS = ("method", "name", "settings")
@@ -56,10 +59,7 @@ def read_experiment(path: Path) -> Experiment:
     Raises:
         IcegError: the file, a key, a setting of any combination or a log is not as expected.
     """
-    try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as err:
-        raise ExperimentError(f"{path}: cannot be read as an experiment: {reason(err)}") from err
+    text = read_text(path, "settings_bytes", ExperimentError, "an experiment")
     return parse_experiment(text, path.parent, str(path))
 
 
@@ -74,15 +74,13 @@ def parse_experiment(text: str, folder: Path, where: str = "experiment") -> Expe
     Raises:
         IcegError: as `read_experiment`.
     """
-    try:
-        table = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as err:
-        raise ExperimentError(f"{where}: not valid TOML: {err}") from err
+    table = parse_toml(text, where, ExperimentError)
     _check_keys(table, _KEYS, where)
     methods = [_method(entry, f"{where}: methods[{k}]") for k, entry in enumerate(_list(table, "methods", where))]
     seeds = _seeds(table.get("seeds", [0]), f"{where}: seeds")
     logs = [_log(entry, folder, seeds, f"{where}: logs[{k}]") for k, entry in enumerate(_list(table, "logs", where))]
     sweep = _sweep(table.get("sweep", {}), methods, f"{where}: sweep")
+    _check_number(methods, logs, sweep, where)
     cells = tuple(_cells(methods, logs, sweep))
     _check_cells(cells, where)
     return Experiment(cells=cells, time_limit_s=_time_limit(table, where))
@@ -108,6 +106,17 @@ def _cells(
                     )
 
 
+def _check_number(
+    methods: list[_Named], logs: list[tuple[LogSource, tuple[int, ...]]], sweep: dict[str, list[Any]], where: str
+) -> None:
+    """Refuse more runs than allowed before any of them is made up."""
+    runs = sum(
+        math.prod(len(choices) for key, choices in sweep.items() if applies(key, named.method)) for named in methods
+    ) * sum(len(seeds) for _, seeds in logs)
+    if runs > LIMITS.bench_runs:
+        raise ExperimentError(f"{where}: found {runs} runs, expected {at_most('bench_runs')}")
+
+
 def _check_cells(cells: tuple[Cell, ...], where: str) -> None:
     """Make every method with its settings once, and have no two runs share a name."""
     for cell in {cell.label: replace(cell, seed=0) for cell in cells}.values():
@@ -125,14 +134,14 @@ def _check_cells(cells: tuple[Cell, ...], where: str) -> None:
 def _method(entry: Any, where: str) -> _Named:  # noqa: ANN401
     table = {"method": entry} if isinstance(entry, str) else entry
     if not isinstance(table, dict):
-        raise ExperimentError(f"{where}: found {entry!r}, expected the name of a method or a table")
+        raise ExperimentError(f"{where}: found {shown_value(entry)}, expected the name of a method or a table")
     _check_keys(table, _METHOD_KEYS, where)
     method = _text(table, "method", where)
     if method not in METHODS:
         raise ExperimentError(f"{where}: no method '{method}', expected one of {', '.join(METHODS)}")
     settings = table.get("settings", {})
     if not isinstance(settings, dict):
-        raise ExperimentError(f"{where}: settings: found {settings!r}, expected a table")
+        raise ExperimentError(f"{where}: settings: found {shown_value(settings)}, expected a table")
     return _Named(method=method, name=_text(table, "name", where, method), settings=dict(flattened(settings)))
 
 
@@ -144,7 +153,9 @@ def _log(
 ) -> tuple[LogSource, tuple[int, ...]]:
     table = {"path": entry} if isinstance(entry, str) else entry
     if not isinstance(table, dict):
-        raise ExperimentError(f"{where}: found {entry!r}, expected the path of a log, {SCENE}NAME or a table")
+        raise ExperimentError(
+            f"{where}: found {shown_value(entry)}, expected the path of a log, {SCENE}NAME or a table"
+        )
     _check_keys(table, _LOG_KEYS, where)
     given = _text(table, "path", where)
     seeds = _seeds(table["seeds"], f"{where}: seeds") if "seeds" in table else seeds
@@ -176,11 +187,11 @@ def _scene(table: Mapping[str, Any], given: str, known: Mapping[str, str], folde
 
 def _sweep(table: Any, methods: list[_Named], where: str) -> dict[str, list[Any]]:  # noqa: ANN401
     if not isinstance(table, dict):
-        raise ExperimentError(f"{where}: found {table!r}, expected a table of settings and lists of values")
+        raise ExperimentError(f"{where}: found {shown_value(table)}, expected a table of settings and lists of values")
     sweep = dict(flattened(table))
     for key, values in sweep.items():
         if not isinstance(values, list) or not values:
-            raise ExperimentError(f"{where}: {key}: found {values!r}, expected a list of values")
+            raise ExperimentError(f"{where}: {key}: found {shown_value(values)}, expected a list of values")
         if not any(applies(key, named.method) for named in methods):
             names = ", ".join(dict.fromkeys(named.method for named in methods))
             raise ExperimentError(f"{where}: {key}: has no meaning for any of the methods: {names}")
@@ -188,36 +199,44 @@ def _sweep(table: Any, methods: list[_Named], where: str) -> dict[str, list[Any]
 
 
 def _seeds(value: Any, where: str) -> tuple[int, ...]:  # noqa: ANN401
-    right = isinstance(value, list) and value and all(type(seed) is int and seed >= 0 for seed in value)
+    right = isinstance(value, list) and value and all(type(seed) is int and 0 <= seed < 2**63 for seed in value)
     if not right:
-        raise ExperimentError(f"{where}: found {value!r}, expected a list of whole numbers from 0")
+        raise ExperimentError(f"{where}: found {shown_value(value)}, expected a list of whole numbers from 0")
     return tuple(value)
 
 
 def _time_limit(table: Mapping[str, Any], where: str) -> float | None:
     limit = table.get("time_limit_s")
-    if limit is not None and (isinstance(limit, bool) or not isinstance(limit, int | float) or not limit > 0):
-        raise ExperimentError(f"{where}: time_limit_s: found {limit!r}, expected a positive number")
+    if limit is not None and (isinstance(limit, bool) or not isinstance(limit, int | float) or not 0 < limit <= 1e9):
+        raise ExperimentError(
+            f"{where}: time_limit_s: found {shown_value(limit)}, expected a positive number of seconds"
+        )
     return limit
 
 
 def _list(table: Mapping[str, Any], key: str, where: str) -> list[Any]:
     value = table.get(key)
     if not isinstance(value, list) or not value:
-        raise ExperimentError(f"{where}: {key}: found {value!r}, expected a list of at least one")
+        raise ExperimentError(f"{where}: {key}: found {shown_value(value)}, expected a list of at least one")
     return value
 
 
 def _text(table: Mapping[str, Any], key: str, where: str, default: str | None = None) -> str:
     value = table.get(key, default)
     if not isinstance(value, str) or not value:
-        raise ExperimentError(f"{where}: {key}: found {value!r}, expected a text")
+        raise ExperimentError(f"{where}: {key}: found {shown_value(value)}, expected a text")
     return value
 
 
 def _existing(name: str, folder: Path, where: str) -> Path:
-    path = (folder / Path(os.path.expandvars(name)).expanduser()).resolve()
-    if not path.is_file():
+    try:
+        path = (folder / Path(os.path.expandvars(name)).expanduser()).resolve()
+        is_file = path.is_file()
+    except (RuntimeError, OSError, ValueError) as err:  # no such user, a loop of links, no path at all
+        raise ExperimentError(
+            f"{where}: found {shown_value(name)}, expected the path of a file ({reason(err)})"
+        ) from err
+    if not is_file:
         raise ExperimentError(f"{where}: no file {path}")
     return path
 

@@ -21,6 +21,8 @@ METHODS = ("ice", *MATCHERS, DP_SLAM)
 _SEEDS = {"ice": ("ice.hypotheses.seed",), DP_SLAM: (f"{DP_SLAM}.seed",)}
 """Settings besides that of the pipeline which the seed of a run is for."""
 
+_DEEPEST = 20
+
 Settings = Mapping[str, Any]
 """Values by dotted key. A key that begins with the name of a method is for that method alone."""
 
@@ -165,7 +167,13 @@ def applies(key: str, method: str) -> bool:
 
 
 def flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Dotted keys and values of nested tables; keys may be dotted already."""
+    """Dotted keys and values of nested tables; keys may be dotted already.
+
+    Raises:
+        ConfigError: they are nested deeper than any settings are.
+    """
+    if prefix.count(".") > _DEEPEST:
+        raise ConfigError(f"{prefix[:40]}…: found tables nested more than {_DEEPEST} deep")
     for key, value in table.items():
         if isinstance(value, Mapping):
             yield from flattened(value, f"{prefix}{key}.")

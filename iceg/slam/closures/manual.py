@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from graph.batch import optimize
 from graph.config import PoseGraphConfig
 from graph.dense import congruence
-from graph.errors import IcegError, reason
+from graph.errors import IcegError
 from graph.factors import Factor
 from graph.pose_graph import PoseGraph
 from graph.se2 import adjoint, compose, inverse
 from iceg.slam.back_end import Solution
 from iceg.slam.closures.closure import Closure
 from iceg.slam.tracking.track import Track
-from iceg.tables import TableError, parse_numbers
+from iceg.tables import TableError, check_row, open_table, parse_numbers
 
 _COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad")
 _SIGMA_COLUMNS = (*_COLUMNS, "sigma_m", "sigma_rad")
@@ -77,13 +77,14 @@ def read_manual_closures(path: Path | str) -> list[ManualClosure]:
         IcegError: path:line, what was found and what was expected.
     """
     path = Path(path)
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            columns = _columns([word.strip() for word in next(reader, [])], path)
-            closures = [_closure(row, columns, f"{path}:{reader.line_num}") for row in reader if row]
-    except (OSError, UnicodeDecodeError, csv.Error) as err:
-        raise TableError(f"{path}: cannot be read as a CSV: {reason(err)}") from err
+    closures: list[ManualClosure] = []
+    with open_table(path, TableError, "a CSV", "utf-8-sig") as file:
+        reader = csv.reader(file)
+        columns = _columns([word.strip() for word in next(reader, [])], path)
+        for row in filter(None, reader):
+            where = f"{path}:{reader.line_num}"
+            check_row(len(closures) + 1, where, TableError)
+            closures.append(_closure(row, columns, where))
     if not closures:
         raise TableError(f"{path}: holds no rows under its header '{','.join(columns)}'")
     return closures
