@@ -133,6 +133,7 @@ class Log:
         sweep: seconds by which the beam of the largest bearing is measured after the one of the smallest; negative
             where the laser turns clockwise, 0 where all beams are measured at once, None where the log does not say.
             Odometry, stamp and truth of a scan are those of the middle of its sweep.
+        choices: what a reader chose where the file left a choice, and why: a sentence by its subject, such as "laser".
     """
 
     ranges: NDArray[np.float32]
@@ -146,6 +147,7 @@ class Log:
     message_counts: Mapping[str, int] = field(default_factory=dict)
     truth: NDArray[np.float64] | None = None
     sweep: float | None = None
+    choices: Mapping[str, str] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         odometry = "" if self.has_odometry else ", no odometry"

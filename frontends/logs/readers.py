@@ -2,9 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
+from frontends.bags.bag import read_bag
+from frontends.bags.magic import is_bag
 from frontends.logs.carmen import is_carmen, read_carmen
 from frontends.logs.dpslam import is_dpslam, read_dpslam
 from frontends.logs.errors import LogError
@@ -30,6 +33,7 @@ READERS: dict[str, Reader] = {
     "carmen": Reader(read=read_carmen, recognises=is_carmen),
     "dpslam": Reader(read=read_dpslam, recognises=is_dpslam),
     "usarsim": Reader(read=read_usarsim, recognises=is_usarsim),
+    "bag": Reader(read=read_bag, recognises=is_bag),
 }
 """Every format that can be read, by the name that chooses it."""
 
@@ -40,17 +44,23 @@ def read_log(path: Path | str, *, log_format: str = "auto", **options: Any) -> L
     Args:
         path: the log, plain or compressed (gz, bz2, xz).
         log_format: a name out of `READERS`, or "auto" to tell it by the content.
-        **options: for the format's reader: `range_max`, `skip_bad_lines` and so on.
+        **options: for the format's reader: `range_max`, `skip_bad_lines` and so on. One that is None is left to the
+            reader, and need not be known to it.
 
     Raises:
-        LogError: the file cannot be read, or its format is unknown.
+        LogError: the file cannot be read, its format is unknown, or has no such option.
     """
     path = Path(path)
     if log_format == "auto":
         log_format = recognise(path)
     if log_format not in READERS:
         raise LogError(f"no log format is called '{log_format}': expected 'auto' or one of {', '.join(READERS)}")
-    return READERS[log_format].read(path, **options)
+    read = READERS[log_format].read
+    given = {name: value for name, value in options.items() if value is not None}
+    unknown = sorted(given.keys() - signature(read).parameters.keys())
+    if unknown:
+        raise LogError(f"{path}: a log of the format {log_format} has no option {', '.join(unknown)}")
+    return read(path, **given)
 
 
 def recognise(path: Path) -> str:
@@ -59,6 +69,8 @@ def recognise(path: Path) -> str:
     Raises:
         LogError: the file is empty, cannot be read or is of no known format.
     """
+    if path.is_dir():
+        return "bag"
     log = TextLog(path)
     head = log.head()
     if not head.strip():
@@ -70,5 +82,6 @@ def recognise(path: Path) -> str:
             return name
     first = head.lstrip().partition(b"\n")[0]
     raise LogError(
-        f"{path}: found '{str(first[:60])[2:-1]}', expected a log of one of the formats {', '.join(READERS)}"
+        f"{path}: found '{str(first[:60])[2:-1]}', expected a log of one of the formats {', '.join(READERS)};"
+        " other data come in as a table (CSV, Parquet, NPZ: docs/formats.md) or as arrays (iceg.Log.from_arrays)"
     )
