@@ -23,6 +23,7 @@ from frontends.scan import Log, ScanGeometry
 from graph.errors import IcegError
 from graph.se2 import compose
 
+_UNKNOWN_MOUNT = "the bag does not say where the laser sits: it is taken to sit at the robot's centre, unless the scans tell otherwise"
 _FEW_RETURNS = 0.35
 """Where fewer of the beams than this return anything [share], a map is thin."""
 _TRUTH_SHARE = 0.99
@@ -104,6 +105,7 @@ def _assemble(path: Path, records: Records, warnings: list[str], options: BagOpt
             *stacked.warnings,
             *_warn_of_few_returns(ranges),
             *mount.warnings,
+            *([_UNKNOWN_MOUNT] if has_odometry and not mount.is_known else []),
             *times.warnings,
             *(odometry.warnings if odometry else ()),
             *judged,
@@ -146,7 +148,8 @@ def _base(asked: str | None, odometry: PosesOfScans | None, laser_frame: str, fr
         return asked.lstrip("/")
     if odometry is not None and odometry.child and frames.between(odometry.child, laser_frame) is not None:
         return odometry.child
-    return base_of(laser_frame, frames)
+    base = base_of(laser_frame, frames)
+    return odometry.child if odometry is not None and odometry.child and base == laser_frame else base
 
 
 def _geometry(

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.bags.frames import Frames
+from frontends.bags.sources import last_word
 
 _TILTED = math.cos(math.radians(5.0))
 _BASES = ("base_footprint", "base_link", "base")
@@ -19,12 +20,14 @@ class Mount:
     Attributes:
         T_robot_laser: (3,) x, y [m], heading [rad].
         is_upside_down: whether its bearings run clockwise on the robot.
+        is_known: whether the bag says it.
         reason: where this is known from, for a person.
         warnings: what is odd about it.
     """
 
     T_robot_laser: NDArray[np.float64]
     is_upside_down: bool = False
+    is_known: bool = True
     reason: str
     warnings: tuple[str, ...] = ()
 
@@ -33,10 +36,10 @@ def base_of(frame: str, frames: Frames) -> str:
     """The frame of the robot that a laser sits on: called base, else the lowest that nothing carries."""
     chain = frames.above(frame)
     for base in _BASES:
-        found = next((name for name in chain if name.rsplit("/", 1)[-1] == base), None)
+        found = next((name for name in chain if last_word(name) == base), None)
         if found is not None:
             return found
-    own = [name for name in chain if name.rsplit("/", 1)[-1] not in {"odom", "map", "world"}]
+    own = [name for name in chain if last_word(name) not in {"odom", "map", "world"}]
     return own[-1] if own else frame
 
 
@@ -49,12 +52,17 @@ def find_mount(base: str, frame: str, frames: Frames) -> Mount:
         frames: what the bag says of frames.
     """
     if base == frame:
-        return Mount(T_robot_laser=np.zeros(3), reason=f"the scans are given in the robot's frame '{base}'")
+        if last_word(frame) in _BASES:
+            return Mount(T_robot_laser=np.zeros(3), reason=f"the scans are given in the robot's frame '{frame}'")
+        return Mount(
+            T_robot_laser=np.zeros(3),
+            is_known=False,
+            reason=f"not stated: the trajectory is that of the laser's frame '{frame}'",
+        )
     found = frames.between(base, frame)
     if found is None:
-        unknown = f"the bag does not say where '{frame}' sits on the robot: it is taken to sit at its centre"
         return Mount(
-            T_robot_laser=np.zeros(3), reason="not stated: at the robot's centre, looking ahead", warnings=(unknown,)
+            T_robot_laser=np.zeros(3), is_known=False, reason=f"not stated: '{frame}' at the centre of '{base}'"
         )
     pose, moving = found
     warnings = []

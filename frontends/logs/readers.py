@@ -38,12 +38,19 @@ READERS: dict[str, Reader] = {
 """Every format that can be read, by the name that chooses it."""
 
 
-def read_log(path: Path | str, *, log_format: str = "auto", **options: Any) -> Log:  # noqa: ANN401
+def read_log(
+    path: Path | str,
+    *,
+    log_format: str = "auto",
+    progress: Callable[[int, int], None] | None = None,
+    **options: Any,  # noqa: ANN401
+) -> Log:
     """Read a recorded log.
 
     Args:
         path: the log, plain or compressed (gz, bz2, xz).
         log_format: a name out of `READERS`, or "auto" to tell it by the content.
+        progress: called with how much is read and how much there is, by readers of formats whose logs are long.
         **options: for the format's reader: `range_max`, `skip_bad_lines` and so on. One that is None is left to the
             reader, and need not be known to it.
 
@@ -60,6 +67,8 @@ def read_log(path: Path | str, *, log_format: str = "auto", **options: Any) -> L
     unknown = sorted(given.keys() - signature(read).parameters.keys())
     if unknown:
         raise LogError(f"{path}: a log of the format {log_format} has no option {', '.join(unknown)}")
+    if "progress" in signature(read).parameters:
+        given["progress"] = progress
     return read(path, **given)
 
 

@@ -45,6 +45,7 @@ def summarise(
         "log": log.path.name,
         "scans": len(log),
         "skipped_lines": log.skipped_lines,
+        "chosen": dict(log.choices),
         "warnings": [*log.warnings, *_doubts(track, solution, rounds, worst, grid_doubt)],
         "key_poses": len(track.keys),
         "scans_carried_by_odometry": track.failures,
