@@ -23,7 +23,7 @@ from frontends.scan import Log, ScanGeometry
 from graph.errors import IcegError
 from graph.se2 import compose
 
-_UNKNOWN_MOUNT = "the bag does not say where the laser sits: it is taken to sit at the robot's centre, unless the scans tell otherwise"
+_UNKNOWN_MOUNT = "the bag does not say where the laser sits: at the robot's centre, unless the scans tell otherwise"
 _FEW_RETURNS = 0.35
 """Where fewer of the beams than this return anything [share], a map is thin."""
 _TRUTH_SHARE = 0.99
