@@ -14,6 +14,9 @@ from frontends.logs.errors import LogError
 from frontends.logs.text import TextLog
 from frontends.logs.usarsim import is_usarsim, read_usarsim
 from frontends.scan import Log
+from frontends.tables.csv_table import is_csv, read_csv
+from frontends.tables.npz_table import is_npz, read_npz
+from frontends.tables.parquet_table import is_parquet, read_parquet
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -34,6 +37,9 @@ READERS: dict[str, Reader] = {
     "dpslam": Reader(read=read_dpslam, recognises=is_dpslam),
     "usarsim": Reader(read=read_usarsim, recognises=is_usarsim),
     "bag": Reader(read=read_bag, recognises=is_bag),
+    "csv": Reader(read=read_csv, recognises=is_csv),
+    "npz": Reader(read=read_npz, recognises=is_npz),
+    "parquet": Reader(read=read_parquet, recognises=is_parquet),
 }
 """Every format that can be read, by the name that chooses it."""
 
