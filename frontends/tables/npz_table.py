@@ -1,4 +1,4 @@
-"""Tables of scans as NumPy's NPZ: arrays `ranges`, `stamps`, `odometry`, `truth`, and what holds for all by its name."""
+"""Tables of scans as NPZ of NumPy: arrays `ranges`, `stamps`, `odometry`, `truth`, and what holds for all."""
 
 import zipfile
 from pathlib import Path
