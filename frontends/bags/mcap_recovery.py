@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 from zlib import crc32
 
-from frontends.bags.compression import DECOMPRESSORS, unpacked_message
+from frontends.bags.compression import unpacked_beginning
 from frontends.bags.message import Channel, Message, See, Tell, type_name
 
 _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 3, 4, 5, 6, 15
@@ -39,20 +39,21 @@ def recover(path: Path, types: Collection[str], see: See, tell: Tell) -> Iterato
     """
     book = _Book()
     spoiled = 0
+    is_whole = True
     with path.open("rb") as file:
         file.seek(_MAGIC_BYTES)
-        while (record := _record(file)) is not None:
-            operation, content = record
+        while is_whole and (record := _record(file)) is not None:
+            operation, content, is_whole = record
             if operation == _DATA_END:
                 break
             try:
                 yield from _messages(operation, content, book, types, see)
-            except (ValueError, KeyError, struct.error, OSError, EOFError, RuntimeError, _SpoiledError):
+            except (ValueError, KeyError, struct.error, _SpoiledError):
                 spoiled += 1
         else:
             tell(f"{path.name}: the file is cut off or damaged at byte {file.tell()}: nothing behind it is read")
     if spoiled:
-        tell(f"{path.name}: {spoiled} damaged chunks or records are left out, as far as they cannot be read")
+        tell(f"{path.name}: {spoiled} chunks or records are damaged: what they hold is left out, or may be wrong")
 
 
 class _SpoiledError(Exception):
@@ -62,8 +63,11 @@ class _SpoiledError(Exception):
 def _messages(operation: int, content: bytes, book: _Book, types: Collection[str], see: See) -> Iterator[Message]:
     """The messages of one record: of a chunk many."""
     if operation == _CHUNK:
-        for inner_operation, inner in _records(_chunk(content)):
+        records, is_sound = _chunk(content)
+        for inner_operation, inner in _records(records):
             yield from _messages(inner_operation, inner, book, types, see)
+        if not is_sound:
+            raise _SpoiledError
     elif operation == _SCHEMA:
         name, _ = _text(content, 2)
         book.types[_short(content, 0)] = type_name(name)
@@ -77,33 +81,31 @@ def _messages(operation: int, content: bytes, book: _Book, types: Collection[str
         channel = book.channels[number]
         see(channel, 1)
         if channel.type in types and channel.is_cdr:
-            yield Message(channel, 1e-9 * logged, unpacked_message(content[_MESSAGE_HEAD.size :]))
+            yield Message(channel, 1e-9 * logged, content[_MESSAGE_HEAD.size :])
 
 
-def _record(file: BinaryIO) -> tuple[int, bytes] | None:
-    """The next whole record of the file; None where there is none."""
+def _record(file: BinaryIO) -> tuple[int, bytes, bool] | None:
+    """The next record of the file, or its beginning, and whether it is whole; None where there is none."""
     head = file.read(_RECORD.size)
     if len(head) < _RECORD.size:
         return None
     operation, length = _RECORD.unpack(head)
-    content = file.read(length) if length < _MOST_BYTES else b""
-    return (operation, content) if len(content) == length else None
+    content = file.read(min(length, _MOST_BYTES))
+    return operation, content, len(content) == length
 
 
-def _chunk(content: bytes) -> bytes:
-    """The records of a chunk, unpacked."""
+def _chunk(content: bytes) -> tuple[bytes, bool]:
+    """The records of a chunk, unpacked, and whether they are what was written."""
     _, _, size, checksum = _CHUNK_HEAD.unpack_from(content)
     compression, at = _text(content, _CHUNK_HEAD.size)
     (length,) = struct.unpack_from("<Q", content, at)
-    records = DECOMPRESSORS[compression](content[at + 8 : at + 8 + length])
-    if len(records) != size or (checksum and crc32(records) != checksum):
-        raise _SpoiledError
-    return records
+    records, is_whole = unpacked_beginning(compression, content[at + 8 : at + 8 + length])
+    return records, is_whole and len(records) == size and (not checksum or crc32(records) == checksum)
 
 
 def _records(chunk: bytes) -> Iterator[tuple[int, bytes]]:
     at = 0
-    while at < len(chunk):
+    while at + _RECORD.size <= len(chunk):
         operation, length = _RECORD.unpack_from(chunk, at)
         at += _RECORD.size
         if at + length > len(chunk):

@@ -3,7 +3,6 @@
 Sources: the definitions of sensor_msgs, nav_msgs, geometry_msgs, tf2_msgs and std_msgs, the same in ROS 1 and ROS 2.
 """
 
-import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -14,6 +13,8 @@ from frontends.bags.errors import MalformedMessageError
 from frontends.bags.wire import Wire
 
 _MOST_TRANSFORMS = 10_000
+_FARTHEST = 1e9
+"""Poses farther away [m] are none."""
 
 
 class LaserScan(NamedTuple):
@@ -126,6 +127,6 @@ TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
 
 def _finite(numbers: tuple[float, ...]) -> tuple[float, ...]:
-    if not all(map(math.isfinite, numbers)):
-        raise MalformedMessageError("found NaN or infinity, expected finite numbers")
+    if not all(abs(number) < _FARTHEST for number in numbers):
+        raise MalformedMessageError("found NaN, infinity or a number beyond all reason, expected finite numbers")
     return numbers

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.bags import messages
+from frontends.bags.compression import unpacked_message
 from frontends.bags.errors import MalformedMessageError
 from frontends.bags.message import Channel, Message
 from frontends.bags.messages import StampedPose
@@ -128,7 +129,8 @@ class Records:
         """Take in what one message says; one that is none of its type is counted and passed over."""
         channel = message.channel
         try:
-            _TAKERS[channel.type](self, channel, message.recorded, Wire(message.data, is_cdr=channel.is_cdr))
+            data = unpacked_message(message.data) if channel.is_cdr else message.data
+            _TAKERS[channel.type](self, channel, message.recorded, Wire(data, is_cdr=channel.is_cdr))
         except MalformedMessageError as error:
             self.malformed[channel.topic] += 1
             self.first_malformed.setdefault(channel.topic, str(error))

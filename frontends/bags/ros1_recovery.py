@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
-from frontends.bags.compression import DECOMPRESSORS
+from frontends.bags.compression import unpacked_beginning
 from frontends.bags.message import Channel, Message, See, Tell, type_name
 
 _MESSAGE, _CHUNK, _CONNECTION = 2, 5, 7
@@ -33,19 +33,19 @@ def recover(path: Path, types: Collection[str], see: See, tell: Tell) -> Iterato
     """
     channels: dict[int, Channel] = {}
     spoiled = 0
+    is_whole = True
     with path.open("rb") as file:
         file.readline()
-        try:
-            while (record := _record(file)) is not None:
-                header, data = record
-                try:
-                    yield from _messages(header, data, channels, types, see)
-                except (_CutOffError, ValueError, KeyError, struct.error, OSError, EOFError, RuntimeError):
-                    spoiled += 1
-        except _CutOffError:
+        while is_whole and (record := _record(file)) is not None:
+            header, data, is_whole = record
+            try:
+                yield from _messages(header, data, channels, types, see)
+            except (_CutOffError, ValueError, KeyError, struct.error):
+                spoiled += is_whole
+        if not is_whole:
             tell(f"{path.name}: the file is cut off or damaged at byte {file.tell()}: nothing behind it is read")
     if spoiled:
-        tell(f"{path.name}: {spoiled} damaged chunks or records are left out, as far as they cannot be read")
+        tell(f"{path.name}: {spoiled} chunks or records are damaged: what cannot be read of them is left out")
 
 
 def _messages(
@@ -58,8 +58,11 @@ def _messages(
     """The messages of one record: of a chunk many."""
     kind = header.get(b"op", b"\0")[0]
     if kind == _CHUNK:
-        for inner_header, inner in _records(DECOMPRESSORS[header[b"compression"].decode()](data)):
+        records, is_whole = unpacked_beginning(header[b"compression"].decode(), data)
+        for inner_header, inner in _records(records):
             yield from _messages(inner_header, inner, channels, types, see)
+        if not is_whole:
+            raise _CutOffError
     elif kind == _CONNECTION:
         said = _fields(data)
         topic, name = header[b"topic"].decode("utf-8", "replace"), said[b"type"].decode("utf-8", "replace")
@@ -72,13 +75,18 @@ def _messages(
             yield Message(channel, seconds + 1e-9 * nanoseconds, data)
 
 
-def _record(file: BinaryIO) -> tuple[dict[bytes, bytes], bytes] | None:
-    """The next record of the file; None at its end."""
+def _record(file: BinaryIO) -> tuple[dict[bytes, bytes], bytes, bool] | None:
+    """The next record of the file, and whether it is whole; None at the file's end."""
     length = file.read(4)
     if not length:
         return None
-    header = _fields(_exactly(file, _number(length)))
-    return header, _exactly(file, _data_length(header, _number(_exactly(file, 4))))
+    try:
+        header = _fields(_exactly(file, _number(length)))
+        n_bytes = _data_length(header, _number(_exactly(file, 4)))
+    except _CutOffError:
+        return {}, b"", False
+    data = file.read(min(n_bytes, _MOST_BYTES))
+    return header, data, len(data) == n_bytes
 
 
 def _data_length(header: dict[bytes, bytes], stated: int) -> int:

@@ -4,7 +4,6 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
-from frontends.bags.compression import unpacked_message
 from frontends.bags.message import Channel, Message, See
 
 
@@ -33,7 +32,7 @@ def read(path: Path, container: str, types: Collection[str], see: See) -> Iterat
         if not wanted:
             return
         for connection, recorded, data in reader.messages(wanted):
-            yield Message(channels[connection.id], 1e-9 * recorded, unpacked_message(data) if is_cdr else data)
+            yield Message(channels[connection.id], 1e-9 * recorded, data)
     finally:
         reader.close()
 

@@ -1,13 +1,16 @@
 """A damaged database of ROS 2 read row by row, from its beginning and then from its end."""
 
+import os
+import shutil
 import sqlite3
 from collections.abc import Collection, Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
-from frontends.bags.compression import unpacked_message
 from frontends.bags.message import Channel, Message, See, Tell, type_name
 
+_MOST_MISSING = 1 << 40
 _ROWS = "SELECT id, topic_id, timestamp, data FROM messages"
 
 
@@ -21,7 +24,10 @@ def recover(path: Path, types: Collection[str], see: See, tell: Tell) -> Iterato
         tell: told what was left out.
     """
     try:
-        with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database:
+        with (
+            _of_stated_size(path) as whole,
+            closing(sqlite3.connect(f"{whole.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database,
+        ):
             database.text_factory = lambda text: text.decode("utf-8", "replace")
             channels = _channels(database)
             newest = -1
@@ -34,8 +40,25 @@ def recover(path: Path, types: Collection[str], see: See, tell: Tell) -> Iterato
                 for message in _message(row, channels, types, see)
             ]
             yield from reversed(behind)
-    except sqlite3.Error as error:
+    except (sqlite3.Error, OverflowError) as error:
         tell(f"{path.name}: the database is damaged ({error})")
+
+
+@contextmanager
+def _of_stated_size(path: Path) -> Iterator[Path]:
+    """The file; of one that was cut off a copy as long as it says it is, for SQLite reads none that is shorter."""
+    with path.open("rb") as file:
+        head = file.read(32)
+    page_bytes, pages = int.from_bytes(head[16:18], "big"), int.from_bytes(head[28:32], "big")
+    missing = (65536 if page_bytes == 1 else page_bytes) * pages - path.stat().st_size
+    if not 0 < missing <= _MOST_MISSING:
+        yield path
+        return
+    with TemporaryDirectory(prefix="iceg-") as room:
+        whole = Path(room) / "whole.db3"
+        shutil.copyfile(path, whole)
+        os.truncate(whole, path.stat().st_size + missing)
+        yield whole
 
 
 def _channels(database: sqlite3.Connection) -> dict[int, Channel]:
@@ -66,4 +89,4 @@ def _message(
         return
     see(channel, 1)
     if channel.type in types and channel.is_cdr:
-        yield Message(channel, 1e-9 * logged, unpacked_message(data))
+        yield Message(channel, 1e-9 * logged, data)
