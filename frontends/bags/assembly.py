@@ -156,7 +156,8 @@ def _geometry(
     stacked: StackedSweeps, scans: ScanRecords, times: ScanTimes, mount: Mount, options: BagOptions
 ) -> tuple[ScanGeometry, NDArray[np.float32]]:
     """The laser, and its readings in the order of time with NaN where there was no return."""
-    ranges, bearings = stacked.ranges[times.order], stacked.bearings
+    is_in_order = bool((np.diff(times.order) == 1).all())
+    ranges, bearings = stacked.ranges if is_in_order else stacked.ranges[times.order], stacked.bearings
     if mount.is_upside_down:
         ranges, bearings = np.ascontiguousarray(ranges[:, ::-1]), -bearings[::-1]
     limits = np.array([scans.settings[k][5:] for k in stacked.sweeps.tolist()])

@@ -56,12 +56,16 @@ def stack(scans: ScanRecords) -> StackedSweeps | None:
         return None
     usual = counted.most_common(1)[0][0]
     kept = np.array([k for k, spread in enumerate(spreads) if spread is not None], dtype=np.int64)
-    bearings, _ = _in_order(usual)
+    in_order = {spread: _in_order(spread) for spread in counted}
+    bearings, usual_beams = in_order[usual]
     ranges = np.empty((len(kept), len(bearings)), dtype=np.float32)
     for row, k in enumerate(kept.tolist()):
         spread = spreads[k]
         assert spread is not None
-        ranges[row] = _placed(scans.ranges[k], spread, usual, bearings)
+        is_usual = spread is usual or spread == usual
+        ranges[row] = (
+            scans.ranges[k][usual_beams] if is_usual else _placed(scans.ranges[k], *in_order[spread], bearings)
+        )
     return StackedSweeps(kept, ranges, bearings, usual.step < 0.0, _warnings(spreads, counted, usual))
 
 
@@ -98,14 +102,11 @@ def _in_order(spread: Spread) -> tuple[NDArray[np.float64], slice]:
 
 
 def _placed(
-    readings: NDArray[np.float32], spread: Spread, usual: Spread, bearings: NDArray[np.float64]
+    readings: NDArray[np.float32], own: NDArray[np.float64], beams: slice, bearings: NDArray[np.float64]
 ) -> NDArray[np.float32]:
-    own, chosen = _in_order(spread)
-    in_order = readings[chosen]
-    if spread == usual:
-        return in_order
+    """Readings of other bearings on the usual ones."""
     turns = round(float(bearings[0] + bearings[-1] - own[0] - own[-1]) / (2.0 * _WHOLE_TURN))
-    return place_on_bearings(in_order, own + _WHOLE_TURN * turns, bearings)
+    return place_on_bearings(readings[beams], own + _WHOLE_TURN * turns, bearings)
 
 
 def _warnings(spreads: Sequence[Spread | None], counted: Counter[Spread], usual: Spread) -> list[str]:

@@ -3,6 +3,7 @@
 Sources: the definitions of sensor_msgs, nav_msgs, geometry_msgs, tf2_msgs and std_msgs, the same in ROS 1 and ROS 2.
 """
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -72,22 +73,16 @@ def laser_scan(wire: Wire) -> LaserScan:
     return LaserScan(stamp, frame, setting, wire.float_array())
 
 
-def odometry(wire: Wire) -> list[StampedPose]:
-    """nav_msgs/Odometry, its pose."""
-    stamp, frame = wire.header()
-    return [StampedPose(stamp, frame, wire.frame(), _finite(wire.doubles(7)))]
-
-
-def pose_stamped(wire: Wire) -> list[StampedPose]:
+def pose_stamped(wire: Wire) -> StampedPose:
     """geometry_msgs/PoseStamped, and PoseWithCovarianceStamped, which begins alike."""
     stamp, frame = wire.header()
-    return [StampedPose(stamp, frame, "", _finite(wire.doubles(7)))]
+    return StampedPose(stamp, frame, "", _finite(wire.doubles(7)))
 
 
-def transform_stamped(wire: Wire) -> list[StampedPose]:
-    """geometry_msgs/TransformStamped."""
+def transform_stamped(wire: Wire) -> StampedPose:
+    """geometry_msgs/TransformStamped, and nav_msgs/Odometry, which begins alike: two frames and seven numbers."""
     stamp, frame = wire.header()
-    return [StampedPose(stamp, frame, wire.frame(), _finite(wire.doubles(7)))]
+    return StampedPose(stamp, frame, wire.frame(), _finite(wire.doubles(7)))
 
 
 def transforms(wire: Wire) -> list[StampedPose]:
@@ -95,7 +90,7 @@ def transforms(wire: Wire) -> list[StampedPose]:
     n = wire.count()
     if n > _MOST_TRANSFORMS:
         raise MalformedMessageError(f"found {n} transforms, expected at most {_MOST_TRANSFORMS}")
-    return [transform_stamped(wire)[0] for _ in range(n)]
+    return [transform_stamped(wire) for _ in range(n)]
 
 
 def turn_rate(wire: Wire) -> TurnRate:
@@ -116,8 +111,8 @@ LASER_SCAN = "sensor_msgs/msg/LaserScan"
 IMU = "sensor_msgs/msg/Imu"
 STRING = "std_msgs/msg/String"
 ODOMETRY = "nav_msgs/msg/Odometry"
-POSES: dict[str, Callable[[Wire], list[StampedPose]]] = {
-    ODOMETRY: odometry,
+POSES: dict[str, Callable[[Wire], StampedPose]] = {
+    ODOMETRY: transform_stamped,
     "geometry_msgs/msg/PoseStamped": pose_stamped,
     "geometry_msgs/msg/PoseWithCovarianceStamped": pose_stamped,
     "geometry_msgs/msg/TransformStamped": transform_stamped,
@@ -127,6 +122,7 @@ TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 
 
 def _finite(numbers: tuple[float, ...]) -> tuple[float, ...]:
-    if not all(abs(number) < _FARTHEST for number in numbers):
+    # Comparisons with NaN are false: it passes neither.
+    if not (min(numbers) > -_FARTHEST and max(numbers) < _FARTHEST and sum(numbers) < math.inf):
         raise MalformedMessageError("found NaN, infinity or a number beyond all reason, expected finite numbers")
     return numbers

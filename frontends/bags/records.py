@@ -74,10 +74,7 @@ class Rows:
 
     def add(self, stamp: float, recorded: float, numbers: tuple[float, ...]) -> None:
         """One more."""
-        numbers_of = self._numbers
-        numbers_of.append(stamp)
-        numbers_of.append(recorded)
-        numbers_of.extend(numbers)
+        self._numbers.extend((stamp, recorded, *numbers))
 
     @property
     def stamps(self) -> NDArray[np.float64]:
@@ -172,18 +169,23 @@ def collect(bag: Bag, progress: Callable[[int, int], None] | None = None) -> Rec
 
 
 def _take_scan(records: Records, channel: Channel, recorded: float, wire: Wire) -> None:
-    scan = messages.laser_scan(wire)
-    scans = records.scans.setdefault(Laser(channel.topic, scan.frame), ScanRecords())
-    scans.ranges.append(scan.ranges)
-    scans.settings.append(scan.setting)
-    scans.stamps.append(scan.stamp)
+    stamp, frame, setting, ranges = messages.laser_scan(wire)
+    scans = records.scans.get((channel.topic, frame))  # type: ignore[call-overload]  # equal to a Laser, and quicker
+    if scans is None:
+        scans = records.scans[Laser(channel.topic, frame)] = ScanRecords()
+    scans.ranges.append(ranges)
+    scans.settings.append(setting)
+    scans.stamps.append(stamp)
     scans.recorded.append(recorded)
 
 
 def _take_pose(records: Records, channel: Channel, recorded: float, wire: Wire) -> None:
-    for pose in messages.POSES[channel.type](wire):
-        source = PoseSource(channel.topic, channel.type, pose.parent, pose.child)
-        records.poses.setdefault(source, Rows(7)).add(pose.stamp, recorded, pose.pose)
+    stamp, parent, child, pose = messages.POSES[channel.type](wire)
+    source = (channel.topic, channel.type, parent, child)
+    rows = records.poses.get(source)  # type: ignore[call-overload]
+    if rows is None:
+        rows = records.poses[PoseSource(*source)] = Rows(7)
+    rows.add(stamp, recorded, pose)
 
 
 def _take_transforms(records: Records, channel: Channel, recorded: float, wire: Wire) -> None:
@@ -204,9 +206,11 @@ def add_transform(records: Records, transform: StampedPose, recorded: float, *, 
 
 
 def _take_turn_rate(records: Records, channel: Channel, recorded: float, wire: Wire) -> None:
-    turn = messages.turn_rate(wire)
-    rows = records.imus.setdefault(Laser(channel.topic, turn.frame), Rows(6))
-    rows.add(turn.stamp, recorded, turn.rate + turn.acceleration)
+    stamp, frame, rate, acceleration = messages.turn_rate(wire)
+    rows = records.imus.get((channel.topic, frame))  # type: ignore[call-overload]
+    if rows is None:
+        rows = records.imus[Laser(channel.topic, frame)] = Rows(6)
+    rows.add(stamp, recorded, rate + acceleration)
 
 
 def _take_text(records: Records, channel: Channel, recorded: float, wire: Wire) -> None:  # noqa: ARG001

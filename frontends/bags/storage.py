@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -86,10 +86,10 @@ def open_bag(path: Path) -> Iterator[Bag]:
     Raises:
         BagError: there is no bag.
     """
-    with TemporaryDirectory(prefix="iceg-") as room:
+    with ExitStack() as unpacked:
         try:
             paths, warnings = _in_folder(path) if path.is_dir() else ([path], [])
-            files = [_opened(file, Path(room)) for file in paths]
+            files = [_opened(file, unpacked) for file in paths]
         except OSError as error:
             raise BagError(f"{path}: cannot be read ({reason(error)})") from error
         yield Bag(path=path, files=files, warnings=warnings)
@@ -135,8 +135,8 @@ def _container_of(path: Path) -> str | None:
     return container(head)
 
 
-def _opened(path: Path, room: Path) -> BagFile:
-    """A file with its container; unpacked if it is packed as a whole."""
+def _opened(path: Path, unpacked: ExitStack) -> BagFile:
+    """A file with its container; one that is packed as a whole is unpacked until the stack is closed."""
     if not path.exists():
         raise BagError(f"{path}: no such file")
     found = _container_of(path)
@@ -144,7 +144,9 @@ def _opened(path: Path, room: Path) -> BagFile:
         raise BagError(f"{path}: found no bag, expected one of ROS 1, or of ROS 2 as sqlite3 or MCAP")
     with path.open("rb") as file:
         is_packed = file.read(4) == ZSTD
-    return BagFile(_unpacked(path, room) if is_packed else path, found)
+    if not is_packed:
+        return BagFile(path, found)
+    return BagFile(_unpacked(path, Path(unpacked.enter_context(TemporaryDirectory(prefix="iceg-")))), found)
 
 
 def _unpacked(path: Path, room: Path) -> Path:

@@ -5,6 +5,7 @@ order, numbers are aligned to their size counted from behind them, a string's le
 """
 
 import struct
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,8 @@ from frontends.bags.errors import MalformedMessageError
 _LITTLE, _BIG = 1, 0
 """Second byte of CDR's four."""
 _ORDERS = {
-    "<": (struct.Struct("<I"), struct.Struct("<II"), struct.Struct("<iI"), np.dtype("<f4"), np.dtype("<f8")),
-    ">": (struct.Struct(">I"), struct.Struct(">II"), struct.Struct(">iI"), np.dtype(">f4"), np.dtype(">f8")),
+    "<": (struct.Struct("<I"), struct.Struct("<III"), struct.Struct("<iII"), np.dtype("<f4"), np.dtype("<f8")),
+    ">": (struct.Struct(">I"), struct.Struct(">III"), struct.Struct(">iII"), np.dtype(">f4"), np.dtype(">f8")),
 }
 _DOUBLES = {(order, n): struct.Struct(f"{order}{n}d") for order in "<>" for n in (3, 4, 7)}
 _FLOATS = {(order, n): struct.Struct(f"{order}{n}f") for order in "<>" for n in (7,)}
@@ -24,9 +25,9 @@ _FLOATS = {(order, n): struct.Struct(f"{order}{n}f") for order in "<>" for n in 
 class Wire:
     """A position in the bytes of one message; each method reads on from there."""
 
-    __slots__ = ("_at", "_counter", "_data", "_double", "_float", "_is_cdr", "_order", "_stamp")
+    __slots__ = ("_at", "_counter", "_data", "_double", "_float", "_header", "_is_cdr", "_order")
 
-    def __init__(self, data: bytes | memoryview, *, is_cdr: bool) -> None:
+    def __init__(self, data: bytes, *, is_cdr: bool) -> None:
         self._data = data
         self._is_cdr = is_cdr
         self._order = "<"
@@ -37,7 +38,7 @@ class Wire:
             self._order = "<" if data[1] == _LITTLE else ">"
             self._at = 4
         self._counter, unsigned, signed, self._float, self._double = _ORDERS[self._order]
-        self._stamp = signed if is_cdr else unsigned
+        self._header = signed if is_cdr else unsigned
 
     def count(self) -> int:
         """An unsigned number of 32 bits."""
@@ -45,25 +46,19 @@ class Wire:
         (value,) = self._unpack(self._counter, at)
         return int(value)
 
-    def stamp(self) -> float:
-        """A time [s]."""
-        seconds, nanoseconds = self._unpack(self._stamp, self._aligned(4))
-        return float(seconds) + 1e-9 * float(nanoseconds)
-
     def header(self) -> tuple[float, str]:
         """The stamp [s] and the frame of a std_msgs/Header."""
-        if not self._is_cdr:
-            self.count()  # a sequence number
-        return self.stamp(), self.frame()
+        at = self._aligned(4) if self._is_cdr else self._at + 4  # behind a sequence number
+        seconds, nanoseconds, length = self._unpack(self._header, at)
+        return seconds + 1e-9 * nanoseconds, _frame_name(self._bytes(int(length)))
 
     def frame(self) -> str:
         """The name of a frame, without the leading slash of old."""
-        return self.string().lstrip("/")
+        return _frame_name(self._bytes(self.count()))
 
     def string(self) -> str:
         """A text."""
-        length = self.count()
-        text = self._bytes(length)
+        text = self._bytes(self.count())
         if self._is_cdr:
             text = text.removesuffix(b"\0")
         return text.decode("utf-8", "replace")
@@ -93,7 +88,7 @@ class Wire:
         end = self._at + length
         if end > len(self._data):
             raise MalformedMessageError(f"found {len(self._data) - self._at} bytes, expected a text of {length}")
-        text = bytes(self._data[self._at : end])
+        text = self._data[self._at : end]
         self._at = end
         return text
 
@@ -106,3 +101,8 @@ class Wire:
             return form.unpack_from(self._data, at)
         except struct.error:
             raise MalformedMessageError(f"found {len(self._data)} bytes, expected {self._at} or more") from None
+
+
+@lru_cache(256)
+def _frame_name(name: bytes) -> str:
+    return name.removesuffix(b"\0").decode("utf-8", "replace").lstrip("/")
