@@ -159,6 +159,7 @@ class Log:
         sweep: seconds by which the beam of the largest bearing is measured after the one of the smallest; negative
             where the laser turns clockwise, 0 where all beams are measured at once, None where the log does not say.
             Odometry, stamp and truth of a scan are those of the middle of its sweep.
+        choices: what a reader chose where the file left a choice, and why: a sentence by its subject, such as "laser".
 
     Raises:
         ScanError: arrays that do not belong together, or numbers that are not finite or beyond `graph.limits`.
@@ -175,6 +176,60 @@ class Log:
     message_counts: Mapping[str, int] = field(default_factory=dict)
     truth: NDArray[np.float64] | None = None
     sweep: float | None = None
+    choices: Mapping[str, str] = field(default_factory=dict)
+
+    @classmethod
+    def from_arrays(
+        cls,
+        ranges: ArrayLike,
+        *,
+        bearings: ArrayLike | None = None,
+        field_of_view: float | None = None,
+        odometry: ArrayLike | None = None,
+        stamps: ArrayLike | None = None,
+        truth: ArrayLike | None = None,
+        range_min: float | None = None,
+        range_max: float | None = None,
+        T_robot_laser: ArrayLike = (0.0, 0.0, 0.0),
+        sweep: float | None = None,
+        name: str = "arrays",
+    ) -> "Log":
+        """A log from plain arrays, whatever they come from.
+
+        Args:
+            ranges: (n_scans, n_beams) readings [m], in the order of time; zero, negative, NaN and infinite ones are no
+                returns.
+            bearings: (n_beams,) direction of each beam in the laser's frame [rad], counter-clockwise positive, evenly
+                spread, increasing or decreasing; or else
+            field_of_view: angle between the first beam, at the right, and the last [rad], around straight ahead.
+            odometry: (n_scans, 3) x [m], y [m], heading [rad] of the robot by its wheels; None for none.
+            stamps: (n_scans,) [s]; None for none.
+            truth: (n_scans, 3) true poses of the robot, in a frame of their own.
+            range_min: shorter readings are no returns [m]; None for 2 cm.
+            range_max: readings of this length and more are no returns [m]; None to tell it from the readings.
+            T_robot_laser: (3,) where the laser sits on the robot: x [m], y [m], heading [rad].
+            sweep: seconds by which the beam of the largest bearing is measured after the one of the smallest, see
+                `sweep` above; stamps and poses are those of the middle.
+            name: what the log is called.
+
+        Raises:
+            ScanError: an array is not of the shape it must have, or holds what it must not.
+        """
+        from frontends.arrays import log_from_arrays
+
+        return log_from_arrays(
+            ranges,
+            bearings=bearings,
+            field_of_view=field_of_view,
+            odometry=odometry,
+            stamps=stamps,
+            truth=truth,
+            range_min=range_min,
+            range_max=range_max,
+            T_robot_laser=T_robot_laser,
+            sweep=sweep,
+            path=Path(name),
+        )
 
     def __post_init__(self) -> None:
         n = len(self.ranges)

@@ -32,6 +32,14 @@ class LogConfig:
     """Shortest reading taken as a return [m]; left out: 2 cm."""
     range_max: float | None = None
     """Longest reading taken as a return [m]; left out: derived from the log."""
+    scan_topic: str | None = None
+    """Of a bag: topic of the laser; left out: the one that sees most."""
+    scan_frame: str | None = None
+    """Of a bag: frame of the laser, where several share a topic."""
+    odometry_topic: str | None = None
+    """Of a bag: topic of the odometry, whatever is on it; left out: the robot's own, or the transform from odom."""
+    base_frame: str | None = None
+    """Of a bag: the robot's frame; left out: the one whose odometry it is."""
 
     def __post_init__(self) -> None:
         most = LIMITS.range

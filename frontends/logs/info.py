@@ -6,9 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from frontends.scan import Log
 from graph.se2 import wrap_angle
+
+_GAP_PERIODS, _SHORTEST_GAP = 5.0, 1.0
+"""Two stamps that lie so many usual periods and so long [s] apart have a gap between them."""
+_TOLD_GAPS = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,12 +34,15 @@ class LogInfo:
         empty_scans: scans without any return.
         duration: between the earliest and the latest stamp [s].
         stamps_stepping_back: how often a stamp is earlier than the one before.
+        gaps: beginning after the first stamp and length [s] of each gap in the stamps, longest first.
         has_odometry: whether there is odometry that says something.
         path_length: of the robot by odometry [m].
         turned_angle: sum of all turns by odometry [rad].
         skipped_lines: malformed lines passed over.
         message_counts: messages in the file, by kind.
         warnings: what the reader noticed.
+        choices: what the reader chose, and why, by its subject.
+        has_truth: whether the log holds the true poses.
     """
 
     path: Path
@@ -50,12 +58,15 @@ class LogInfo:
     empty_scans: int
     duration: float
     stamps_stepping_back: int
+    gaps: tuple[tuple[float, float], ...]
     has_odometry: bool
     path_length: float
     turned_angle: float
     skipped_lines: int
     message_counts: Mapping[str, int]
     warnings: tuple[str, ...]
+    choices: Mapping[str, str]
+    has_truth: bool
 
     def __str__(self) -> str:
         x, y, heading = self.T_robot_laser
@@ -80,13 +91,20 @@ class LogInfo:
             ),
             "no return": f"{100 * self.no_return_share:.1f} % of the beams, {self.empty_scans} scans without any",
             "odometry": motion,
-            "stamps": f"step back {self.stamps_stepping_back} times",
+            "stamps": ", ".join([f"step back {self.stamps_stepping_back} times", *self._told_gaps()]),
             "messages": ", ".join(f"{count} {name}" for name, count in self.message_counts.items()),
         }
         if self.skipped_lines:
             rows["skipped"] = f"{self.skipped_lines} malformed lines"
         lines = [f"{name:<10}{value}" for name, value in rows.items() if value]
-        return "\n".join([*lines, *(f"{'warning':<10}{warning}" for warning in self.warnings)])
+        chosen = [f"{'chosen':<10}{subject}: {choice}" for subject, choice in self.choices.items()]
+        return "\n".join([*lines, *chosen, *(f"{'warning':<10}{warning}" for warning in self.warnings)])
+
+    def _told_gaps(self) -> list[str]:
+        if not self.gaps:
+            return []
+        longest = ", ".join(f"{length:.1f} s after {start:.1f} s" for start, length in self.gaps[:_TOLD_GAPS])
+        return [f"{len(self.gaps)} gaps, the longest {longest}" if len(self.gaps) > 1 else f"a gap of {longest}"]
 
 
 def describe_log(log: Log) -> LogInfo:
@@ -111,10 +129,24 @@ def describe_log(log: Log) -> LogInfo:
         empty_scans=int(np.count_nonzero(~returned.any(axis=1))),
         duration=float(np.ptp(log.stamps)),
         stamps_stepping_back=int(np.count_nonzero(np.diff(log.stamps) < 0)),
+        gaps=_gaps(log.stamps),
         has_odometry=log.has_odometry,
         path_length=float(np.hypot(steps[:, 0], steps[:, 1]).sum()),
         turned_angle=float(np.abs(wrap_angle(steps[:, 2])).sum()),
         skipped_lines=log.skipped_lines,
         message_counts=log.message_counts,
         warnings=log.warnings,
+        choices=log.choices,
+        has_truth=log.truth is not None,
     )
+
+
+def _gaps(stamps: NDArray[np.float64]) -> tuple[tuple[float, float], ...]:
+    """Beginning after the first stamp and length of each gap [s], the longest first."""
+    steps = np.diff(stamps)
+    forward = steps[steps > 0.0]
+    if not len(forward):
+        return ()
+    gaps = np.flatnonzero((steps > _GAP_PERIODS * np.median(forward)) & (steps > _SHORTEST_GAP))
+    longest_first = gaps[np.argsort(-steps[gaps], kind="stable")]
+    return tuple((float(stamps[gap] - stamps[0]), float(steps[gap])) for gap in longest_first)

@@ -2,15 +2,21 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
+from frontends.bags.bag import read_bag
+from frontends.bags.magic import is_bag
 from frontends.logs.carmen import is_carmen, read_carmen
 from frontends.logs.dpslam import is_dpslam, read_dpslam
 from frontends.logs.errors import LogError
 from frontends.logs.text import TextLog
 from frontends.logs.usarsim import is_usarsim, read_usarsim
 from frontends.scan import Log
+from frontends.tables.csv_table import is_csv, read_csv
+from frontends.tables.npz_table import is_npz, read_npz
+from frontends.tables.parquet_table import is_parquet, read_parquet
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,27 +36,46 @@ READERS: dict[str, Reader] = {
     "carmen": Reader(read=read_carmen, recognises=is_carmen),
     "dpslam": Reader(read=read_dpslam, recognises=is_dpslam),
     "usarsim": Reader(read=read_usarsim, recognises=is_usarsim),
+    "bag": Reader(read=read_bag, recognises=is_bag),
+    "csv": Reader(read=read_csv, recognises=is_csv),
+    "npz": Reader(read=read_npz, recognises=is_npz),
+    "parquet": Reader(read=read_parquet, recognises=is_parquet),
 }
 """Every format that can be read, by the name that chooses it."""
 
 
-def read_log(path: Path | str, *, log_format: str = "auto", **options: Any) -> Log:  # noqa: ANN401
+def read_log(
+    path: Path | str,
+    *,
+    log_format: str = "auto",
+    progress: Callable[[int, int], None] | None = None,
+    **options: Any,  # noqa: ANN401
+) -> Log:
     """Read a recorded log.
 
     Args:
         path: the log, plain or compressed (gz, bz2, xz).
         log_format: a name out of `READERS`, or "auto" to tell it by the content.
-        **options: for the format's reader: `range_max`, `skip_bad_lines` and so on.
+        progress: called with how much is read and how much there is, by readers of formats whose logs are long.
+        **options: for the format's reader: `range_max`, `skip_bad_lines` and so on. One that is None is left to the
+            reader, and need not be known to it.
 
     Raises:
-        LogError: the file cannot be read, or its format is unknown.
+        LogError: the file cannot be read, its format is unknown, or has no such option.
     """
     path = Path(path)
     if log_format == "auto":
         log_format = recognise(path)
     if log_format not in READERS:
         raise LogError(f"no log format is called '{log_format}': expected 'auto' or one of {', '.join(READERS)}")
-    return READERS[log_format].read(path, **options)
+    read = READERS[log_format].read
+    given = {name: value for name, value in options.items() if value is not None}
+    unknown = sorted(given.keys() - signature(read).parameters.keys())
+    if unknown:
+        raise LogError(f"{path}: a log of the format {log_format} has no option {', '.join(unknown)}")
+    if "progress" in signature(read).parameters:
+        given["progress"] = progress
+    return read(path, **given)
 
 
 def recognise(path: Path) -> str:
@@ -59,6 +84,8 @@ def recognise(path: Path) -> str:
     Raises:
         LogError: the file is empty, cannot be read or is of no known format.
     """
+    if path.is_dir():
+        return "bag"
     log = TextLog(path)
     head = log.head()
     if not head.strip():
@@ -70,5 +97,6 @@ def recognise(path: Path) -> str:
             return name
     first = head.lstrip().partition(b"\n")[0]
     raise LogError(
-        f"{path}: found '{str(first[:60])[2:-1]}', expected a log of one of the formats {', '.join(READERS)}"
+        f"{path}: found '{str(first[:60])[2:-1]}', expected a log of one of the formats {', '.join(READERS)};"
+        " other data come in as a table (CSV, Parquet, NPZ: docs/formats.md) or as arrays (iceg.Log.from_arrays)"
     )

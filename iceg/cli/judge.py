@@ -1,12 +1,14 @@
 """Commands that tell what is in a log, and how good a result is."""
 
-from dataclasses import dataclass
+import dataclasses
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
 from iceg.cli.options import SkipBadLines, UsageError
+from iceg.config import LogConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -15,12 +17,18 @@ class Info:
 
     log: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LOG", help="The recorded log.")]
     skip_bad_lines: SkipBadLines = False
+    settings: Annotated[LogConfig, tyro.conf.arg(name="log")] = field(default_factory=LogConfig)
 
     def __call__(self) -> None:
-        """Read and describe."""
+        """Read as `iceg run` does with the same settings, and describe."""
         from frontends.logs import describe_log, read_log
+        from iceg.show.progress import reading_bar
 
-        print(describe_log(read_log(self.log, skip_bad_lines=self.skip_bad_lines)))
+        with reading_bar(self.log) as progress:
+            log = read_log(
+                self.log, skip_bad_lines=self.skip_bad_lines, progress=progress, **dataclasses.asdict(self.settings)
+            )
+        print(describe_log(log))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,11 +13,13 @@ from frontends.dp_slam.config import DpSlamConfig
 from iceg.cli.judge import Eval, Info, Plot
 from iceg.cli.run import Demo, DpSlam, Run, RunOptions
 from iceg.cli.studies import Ablation, Bench, Nees
-from iceg.cli.tools import Optimize, PrintConfig, Simulate
+from iceg.cli.tools import Convert, Optimize, PrintConfig, Simulate
 from iceg.config import Config
 from iceg.settings_file import read_settings
 
-Command = Run | DpSlam | Demo | Info | Eval | Plot | Simulate | Optimize | Bench | Ablation | Nees | PrintConfig
+Command = (
+    Run | DpSlam | Demo | Info | Eval | Plot | Simulate | Convert | Optimize | Bench | Ablation | Nees | PrintConfig
+)
 Kind = TypeVar("Kind", bound=Command | RunOptions)
 Settings = TypeVar("Settings", Config, DpSlamConfig)
 
@@ -34,6 +36,7 @@ _COMMANDS: dict[str, type[Command]] = {
     "eval": Eval,
     "plot": Plot,
     "simulate": Simulate,
+    "convert": Convert,
     "optimize": Optimize,
     "bench": Bench,
     "ablation": Ablation,

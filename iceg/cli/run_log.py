@@ -44,7 +44,7 @@ def run_log(
     """
     from graph.errors import GraphError
     from iceg.results import check_directory, write_results
-    from iceg.show.progress import ProgressBar, compile_note
+    from iceg.show.progress import ProgressBar, compile_note, reading_bar
 
     load_numba_without_scipy()
     check_directory(directory, overwrite=overwrite)
@@ -54,7 +54,8 @@ def run_log(
         with compile_note():
             from frontends.logs import read_log
 
-            log = read_log(path, skip_bad_lines=skip_bad_lines, **dataclasses.asdict(config.log))
+            with reading_bar(path) as reading:
+                log = read_log(path, skip_bad_lines=skip_bad_lines, progress=reading, **dataclasses.asdict(config.log))
             tell_warnings(log)
             from iceg.slam.closures.manual import check_manual_closures, read_manual_closures
             from iceg.slam.pipeline import run

@@ -1,14 +1,16 @@
 """Commands beside the main job: simulated logs, any pose graph, all settings."""
 
+import dataclasses
 import math
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
 
-from iceg.cli.options import ConfigFile, Overwrite, Settings, UsageError
-from iceg.config import Config
+from iceg.cli.options import ConfigFile, Overwrite, Settings, SkipBadLines, UsageError
+from iceg.config import Config, LogConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,6 +45,44 @@ class Simulate:
             write_simulation(self.output, simulation)
         seconds = float(simulation.log.stamps[-1])
         print(f"{len(simulation.log)} scans in {seconds:.1f} s of '{simulation.scene.name}' are in {self.output}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Convert:
+    """Write a log in another format: CARMEN, USARSim, DP-SLAM, bags of ROS 1 and ROS 2, tables."""
+
+    log: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LOG", help="The recorded log.")]
+    output: Annotated[
+        tyro.conf.Positional[Path],
+        tyro.conf.arg(metavar="OUT", help="Where to write it; the end of the name tells the format."),
+    ]
+    to: Annotated[
+        Literal["by-name", "carmen", "usarsim", "dpslam", "ros1", "ros2", "mcap", "csv", "npz", "parquet"],
+        tyro.conf.arg(help="The format; ros2 is sqlite3."),
+    ] = "by-name"
+    overwrite: Overwrite = False
+    skip_bad_lines: SkipBadLines = False
+    settings: Annotated[LogConfig, tyro.conf.arg(name="log")] = field(default_factory=LogConfig)
+
+    def __call__(self) -> None:
+        """Read, write, and say what could not be carried."""
+        from frontends.logs import read_log
+        from frontends.logs.writers import write_log
+        from iceg.show.progress import reading_bar
+
+        if self.output.exists() and (not self.overwrite or self.output.is_dir()):
+            what = "a folder" if self.output.is_dir() else "a file, which --overwrite would replace"
+            raise UsageError(f"{self.output} is there already: it is {what}")
+        with reading_bar(self.log) as progress:
+            log = read_log(
+                self.log, skip_bad_lines=self.skip_bad_lines, progress=progress, **dataclasses.asdict(self.settings)
+            )
+        for warning in (*log.warnings, *write_log(self.output, log, log_format=self._format())):
+            print(f"warning: {warning}", file=sys.stderr)
+        print(f"{len(log)} scans are in {self.output}")
+
+    def _format(self) -> str | None:
+        return None if self.to == "by-name" else self.to
 
 
 @dataclass(frozen=True, kw_only=True)

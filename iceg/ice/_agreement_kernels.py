@@ -1,6 +1,6 @@
 """Compiled loops that compare scans with a local map both ways: points on the reference, and surfels the beams see."""
 
-from math import atan2, cos, floor, hypot, sin
+from math import atan2, cos, floor, hypot, pi, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -159,8 +159,10 @@ def visible_agreement(
         # Only surfaces that face the laser, and not too flat.
         if d < _NEAREST_JUDGED or d > reach or dx * surfels[k, 2] + dy * surfels[k, 3] > -_FLATTEST * d:
             continue
-        bearing = atan2(-s * dx + c * dy, c * dx + s * dy)
-        b = floor((bearing - first_bearing) / resolution + 0.5)
+        turn = atan2(-s * dx + c * dy, c * dx + s * dy) - first_bearing
+        if turn < 0.0:  # bearings may run beyond ±π
+            turn += 2.0 * pi
+        b = floor(turn / resolution + 0.5)
         if b < 1 or b >= len(ranges) - 1:
             continue
         behind, at = 0, 0

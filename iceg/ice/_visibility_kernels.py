@@ -1,6 +1,6 @@
 """Compiled loops that ask where a scan and the reference contradict each other: beams through what the other saw."""
 
-from math import atan2, cos, floor, hypot, sin
+from math import atan2, cos, floor, hypot, pi, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,7 +48,10 @@ def _place(
     facing = 1.0 if nx == 0.0 and ny == 0.0 else -(dx * nx + dy * ny) / distance
     if facing < _FLATTEST:
         return -1, distance, 1.0
-    beam = floor((atan2(-s * dx + c * dy, c * dx + s * dy) - first_bearing) / resolution + 0.5)
+    turn = atan2(-s * dx + c * dy, c * dx + s * dy) - first_bearing
+    if turn < 0.0:  # bearings may run beyond ±π
+        turn += 2.0 * pi
+    beam = floor(turn / resolution + 0.5)
     if beam < 1 or beam >= n_beams - 1:
         return -1, distance, facing
     return beam, distance, facing

@@ -2,8 +2,9 @@
 
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from threading import RLock
 from typing import NoReturn, Self
 
@@ -16,6 +17,8 @@ from iceg.slam.progress import Progress, Stage
 
 _BAR_AT_FIRST = "{desc}: {percentage:3.0f}%|{bar:20}| {n_fmt}/{total_fmt} scans, {elapsed} gone{postfix}"
 _BAR = _BAR_AT_FIRST.replace("{postfix}", ", {remaining} left{postfix}")
+_READING = "{desc}: {percentage:3.0f}%|{bar:20}| {n_fmt}/{total_fmt} messages, {elapsed} gone"
+_SHORT_READ_S = 1.0
 _TELLING = 0.1
 """From this share of the scans on their mean time tells what is left: the first ones may wait a minute for kernels."""
 _INTERVAL_ON_TERMINAL_S, _INTERVAL_IN_FILE_S = 0.1, 5.0
@@ -84,6 +87,28 @@ class ProgressBar:
         if progress.tried and progress.stage == "matching":
             parts.append(f"{100 * progress.accepted / progress.tried:.0f} % matched")
         return ", ".join(parts)
+
+
+@contextmanager
+def reading_bar(path: Path) -> Iterator[Callable[[int, int], None]]:
+    """A bar on stderr while a log is read that takes long: messages read of those there are.
+
+    Args:
+        path: the log.
+
+    Yields:
+        What to call with how many messages are read, and how many there are.
+    """
+    interval = _INTERVAL_ON_TERMINAL_S if sys.stderr.isatty() else _INTERVAL_IN_FILE_S
+    with tqdm(
+        desc=f"{path.name}, reading", bar_format=_READING, delay=_SHORT_READ_S, mininterval=interval, file=sys.stderr
+    ) as bar:
+
+        def report(read: int, known: int) -> None:
+            bar.total = max(read, known)
+            bar.update(read - bar.n)
+
+        yield report
 
 
 def real_time_factor(stamps: NDArray[np.float64], seconds: float) -> float | None:

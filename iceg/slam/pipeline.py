@@ -32,6 +32,7 @@ from iceg.slam.closures.manual import (
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.finish import Finished, finish
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
+from iceg.slam.odometry.constant_velocity import constant_velocity
 from iceg.slam.odometry.contradicted_steps import with_both_ways
 from iceg.slam.odometry.standstill import with_odometry_between_readings
 from iceg.slam.path_uncertainty import least_known
@@ -199,8 +200,11 @@ def _track(
 
 
 def _solve(track: Track, log: Log, matcher: Matcher, calibration: OdometryCalibration, config: Config) -> Solution:
-    odometry = calibration.apply(log.odometry) if log.has_odometry else None
-    return solve_track(track, odometry, calibration.lasting_noise, matcher, config.graph, config.loops)
+    if log.has_odometry:
+        odometry, noise = calibration.apply(log.odometry), calibration.lasting_noise
+        return solve_track(track, odometry, noise, matcher, config.graph, config.loops)
+    poses, noise = constant_velocity(track) or (None, calibration.lasting_noise)
+    return solve_track(track, poses, noise, matcher, config.graph, config.loops)
 
 
 def _retied(track: Track, solution: Solution, log: Log, matcher: Matcher) -> Track:

@@ -52,6 +52,7 @@ def summarise(
         "log": log.path.name,
         "scans": len(log),
         "skipped_lines": log.skipped_lines,
+        "chosen": dict(log.choices),
         "warnings": [*log.warnings, *(warning.sentence for warning in warnings)],
         "key_poses": len(track.keys),
         "scans_carried_by_odometry": track.failures,

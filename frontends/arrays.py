@@ -1,0 +1,134 @@
+"""A log from plain arrays, checked."""
+
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from frontends.logs.plausibility import judge_odometry
+from frontends.logs.usable_range import mask_no_returns, usable_range, warn_of_no_returns
+from frontends.scan import Log, ScanError, ScanGeometry
+from graph.se2 import wrap_angle
+
+_Number = TypeVar("_Number", np.float32, np.float64)
+
+_WHOLE_TURN = 2.0 * np.pi * (1.0 + 1e-6)
+_UNEVEN = 0.5
+"""Bearings may lie off an even spread by less than this share of a step."""
+
+
+def log_from_arrays(
+    ranges: ArrayLike,
+    *,
+    bearings: ArrayLike | None = None,
+    field_of_view: float | None = None,
+    odometry: ArrayLike | None = None,
+    stamps: ArrayLike | None = None,
+    truth: ArrayLike | None = None,
+    range_min: float | None = None,
+    range_max: float | None = None,
+    T_robot_laser: ArrayLike = (0.0, 0.0, 0.0),
+    sweep: float | None = None,
+    path: Path = Path("arrays"),
+) -> Log:
+    """Check arrays and make a log of them; see `Log.from_arrays`.
+
+    Raises:
+        ScanError: an array is not of the shape it must have, or holds what it must not.
+    """
+    readings = _array("ranges", ranges, np.float32, ndim=2).copy()
+    n_scans, n_beams = readings.shape
+    if n_scans < 1 or n_beams < 2:
+        raise ScanError(f"found ranges of shape {readings.shape}, expected (n_scans, n_beams), at least (1, 2)")
+    directions = _bearings(bearings, field_of_view, n_beams)
+    if directions[0] > directions[-1]:
+        directions, readings = directions[::-1].copy(), np.ascontiguousarray(readings[:, ::-1])
+    shortest, longest = _limits(range_min, range_max)
+    usable = usable_range(readings, range_min=shortest, stated_max=longest)
+    mask_no_returns(readings, usable)
+    warnings = list(warn_of_no_returns(readings))
+    T_odom_robot, has_odometry = np.zeros((n_scans, 3)), False
+    if odometry is None:
+        warnings.append("there is no odometry")
+    else:
+        T_odom_robot = _poses("odometry", odometry, n_scans)
+        has_odometry, judged = judge_odometry(T_odom_robot, readings)
+        warnings += judged
+    if stamps is None:
+        warnings.append("there are no stamps: scans are numbered 0, 1, 2 … s instead")
+    geometry = ScanGeometry(
+        bearings=directions,
+        range_min=usable.range_min,
+        range_max=usable.range_max,
+        T_robot_laser=_finite("T_robot_laser", T_robot_laser, (3,)),
+    )
+    return Log(
+        ranges=readings,
+        odometry=T_odom_robot,
+        stamps=np.arange(float(n_scans)) if stamps is None else _finite("stamps", stamps, (n_scans,)),
+        geometry=geometry,
+        path=path,
+        has_odometry=has_odometry,
+        warnings=tuple(warnings),
+        message_counts={"scans": n_scans},
+        truth=None if truth is None else _poses("truth", truth, n_scans),
+        sweep=None if sweep is None else float(_finite("sweep", sweep, ())),
+    )
+
+
+def _bearings(bearings: ArrayLike | None, field_of_view: float | None, n_beams: int) -> NDArray[np.float64]:
+    """(n_beams,) [rad], evenly spread, increasing or decreasing."""
+    if (bearings is None) == (field_of_view is None):
+        raise ScanError("found bearings and field_of_view, or neither, expected exactly one of them")
+    if field_of_view is not None:
+        view = float(_finite("field_of_view", field_of_view, ()))
+        if not 0.0 < view <= _WHOLE_TURN:
+            raise ScanError(f"found a field of view of {view} rad, expected more than 0 and at most 2π")
+        return np.linspace(-0.5 * view, 0.5 * view, n_beams)
+    directions = _finite("bearings", bearings, (n_beams,))
+    steps = np.diff(directions)
+    step = float(directions[-1] - directions[0]) / (n_beams - 1)
+    if not (np.sign(steps) == np.sign(step)).all() or step == 0.0:
+        raise ScanError("found bearings that neither increase nor decrease throughout, expected them in order")
+    if abs(step) * (n_beams - 1) > _WHOLE_TURN:
+        raise ScanError(f"found bearings over {abs(step) * (n_beams - 1):.4f} rad, expected at most 2π, in radians")
+    even = directions[0] + step * np.arange(n_beams)
+    if float(np.abs(directions - even).max()) > _UNEVEN * abs(step):
+        raise ScanError("found bearings that are spread unevenly, expected about the same step between all of them")
+    return directions
+
+
+def _limits(range_min: float | None, range_max: float | None) -> tuple[float | None, float]:
+    """What is no return: shorter readings, and those of the greatest length and more [m]."""
+    shortest = None if range_min is None else float(_finite("range_min", range_min, ()))
+    longest = np.inf if range_max is None else float(range_max)
+    if (shortest or 0.0) < 0.0 or not longest > (shortest or 0.0):
+        raise ScanError(f"found ranges from {shortest} m to {longest} m, expected 0 ≤ range_min < range_max")
+    return shortest, longest
+
+
+def _poses(name: str, values: ArrayLike, n_scans: int) -> NDArray[np.float64]:
+    poses = _finite(name, values, (n_scans, 3)).copy()
+    poses[:, 2] = wrap_angle(poses[:, 2])
+    return poses
+
+
+def _finite(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """An array of just this shape without NaN and infinity."""
+    array = _array(name, values, np.float64, ndim=len(shape))
+    if array.shape != shape:
+        raise ScanError(f"found {name} of shape {array.shape}, expected {shape}")
+    if not np.isfinite(array).all():
+        raise ScanError(f"found NaN or infinity in {name}, expected finite numbers")
+    return array
+
+
+def _array(name: str, values: ArrayLike | None, kind: type[_Number], *, ndim: int) -> NDArray[_Number]:
+    try:
+        array = np.asarray(values, dtype=kind)
+    except (TypeError, ValueError) as error:
+        raise ScanError(f"found {name} that are no array of numbers ({error})") from error
+    if array.ndim != ndim:
+        raise ScanError(f"found {name} of shape {array.shape}, expected {ndim} dimensions")
+    return array

@@ -1,0 +1,210 @@
+"""A bag as a log: what is in it, what of it is chosen, and the arrays."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.bags.beams import StackedSweeps, stack
+from frontends.bags.errors import BagError
+from frontends.bags.frames import Frames
+from frontends.bags.laser_choice import choose_laser
+from frontends.bags.mount import Mount, base_of, find_mount
+from frontends.bags.odometry_choice import PosesOfScans, choose_odometry, choose_truth
+from frontends.bags.records import Records, ScanRecords, collect
+from frontends.bags.storage import open_bag
+from frontends.bags.times import ScanTimes, scan_times
+from frontends.bags.urdf import described_frames
+from frontends.logs.plausibility import judge_odometry
+from frontends.logs.usable_range import DEFAULT_RANGE_MIN, mask_no_returns, usable_range, warn_of_no_returns
+from frontends.scan import Log, ScanGeometry
+from graph.errors import IcegError
+from graph.se2 import compose
+
+_UNKNOWN_MOUNT = "the bag does not say where the laser sits: at the robot's centre, unless the scans tell otherwise"
+_FEW_RETURNS = 0.35
+"""Where fewer of the beams than this return anything [share], a map is thin."""
+_TRUTH_SHARE = 0.99
+"""Share of the scans that a truth must tell of."""
+_LONGEST_SWEEP = 1.5
+"""A sweep that takes longer than so many periods of the scans is none."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class BagOptions:
+    """What a person may overrule.
+
+    Attributes:
+        scan_topic: topic of the laser.
+        scan_frame: frame of the laser, where several share a topic.
+        odometry_topic: topic of the odometry.
+        base_frame: the robot's frame.
+        range_min: shortest return [m].
+        range_max: longest return [m].
+    """
+
+    scan_topic: str | None = None
+    scan_frame: str | None = None
+    odometry_topic: str | None = None
+    base_frame: str | None = None
+    range_min: float | None = None
+    range_max: float | None = None
+
+
+def read_bag_as_log(path: Path, options: BagOptions, progress: Callable[[int, int], None] | None = None) -> Log:
+    """Read a bag and choose what of it makes a log; see `read_bag`.
+
+    Raises:
+        BagError: the bag cannot be read, or holds no scan.
+    """
+    with open_bag(path) as bag:
+        records = collect(bag, progress)
+        warnings = [*bag.warnings, *records.warnings()]
+    try:
+        return _assemble(path, records, warnings, options)
+    except IcegError as error:
+        raise BagError(f"{path}: {error}") from error
+
+
+def _assemble(path: Path, records: Records, warnings: list[str], options: BagOptions) -> Log:
+    """Turn what the messages held into arrays."""
+    if not records.scans:
+        raise BagError(_why_no_scans(records, warnings))
+    described, description_warnings = described_frames(records.descriptions)
+    frames = Frames.of(records.transforms, described)
+    chosen = choose_laser(records.scans, frames, topic=options.scan_topic, frame=options.scan_frame)
+    scans = records.scans[chosen.laser]
+    stacked = stack(scans)
+    if stacked is None:
+        raise BagError(f"no message of {chosen.laser.topic} has angles and beams that make a scan")
+    times = _times(scans, stacked)
+    sweep = _sweep(scans, stacked, times)
+    stamps = times.stamps + 0.5 * abs(sweep or 0.0)
+    odometry, odometry_notes = choose_odometry(
+        records, frames, chosen.laser.frame, times, stamps, options.odometry_topic
+    )
+    base = _base(options.base_frame, odometry, chosen.laser.frame, frames)
+    mount = find_mount(base, chosen.laser.frame, frames)
+    geometry, ranges = _geometry(stacked, scans, times, mount, options)
+    T_odom_robot, has_odometry, judged, odometry_said = _odometry(odometry, base, frames, ranges)
+    truth, truth_said = _truth(records, times, stamps, options.odometry_topic)
+    sweep = -sweep if sweep is not None and mount.is_upside_down else sweep
+    return Log(
+        ranges=ranges,
+        odometry=T_odom_robot,
+        stamps=stamps,
+        geometry=geometry,
+        path=path,
+        has_odometry=has_odometry,
+        warnings=(
+            *warnings,
+            *description_warnings,
+            *chosen.warnings,
+            *stacked.warnings,
+            *_warn_of_few_returns(ranges),
+            *mount.warnings,
+            *([_UNKNOWN_MOUNT] if has_odometry and not mount.is_known else []),
+            *times.warnings,
+            *(odometry.warnings if odometry else ()),
+            *judged,
+            *odometry_notes,
+        ),
+        message_counts={f"{topic} ({kind})": n for (topic, kind), n in sorted(records.counts.items())},
+        truth=truth,
+        sweep=sweep,
+        choices={
+            "laser": chosen.reason,
+            "odometry": odometry_said,
+            "mount": mount.reason,
+            **({"truth": truth_said} if truth_said else {}),
+            "sweep": "not stated" if sweep is None else f"{sweep:+.4f} s from the smallest bearing to the largest",
+        },
+    )
+
+
+def _times(scans: ScanRecords, stacked: StackedSweeps) -> ScanTimes:
+    return scan_times(np.array(scans.stamps)[stacked.sweeps], np.array(scans.recorded)[stacked.sweeps])
+
+
+def _sweep(scans: ScanRecords, stacked: StackedSweeps, times: ScanTimes) -> float | None:
+    """Seconds from the beam of the smallest bearing to that of the largest, None where the messages do not say."""
+    increments = np.array([scans.settings[k][3] for k in stacked.sweeps.tolist()])
+    increment = float(np.median(increments))
+    seconds = increment * (len(stacked.bearings) - 1)
+    steps = np.diff(times.stamps)
+    period = float(np.median(steps[steps > 0.0])) if (steps > 0.0).any() else 0.0
+    if not 0.0 < seconds <= _LONGEST_SWEEP * period:
+        return None
+    return -seconds if stacked.is_clockwise else seconds
+
+
+def _base(asked: str | None, odometry: PosesOfScans | None, laser_frame: str, frames: Frames) -> str:
+    """The robot's frame: as asked for, the one odometry moves, or what the laser sits on."""
+    if asked is not None:
+        if frames.between(asked.lstrip("/"), laser_frame) is None:
+            raise BagError(f"nothing joins the base frame '{asked}' to the laser's frame '{laser_frame}'")
+        return asked.lstrip("/")
+    if odometry is not None and odometry.child and frames.between(odometry.child, laser_frame) is not None:
+        return odometry.child
+    base = base_of(laser_frame, frames)
+    return odometry.child if odometry is not None and odometry.child and base == laser_frame else base
+
+
+def _geometry(
+    stacked: StackedSweeps, scans: ScanRecords, times: ScanTimes, mount: Mount, options: BagOptions
+) -> tuple[ScanGeometry, NDArray[np.float32]]:
+    """The laser, and its readings in the order of time with NaN where there was no return."""
+    is_in_order = bool((np.diff(times.order) == 1).all())
+    ranges, bearings = stacked.ranges if is_in_order else stacked.ranges[times.order], stacked.bearings
+    if mount.is_upside_down:
+        ranges, bearings = np.ascontiguousarray(ranges[:, ::-1]), -bearings[::-1]
+    limits = np.array([scans.settings[k][5:] for k in stacked.sweeps.tolist()])
+    stated_min, stated_max = np.median(limits, axis=0).tolist()
+    shortest = max(stated_min, DEFAULT_RANGE_MIN) if options.range_min is None else options.range_min
+    stated_max = stated_max if stated_max > shortest else np.inf
+    usable = usable_range(ranges, range_min=shortest, range_max=options.range_max, stated_max=float(stated_max))
+    mask_no_returns(ranges, usable)
+    geometry = ScanGeometry(
+        bearings=bearings, range_min=usable.range_min, range_max=usable.range_max, T_robot_laser=mount.T_robot_laser
+    )
+    return geometry, ranges
+
+
+def _odometry(
+    chosen: PosesOfScans | None, base: str, frames: Frames, ranges: NDArray[np.float32]
+) -> tuple[NDArray[np.float64], bool, list[str], str]:
+    """T_odom_robot of each scan, whether it says anything, warnings, and where it comes from."""
+    if chosen is None:
+        return np.zeros((len(ranges), 3)), False, ["there is no odometry"], "none"
+    found = frames.between(chosen.child, base) if chosen.child else None
+    poses = chosen.poses if found is None else compose(chosen.poses, found[0].planar)
+    has_odometry, judged = judge_odometry(poses, ranges)
+    if not has_odometry:
+        return np.zeros_like(poses), False, judged, f"none: {chosen.reason} does not move"
+    return poses, True, judged, f"{chosen.reason}, of '{chosen.child or base}'"
+
+
+def _truth(
+    records: Records, times: ScanTimes, stamps: NDArray[np.float64], odometry_topic: str | None
+) -> tuple[NDArray[np.float64] | None, str]:
+    found = choose_truth(records, times, stamps)
+    if found is None or (odometry_topic is not None and odometry_topic.strip("/") in found.reason):
+        return None, ""
+    if found.share < _TRUTH_SHARE:
+        return None, f"{found.reason}, which tells of {100 * found.share:.0f} % of the scans only: not used"
+    return found.poses, f"{found.reason}; never taken for odometry"
+
+
+def _warn_of_few_returns(ranges: NDArray[np.float32]) -> list[str]:
+    share = float(np.isfinite(ranges).mean())
+    if 0.0 < share < _FEW_RETURNS:
+        return [f"only {100 * share:.0f} % of the beams return anything: the map will be thin, and may be wrong"]
+    return warn_of_no_returns(ranges)
+
+
+def _why_no_scans(records: Records, warnings: list[str]) -> str:
+    found = ", ".join(f"{n} {topic} ({kind})" for (topic, kind), n in records.counts.most_common(8))
+    reason = f"no scan; the bag holds {found}" if found else "no message found"
+    return "; ".join([f"{reason}, expected sensor_msgs/LaserScan messages", *warnings])

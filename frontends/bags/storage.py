@@ -1,0 +1,206 @@
+"""The files of a bag, of whatever container, as one stream of serialised messages."""
+
+import re
+from collections.abc import Collection, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import NamedTuple
+
+from frontends.bags import mcap_recovery, ros1_recovery, rosbags_files, sqlite_recovery
+from frontends.bags.errors import BagError
+from frontends.bags.magic import ZSTD, container
+from frontends.bags.message import Message, See, Tell
+from graph.errors import reason
+
+_SUFFIXES = (".bag", ".db3", ".mcap", ".zstd")
+_RECOVERIES = {
+    "ros1": ros1_recovery.recover,
+    "sqlite3": sqlite_recovery.recover,
+    "mcap": mcap_recovery.recover,
+}
+"""Read what is there without an index, and say where it ends."""
+
+
+class BagFile(NamedTuple):
+    """One file of a bag.
+
+    Attributes:
+        path: where it is.
+        container: "ros1", "sqlite3" or "mcap".
+    """
+
+    path: Path
+    container: str
+
+
+class DamagedFileError(BagError):
+    """A file that cannot be read to its end as its index says."""
+
+    def __init__(self, file: BagFile, found: str) -> None:
+        super().__init__(f"{file.path}: {found}")
+        self.file = file
+        self.found = found
+
+
+@dataclass(kw_only=True)
+class Bag:
+    """The files of one recording, in order.
+
+    Attributes:
+        path: the file or folder it was opened as.
+        files: what it consists of.
+        warnings: what a person should know about them.
+        damaged: those read without their index, and why.
+    """
+
+    path: Path
+    files: list[BagFile]
+    warnings: list[str] = field(default_factory=list)
+    damaged: dict[BagFile, str] = field(default_factory=dict)
+
+    def messages(self, types: Collection[str], see: See, tell: Tell) -> Iterator[Message]:
+        """Every message of some types, file by file.
+
+        Args:
+            types: their names as ROS 2 writes them.
+            see: told of every channel of each file, whatever its type, before its messages.
+            tell: told what was left out, a sentence each.
+
+        Raises:
+            DamagedFileError: the index of a file is broken; enter it in `damaged` and start anew.
+            BagError: a file cannot be read at all.
+        """
+        for file in self.files:
+            if file in self.damaged:
+                yield from _recovered(file, self.damaged[file], types, see, tell)
+            else:
+                yield from _indexed(file, types, see)
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Bag]:
+    """Find the files of a bag; those packed as a whole with zstd are unpacked for as long as it is open.
+
+    Raises:
+        BagError: there is no bag.
+    """
+    with ExitStack() as unpacked:
+        try:
+            paths, warnings = _in_folder(path) if path.is_dir() else ([path], [])
+            files = [_opened(file, unpacked) for file in paths]
+        except OSError as error:
+            raise BagError(f"{path}: cannot be read ({reason(error)})") from error
+        yield Bag(path=path, files=files, warnings=warnings)
+
+
+def _indexed(file: BagFile, types: Collection[str], see: See) -> Iterator[Message]:
+    try:
+        yield from rosbags_files.read(file.path, file.container, types, see)
+    except Exception as error:  # damage trips rosbags anywhere; a length gone wrong asks for any memory
+        raise DamagedFileError(file, _told(error)) from error
+
+
+def _recovered(file: BagFile, why: str, types: Collection[str], see: See, tell: Tell) -> Iterator[Message]:
+    n = 0
+    try:
+        for n, message in enumerate(_RECOVERIES[file.container](file.path, types, see, tell), 1):  # noqa: B007
+            yield message
+    except OSError as error:
+        raise BagError(f"{file.path}: cannot be read ({reason(error)})") from error
+    if not n:
+        raise BagError(f"{file.path}: damaged, and no message could be read ({why})")
+    tell(f"{file.path.name}: its index cannot be used ({why}): the {n} messages that can be reached are read in turn")
+
+
+def _told(error: Exception) -> str:
+    """What rosbags says of damage, in one line."""
+    said = " ".join(str(error).split())
+    return f"{type(error).__name__}: {said[:200]}" if said else type(error).__name__
+
+
+def _container_of(path: Path) -> str | None:
+    with path.open("rb") as file:
+        head = file.read(16)
+        if head.startswith(ZSTD):
+            from frontends.bags.compression import zstd
+
+            file.seek(0)
+            try:
+                with zstd.open(file, "rb") as unpacked:
+                    head = unpacked.read(16)
+            except (zstd.ZstdError, EOFError):
+                return None
+    return container(head)
+
+
+def _opened(path: Path, unpacked: ExitStack) -> BagFile:
+    """A file with its container; one that is packed as a whole is unpacked until the stack is closed."""
+    if not path.exists():
+        raise BagError(f"{path}: no such file")
+    found = _container_of(path)
+    if found is None:
+        raise BagError(f"{path}: found no bag, expected one of ROS 1, or of ROS 2 as sqlite3 or MCAP")
+    with path.open("rb") as file:
+        is_packed = file.read(4) == ZSTD
+    if not is_packed:
+        return BagFile(path, found)
+    return BagFile(_unpacked(path, Path(unpacked.enter_context(TemporaryDirectory(prefix="iceg-")))), found)
+
+
+def _unpacked(path: Path, room: Path) -> Path:
+    from frontends.bags.compression import zstd
+
+    unpacked = room / path.name.removesuffix(".zstd")
+    with path.open("rb") as file, zstd.open(file, "rb") as source, unpacked.open("wb") as target:
+        try:
+            while block := source.read(1 << 20):
+                target.write(block)
+        except (zstd.ZstdError, EOFError):
+            pass  # what is there is told when it is read
+    return unpacked
+
+
+def _in_folder(path: Path) -> tuple[list[Path], list[str]]:
+    """The files of a folder that continue each other, in order, and what a person should know about them."""
+    present = sorted((entry for entry in path.iterdir() if entry.suffix in _SUFFIXES), key=_natural)
+    if not present:
+        raise BagError(f"{path}: found no *.db3, *.mcap or *.bag in this folder, expected the files of a bag")
+    named = _named(path / "metadata.yaml")
+    missing = [name for name in named if not (path / name).exists()]
+    warnings = []
+    if missing:
+        warnings.append(
+            f"metadata.yaml names {', '.join(missing)}, which is not there: {_listed(present)} read instead"
+        )
+    if named and not missing:
+        return [path / name for name in named], warnings
+    if len({_stem(file) for file in present}) > 1:
+        raise BagError(f"{path}: found several bags ({_listed(present)}), expected one, or the parts of one")
+    return present, warnings
+
+
+def _named(metadata: Path) -> list[str]:
+    """The files that metadata.yaml names: none where it is missing or unreadable, and the folder tells."""
+    if not metadata.exists():
+        return []
+    text = metadata.read_text(encoding="utf-8", errors="replace")
+    block = re.search(r"relative_file_paths:[ ]*\n((?:[ ]*-[ ]+\S.*\n?)+)", text)
+    names = re.findall(r"-[ ]+(\S.*)", block.group(1)) if block else []
+    return [Path(name.strip().strip("'\"")).name for name in names]
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    """Sorts part 10 behind part 9."""
+    return [(int(word), "") if word.isdigit() else (-1, word) for word in re.split(r"(\d+)", path.name)]
+
+
+def _stem(path: Path) -> str:
+    """The name of a recording without the number of its part."""
+    return re.sub(r"_\d+$", "", path.name.split(".", 1)[0]) + path.name.removesuffix(".zstd")[-4:]
+
+
+def _listed(paths: list[Path]) -> str:
+    names = [path.name for path in paths]
+    return ", ".join(names[:4]) + (f" and {len(names) - 4} more" if len(names) > 4 else "")

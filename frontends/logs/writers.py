@@ -1,0 +1,123 @@
+"""The table of formats that logs are written in, and what each cannot carry."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from frontends.logs.carmen_writer import write_carmen
+from frontends.logs.dpslam import write_dpslam
+from frontends.logs.errors import LogError
+from frontends.logs.usarsim_writer import write_usarsim
+from frontends.scan import Log
+from frontends.tables.csv_table import write_csv
+from frontends.tables.npz_table import write_npz
+from frontends.tables.parquet_table import write_parquet
+
+
+def _write_ros1(path: Path, log: Log) -> None:
+    from frontends.bags.writer import write_ros1_bag  # loads the rosbags library
+
+    write_ros1_bag(path, log)
+
+
+def _write_sqlite3(path: Path, log: Log) -> None:
+    from frontends.bags.writer import write_ros2_bag
+
+    write_ros2_bag(path, log, "sqlite3")
+
+
+def _write_mcap(path: Path, log: Log) -> None:
+    from frontends.bags.writer import write_ros2_bag
+
+    write_ros2_bag(path, log, "mcap")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Writer:
+    """One format that logs are written in.
+
+    Attributes:
+        write: takes the path and the log.
+        suffixes: ends of names that ask for it.
+        carries: what of `truth`, `sweep`, `stamps` (any, also those that step back), `mount` the format has room for.
+    """
+
+    write: Callable[[Path, Log], None]
+    suffixes: tuple[str, ...]
+    carries: frozenset[str]
+
+
+_ALL = frozenset({"truth", "sweep", "stamps", "mount"})
+
+WRITERS: dict[str, Writer] = {
+    "carmen": Writer(
+        write=partial(write_carmen, range_decimals=6),
+        suffixes=(".clf", ".log", ".carmen"),
+        carries=frozenset({"stamps", "mount"}),
+    ),
+    "usarsim": Writer(write=write_usarsim, suffixes=(".usarsim",), carries=frozenset({"truth", "stamps", "mount"})),
+    "dpslam": Writer(write=write_dpslam, suffixes=(".dpslam",), carries=frozenset()),
+    "ros1": Writer(write=_write_ros1, suffixes=(".bag",), carries=_ALL - {"stamps"}),
+    "ros2": Writer(write=_write_sqlite3, suffixes=(".db3",), carries=_ALL - {"stamps"}),
+    "mcap": Writer(write=_write_mcap, suffixes=(".mcap",), carries=_ALL - {"stamps"}),
+    "csv": Writer(write=write_csv, suffixes=(".csv",), carries=_ALL),
+    "npz": Writer(write=write_npz, suffixes=(".npz",), carries=_ALL),
+    "parquet": Writer(write=write_parquet, suffixes=(".parquet",), carries=_ALL),
+}
+"""Every format that can be written, by its name."""
+
+
+def write_log(path: Path | str, log: Log, *, log_format: str | None = None) -> tuple[str, ...]:
+    """Write a log.
+
+    Args:
+        path: the file, or for bags of ROS 2 a folder; replaced as a whole when all is written.
+        log: what to write.
+        log_format: a name out of `WRITERS`; None to tell it by the end of the name.
+
+    Returns:
+        What the format could not carry, a sentence each.
+
+    Raises:
+        LogError: the format is unknown, cannot carry the beams, or the file cannot be written.
+    """
+    path = Path(path)
+    name = log_format or _format_of(path)
+    if name not in WRITERS:
+        raise LogError(f"no log format is called '{name}': expected one of {', '.join(WRITERS)}")
+    WRITERS[name].write(path, log)
+    return _lost(name, log)
+
+
+def _format_of(path: Path) -> str:
+    name = path.name.removesuffix(".gz").lower()
+    for log_format, writer in WRITERS.items():
+        if name.endswith(writer.suffixes):
+            return log_format
+    known = ", ".join(suffix for writer in WRITERS.values() for suffix in writer.suffixes)
+    raise LogError(f"{path}: the end of the name tells no format: expected one of {known}, or a format by its name")
+
+
+def _lost(name: str, log: Log) -> tuple[str, ...]:
+    carries = WRITERS[name].carries
+    lost = []
+    if log.truth is not None and "truth" not in carries:
+        lost.append("the true poses")
+    if log.sweep is not None and "sweep" not in carries:
+        lost.append("how long a sweep takes")
+    if log.sweep == 0.0 and name in {"ros1", "ros2", "mcap"}:
+        lost.append("that all beams are measured at once")
+    if log.geometry.T_robot_laser.any() and "mount" not in carries:
+        lost.append("where the laser sits")
+    said = [f"{name} cannot carry {', '.join(lost)}"] if lost else []
+    steps = np.diff(log.stamps)
+    if "stamps" not in carries and (name == "dpslam" or float(log.stamps.min()) < 0.0 or (steps <= 0.0).any()):
+        said.append(
+            "the stamps are lost"
+            if name == "dpslam"
+            else "stamps that step back, repeat or are negative are moved: bags are read in the order of their stamps"
+        )
+    return tuple(said)

@@ -1,0 +1,1 @@
+"""Tables of scans (CSV, Parquet, NPZ): how anybody's recording comes in, in one layout (docs/formats.md)."""

@@ -1,0 +1,162 @@
+"""The layout that all tables of scans share: one row a scan, and what holds for all of them.
+
+Columns: `stamp_s`; `odom_x_m`, `odom_y_m`, `odom_theta_rad`; `truth_x_m`, `truth_y_m`, `truth_theta_rad`; `range_0` to
+`range_N` [m], of which only the ranges must be there. What holds for all scans: `bearings_rad`, or `first_bearing_rad`
+and `bearing_step_rad`, or `field_of_view_rad`; `range_min_m`, `range_max_m`; `laser_x_m`, `laser_y_m`,
+`laser_theta_rad`; `sweep_s`; of which only the beams' directions must be there.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.arrays import log_from_arrays
+from frontends.logs.errors import LogError
+from frontends.scan import Log, ScanError
+
+STAMP = "stamp_s"
+ODOMETRY = ("odom_x_m", "odom_y_m", "odom_theta_rad")
+TRUTH = ("truth_x_m", "truth_y_m", "truth_theta_rad")
+RANGE = "range_"
+_BEARINGS, _FIRST, _STEP, _VIEW = "bearings_rad", "first_bearing_rad", "bearing_step_rad", "field_of_view_rad"
+_LIMITS = ("range_min_m", "range_max_m")
+_MOUNT = ("laser_x_m", "laser_y_m", "laser_theta_rad")
+_SWEEP = "sweep_s"
+SETTINGS = (_BEARINGS, _FIRST, _STEP, _VIEW, *_LIMITS, *_MOUNT, _SWEEP)
+"""What holds for all scans."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ScanTable:
+    """A table of scans.
+
+    Attributes:
+        settings: what holds for all scans, by its name; a list of numbers each.
+        columns: (n,) of each column but the ranges, by its name.
+        ranges: (n, n_beams) [m]; NaN without return.
+    """
+
+    settings: Mapping[str, Sequence[float]]
+    columns: Mapping[str, NDArray[np.float64]]
+    ranges: NDArray[np.float32]
+
+
+def is_known(column: str) -> bool:
+    """Whether a column is part of the layout."""
+    return column in {STAMP, *ODOMETRY, *TRUTH, *SETTINGS} or is_range(column)
+
+
+def is_range(column: str) -> bool:
+    """Whether a column holds the readings of one beam."""
+    return column.startswith(RANGE) and column.removeprefix(RANGE).isdecimal()
+
+
+def range_columns(path: Path, columns: Sequence[str]) -> list[str]:
+    """The columns of the beams in the order of their numbers.
+
+    Raises:
+        LogError: there are none, or one is missing.
+    """
+    numbers = sorted(int(column.removeprefix(RANGE)) for column in columns if is_range(column))
+    if numbers != list(range(len(numbers))) or len(numbers) < 2:
+        found = f"{len(numbers)} columns from {RANGE}{numbers[0]} to {RANGE}{numbers[-1]}" if numbers else "none"
+        raise LogError(f"{path}: found {found}, expected the columns {RANGE}0, {RANGE}1 … of the beams' readings")
+    return [f"{RANGE}{number}" for number in numbers]
+
+
+def log_of(path: Path, table: ScanTable, range_min: float | None, range_max: float | None) -> Log:
+    """The log that a table holds.
+
+    Args:
+        path: where it was read from.
+        table: its content.
+        range_min: shortest return [m]; None for what the table states.
+        range_max: longest return [m]; None for what the table states.
+
+    Raises:
+        LogError: the numbers make no log.
+    """
+    settings = {name: list(values) for name, values in table.settings.items()}
+    for name in SETTINGS:
+        if name not in settings and len(table.columns.get(name, ())):
+            settings[name] = [float(table.columns[name][0])]
+    try:
+        shortest, longest = (_number(settings, name) for name in _LIMITS)
+        return log_from_arrays(
+            table.ranges,
+            bearings=_bearings(settings, table.ranges.shape[1]),
+            field_of_view=_number(settings, _VIEW) if _BEARINGS not in settings and _FIRST not in settings else None,
+            odometry=_poses(table, ODOMETRY),
+            stamps=table.columns.get(STAMP),
+            truth=_poses(table, TRUTH),
+            range_min=shortest if range_min is None else range_min,
+            range_max=_least(longest, range_max),
+            T_robot_laser=[_number(settings, name) or 0.0 for name in _MOUNT],
+            sweep=_number(settings, _SWEEP),
+            path=path,
+        )
+    except ScanError as error:
+        raise LogError(f"{path}: {error}") from error
+
+
+def table_of(log: Log) -> ScanTable:
+    """The table that holds all of a log."""
+    geometry = log.geometry
+    settings = {
+        _BEARINGS: geometry.bearings.tolist(),
+        _LIMITS[0]: [geometry.range_min],
+        _LIMITS[1]: [_beyond(log)],
+        **{name: [value] for name, value in zip(_MOUNT, geometry.T_robot_laser.tolist(), strict=True)},
+        **({} if log.sweep is None else {_SWEEP: [log.sweep]}),
+    }
+    columns = {STAMP: log.stamps}
+    if log.has_odometry:
+        columns |= dict(zip(ODOMETRY, log.odometry.T, strict=True))
+    if log.truth is not None:
+        columns |= dict(zip(TRUTH, log.truth.T, strict=True))
+    return ScanTable(settings=settings, columns=columns, ranges=log.ranges)
+
+
+def _bearings(settings: Mapping[str, Sequence[float]], n_beams: int) -> NDArray[np.float64] | None:
+    if _BEARINGS in settings:
+        return np.array(settings[_BEARINGS])
+    first, step = _number(settings, _FIRST), _number(settings, _STEP)
+    if first is None and step is None and _VIEW in settings:
+        return None
+    if first is None or step is None:
+        raise ScanError(f"found no directions of the beams, expected {_BEARINGS}, {_FIRST} and {_STEP}, or {_VIEW}")
+    return np.asarray(first + step * np.arange(n_beams), dtype=np.float64)
+
+
+def _number(settings: Mapping[str, Sequence[float]], name: str) -> float | None:
+    values = settings.get(name)
+    if values is None:
+        return None
+    if len(values) != 1:
+        raise ScanError(f"found {len(values)} numbers for {name}, expected one")
+    return float(values[0])
+
+
+def _least(stated: float | None, asked: float | None) -> float | None:
+    given = [value for value in (stated, asked) if value is not None]
+    return min(given) if given else None
+
+
+def _poses(table: ScanTable, names: tuple[str, ...]) -> NDArray[np.float64] | None:
+    present = [name for name in names if name in table.columns]
+    if not present:
+        return None
+    if len(present) < len(names):
+        raise ScanError(f"found the columns {', '.join(present)}, expected all of {', '.join(names)}")
+    return np.column_stack([table.columns[name] for name in names])
+
+
+def _beyond(log: Log) -> float:
+    """The least length that is no return: no reading reaches it."""
+    longest = float(np.fmax.reduce(log.ranges, axis=None, initial=0.0))
+    limit = np.float32(max(log.geometry.range_max, longest))
+    return float(np.nextafter(limit, np.float32(math.inf)))

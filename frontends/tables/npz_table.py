@@ -1,0 +1,88 @@
+"""Tables of scans as NPZ of NumPy: arrays `ranges`, `stamps`, `odometry`, `truth`, and what holds for all."""
+
+import zipfile
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.logs.errors import LogError
+from frontends.scan import Log
+from frontends.tables.csv_table import check_laser
+from frontends.tables.layout import ODOMETRY, SETTINGS, STAMP, TRUTH, ScanTable, log_of, table_of
+from graph.atomic import replacing
+from graph.errors import reason
+
+_MAGIC = b"PK\x03\x04"
+_POSES = {"odometry": ODOMETRY, "truth": TRUTH}
+
+
+def is_npz(head: bytes) -> bool:
+    """Whether a file that begins with `head` may be NPZ."""
+    return head.startswith(_MAGIC)
+
+
+def read_npz(
+    path: Path | str, *, laser: str = "front", range_min: float | None = None, range_max: float | None = None
+) -> Log:
+    """Read arrays of scans: `ranges` (n, n_beams), `stamps` (n,), `odometry` and `truth` (n, 3), and the settings.
+
+    Args:
+        path: the file.
+        laser: "front": a table knows no other.
+        range_min: shortest return [m]; None for what the file states, else 2 cm.
+        range_max: longest return [m]; None for what the file states, else it is told from the readings.
+
+    Raises:
+        LogError: the file cannot be read, or its arrays make no log.
+    """
+    path = Path(path)
+    check_laser(path, laser)
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
+    except (OSError, ValueError, TypeError, EOFError, KeyError, zipfile.BadZipFile, NotImplementedError) as error:
+        raise LogError(f"{path}: cannot be read as arrays of numbers ({' '.join(str(error).split())})") from error
+    return log_of(path, _table(path, arrays), range_min, range_max)
+
+
+def write_npz(path: Path | str, log: Log) -> None:
+    """Write a log as arrays; reading it back gives the same numbers.
+
+    Raises:
+        LogError: the file cannot be written.
+    """
+    path, table = Path(path), table_of(log)
+    arrays: dict[str, NDArray[np.generic]] = {"ranges": table.ranges, "stamps": table.columns[STAMP]}
+    for name, columns in _POSES.items():
+        if columns[0] in table.columns:
+            arrays[name] = np.column_stack([table.columns[column] for column in columns])
+    arrays |= {name: np.array(values) for name, values in table.settings.items()}
+    try:
+        with replacing(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+            for name, array in arrays.items():
+                # Of a fixed date: the same log gives the same bytes.
+                entry = zipfile.ZipInfo(f"{name}.npy", (1980, 1, 1, 0, 0, 0))
+                entry.compress_type = zipfile.ZIP_DEFLATED
+                with archive.open(entry, "w", force_zip64=True) as stream:
+                    np.lib.format.write_array(stream, np.ascontiguousarray(array), allow_pickle=False)
+    except OSError as error:
+        raise LogError(f"{path}: cannot be written ({reason(error)})") from error
+
+
+def _table(path: Path, arrays: dict[str, NDArray[np.float64]]) -> ScanTable:
+    if "ranges" not in arrays or arrays["ranges"].ndim != 2 or arrays["ranges"].shape[1] < 2:
+        found = f"of shape {arrays['ranges'].shape}" if "ranges" in arrays else "missing"
+        raise LogError(f"{path}: the array 'ranges' is {found}, expected (n_scans, n_beams)")
+    n_scans = len(arrays["ranges"])
+    columns = {}
+    for name, shape in {"stamps": (n_scans,), "odometry": (n_scans, 3), "truth": (n_scans, 3)}.items():
+        if name in arrays and arrays[name].shape != shape:
+            raise LogError(f"{path}: the array '{name}' is of shape {arrays[name].shape}, expected {shape}")
+    if "stamps" in arrays:
+        columns[STAMP] = arrays["stamps"]
+    for name, pose in _POSES.items():
+        if name in arrays:
+            columns |= dict(zip(pose, arrays[name].T, strict=True))
+    settings = {name: arrays[name].ravel().tolist() for name in SETTINGS if name in arrays}
+    return ScanTable(settings=settings, columns=columns, ranges=arrays["ranges"].astype(np.float32))

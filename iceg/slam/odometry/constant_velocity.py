@@ -1,0 +1,64 @@
+"""What takes odometry's place in a log without: the robot goes on as it went, as well as this robot does.
+
+Where a match does not see a direction, as in front of a single wall, the front end follows the constant velocity. The
+graph must know what that is worth: without it, the direction is free between two key poses, and the refinement of poses
+and walls follows whatever little the points seem to say. How well a robot keeps its velocity is learnt from the steps
+whose matches see all directions.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.measurement import NoMatch
+from graph.odometry import OdometryModel
+from graph.se2 import between, compose, expmap, logmap
+from iceg.slam.odometry.noise import robust_deviation
+from iceg.slam.tracking.track import Track
+
+_BEFORE = 5
+"""Scans whose motion tells the velocity."""
+_FEWEST = 10
+"""Steps that tell how well it is kept."""
+_LEAST = (0.005, 0.005, 0.005)
+"""Standard deviations are never taken to be smaller [m, m, rad]."""
+
+
+def constant_velocity(track: Track) -> tuple[NDArray[np.float64], OdometryModel] | None:
+    """Motion and noise that stand in for odometry.
+
+    Args:
+        track: what the front end found in a log without odometry.
+
+    Returns:
+        (n_scans, 3) the front end's own trajectory, which follows the constant velocity where a match says nothing; and
+        the noise of a velocity kept from one key scan to the next. None where too few steps tell it.
+    """
+    poses = compose(np.array([key.T_track_robot for key in track.keys])[track.key_of_scan], track.T_key_scan)
+    errors = _errors(track, poses)
+    if len(errors) < _FEWEST:
+        return None
+    along, across, heading = (max(robust_deviation(column), low) for column, low in zip(errors.T, _LEAST, strict=True))
+    noise = OdometryModel(
+        along_per_metre=0.0,
+        across_per_metre=0.0,
+        position_per_radian=0.0,
+        heading_per_metre=0.0,
+        heading_per_radian=0.0,
+        along_floor=along,
+        across_floor=across,
+        heading_floor=heading,
+    )
+    return poses, noise
+
+
+def _errors(track: Track, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(m, 3) steps between key scans that were seen in all directions, less those of a constant velocity."""
+    steps = [
+        (earlier.index, later.index)
+        for earlier, later in zip(track.keys, track.keys[1:], strict=False)
+        if earlier.index >= _BEFORE and not isinstance(later.match, NoMatch) and later.match.is_fully_observed
+    ]
+    start, end = np.array(steps, dtype=np.int64).reshape(-1, 2).T
+    velocity = logmap(between(poses[start - _BEFORE], poses[start])) / _BEFORE
+    expected = expmap(velocity * (end - start)[:, None])
+    return between(expected, between(poses[start], poses[end]))

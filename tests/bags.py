@@ -1,0 +1,208 @@
+"""Bags for the tests, written with the rosbags library in every container."""
+
+import math
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Writer2
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+SCAN, ODOMETRY, TF, POSE = (
+    "sensor_msgs/msg/LaserScan",
+    "nav_msgs/msg/Odometry",
+    "tf2_msgs/msg/TFMessage",
+    "geometry_msgs/msg/PoseStamped",
+)
+STRING, OLD_TF, UNKNOWN = "std_msgs/msg/String", "tf/msg/tfMessage", "some_robot/msg/Bump"
+CONTAINERS = (
+    "ros1",
+    "ros1-bz2",
+    "ros1-lz4",
+    "sqlite3",
+    "sqlite3-file",
+    "sqlite3-messages",
+    "sqlite3-packed",
+    "mcap",
+    "mcap-file",
+    "mcap-zstd",
+    "mcap-messages",
+)
+
+
+class Said(NamedTuple):
+    """A message: when it was recorded [s], its topic, its type and what it says."""
+
+    recorded: float
+    topic: str
+    type: str
+    fields: dict[str, Any]
+
+
+def store(*, is_ros1: bool) -> Any:
+    """The message types of a ROS."""
+    types = get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_HUMBLE)
+    for name, text in (
+        (TF, "geometry_msgs/TransformStamped[] transforms"),
+        (OLD_TF, "geometry_msgs/TransformStamped[] transforms"),
+        (UNKNOWN, "bool is_pressed"),
+    ):
+        if name not in types.types:
+            types.register(get_types_from_msg(text, name))
+    return types
+
+
+def scan(
+    stamp: float,
+    ranges: Sequence[float] | NDArray[np.float32],
+    *,
+    topic: str = "/scan",
+    frame: str = "laser",
+    first: float = -math.pi / 2,
+    step: float | None = None,
+    recorded: float | None = None,
+    limits: tuple[float, float] = (0.1, 10.0),
+    time_increment: float = 0.0,
+) -> Said:
+    """A LaserScan, over 180° unless said otherwise."""
+    readings = np.array(ranges, dtype=np.float32)
+    step = math.pi / max(1, len(readings) - 1) if step is None else step
+    fields = {
+        "header": (stamp, frame),
+        "angle_min": first,
+        "angle_max": first + step * (len(readings) - 1),
+        "angle_increment": step,
+        "time_increment": time_increment,
+        "range_min": limits[0],
+        "range_max": limits[1],
+        "ranges": readings,
+    }
+    return Said(stamp if recorded is None else recorded, topic, SCAN, fields)
+
+
+def odometry(
+    stamp: float,
+    pose: Sequence[float] | NDArray[np.float64],
+    *,
+    topic: str = "/odom",
+    parent: str = "odom",
+    child: str = "base_link",
+    recorded: float | None = None,
+) -> Said:
+    """An Odometry message of a planar pose."""
+    fields = {"header": (stamp, parent), "child_frame_id": child, "pose": pose}
+    return Said(stamp if recorded is None else recorded, topic, ODOMETRY, fields)
+
+
+def true_pose(stamp: float, pose: Sequence[float] | NDArray[np.float64], *, topic: str = "/mocap/pose") -> Said:
+    """A PoseStamped of a planar pose."""
+    return Said(stamp, topic, POSE, {"header": (stamp, "world"), "pose": pose})
+
+
+def transform(
+    stamp: float,
+    parent: str,
+    child: str,
+    pose: Sequence[float] | NDArray[np.float64],
+    *,
+    roll: float = 0.0,
+    topic: str = "/tf",
+    type_name: str = TF,
+) -> Said:
+    """One transform of a planar pose, rolled about the child's own x axis."""
+    fields = {"header": (stamp, parent), "child_frame_id": child, "pose": pose, "roll": roll}
+    return Said(stamp, topic, type_name, fields)
+
+
+def text(stamp: float, topic: str, words: str) -> Said:
+    """A String."""
+    return Said(stamp, topic, STRING, {"data": words})
+
+
+def unknown(stamp: float) -> Said:
+    """A message of a type that nobody knows."""
+    return Said(stamp, "/bump", UNKNOWN, {"is_pressed": True})
+
+
+def write_bag(folder: Path, said: Iterable[Said], container: str = "ros1", name: str = "log") -> Path:
+    """Write messages in the order of their recording; the path to read."""
+    kind, _, variant = container.partition("-")
+    is_ros1 = kind == "ros1"
+    types = store(is_ros1=is_ros1)
+    messages = sorted(said, key=lambda message: message.recorded)
+    writer: Any
+    if is_ros1:
+        path = folder / f"{name}.bag"
+        writer = Writer1(path)
+        writer.chunk_threshold = 1 << 14
+        if variant:
+            writer.set_compression(Writer1.CompressionFormat[variant.upper()])
+    else:
+        path = folder / name
+        writer = Writer2(path, version=9, storage_plugin=StoragePlugin[kind.upper()])
+        modes = {
+            "messages": CompressionMode.MESSAGE,
+            "zstd": CompressionMode.STORAGE,
+            "packed": CompressionMode.FILE,
+        }
+        if variant in modes:
+            writer.set_compression(modes[variant], CompressionFormat.ZSTD)
+    pack = types.serialize_ros1 if is_ros1 else types.serialize_cdr
+    with writer:
+        connections: dict[tuple[str, str], Any] = {}
+        for message in messages:
+            key = (message.topic, message.type)
+            if key not in connections:
+                connections[key] = writer.add_connection(*key, typestore=types)
+            data = pack(make(types, message, is_ros1=is_ros1), message.type)
+            writer.write(connections[key], round(1e9 * message.recorded), bytes(data))
+    return storage_file(path) if variant == "file" else path
+
+
+def storage_file(folder: Path) -> Path:
+    """The file in the folder of a bag of ROS 2."""
+    (file,) = (entry for entry in folder.iterdir() if entry.name != "metadata.yaml")
+    return file
+
+
+def make(types: Any, message: Said, *, is_ros1: bool) -> Any:
+    """A message as rosbags wants it."""
+    known = types.types
+    fields = dict(message.fields)
+    if "header" in fields:
+        stamp, frame = fields.pop("header")
+        nanoseconds = round(1e9 * stamp)
+        time = known["builtin_interfaces/msg/Time"](nanoseconds // 10**9, nanoseconds % 10**9)
+        header = known["std_msgs/msg/Header"](*((7, time, frame) if is_ros1 else (time, frame)))
+    if message.type == SCAN:
+        return known[SCAN](header=header, scan_time=0.0, intensities=np.zeros(3, np.float32), **fields)
+    if message.type in {STRING, UNKNOWN}:
+        return known[message.type](**fields)
+    x, y, heading = fields["pose"]
+    q = _quaternion(heading, fields.get("roll", 0.0))
+    quaternion = known["geometry_msgs/msg/Quaternion"](*q)
+    vector = known["geometry_msgs/msg/Vector3"]
+    if message.type in {TF, OLD_TF}:
+        pose = known["geometry_msgs/msg/Transform"](vector(x, y, 0.3), quaternion)
+        stamped = known["geometry_msgs/msg/TransformStamped"](header, fields["child_frame_id"], pose)
+        return known[message.type]([stamped])
+    pose = known["geometry_msgs/msg/Pose"](known["geometry_msgs/msg/Point"](x, y, 0.0), quaternion)
+    if message.type == POSE:
+        return known[POSE](header, pose)
+    zero = known["geometry_msgs/msg/Twist"](vector(0.0, 0.0, 0.0), vector(0.0, 0.0, 0.0))
+    return known[ODOMETRY](
+        header,
+        fields["child_frame_id"],
+        known["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
+        known["geometry_msgs/msg/TwistWithCovariance"](zero, np.zeros(36)),
+    )
+
+
+def _quaternion(heading: float, roll: float) -> tuple[float, float, float, float]:
+    """Turned by the heading, then rolled about the own x axis."""
+    (sy, cy), (sr, cr) = ((math.sin(0.5 * angle), math.cos(0.5 * angle)) for angle in (heading, roll))
+    return cy * sr, sy * sr, sy * cr, cy * cr

@@ -1,0 +1,343 @@
+"""Reading bags: what a person who has one notices."""
+
+import math
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from frontends.logs import LogError, describe_log, read_log
+from frontends.scan import Log
+from graph.se2 import compose, expmap
+from tests.bags import (
+    CONTAINERS,
+    OLD_TF,
+    Said,
+    odometry,
+    scan,
+    storage_file,
+    text,
+    transform,
+    true_pose,
+    unknown,
+    write_bag,
+)
+
+N_SCANS, N_BEAMS = 12, 61
+START = 1_700_000_000.0
+URDF = """<robot name="r"><link name="base_link"/><link name="plate"/><link name="laser"/>
+<joint name="a" type="fixed"><parent link="base_link"/><child link="plate"/>
+<origin xyz="0.1 0 0" rpy="0 0 1.5"/></joint>
+<joint name="b" type="fixed"><parent link="plate"/><child link="laser"/><origin xyz="0.2 0 0.3"/></joint></robot>"""
+
+
+def readings(index: int, n_beams: int = N_BEAMS) -> NDArray[np.float32]:
+    """A sweep unlike all others."""
+    return (2.0 + 0.01 * index + np.linspace(0.0, 1.0, n_beams)).astype(np.float32)
+
+
+def moving_scans(**options: object) -> list[Said]:
+    """Scans at 10 Hz."""
+    return [scan(START + 0.1 * k, readings(k), **options) for k in range(N_SCANS)]  # type: ignore[arg-type]
+
+
+def arc(share: float) -> NDArray[np.float64]:
+    """Pose of a robot on an arc after a share of it."""
+    return expmap(share * np.array([2.0, 0.0, 1.2]))
+
+
+def whole_bag() -> list[Said]:
+    """Scans, odometry, a mount, the truth, and what is not needed."""
+    said = moving_scans(limits=(0.1, 2.9))
+    said += [odometry(START + 0.05 * k, arc(k / 24)) for k in range(25)]
+    said += [true_pose(START - 1.0 + 0.05 * k, (5.0, 0.01 * k, 0.0)) for k in range(60)]
+    said += [transform(START, "base_link", "laser", (0.2, 0.1, math.pi / 2), topic="/tf_static"), unknown(START)]
+    return said
+
+
+@pytest.mark.parametrize("container", CONTAINERS)
+def test_a_bag_reads_the_same_from_every_container(tmp_path: Path, container: str) -> None:
+    log = read_log(write_bag(tmp_path, whole_bag(), container))
+    assert len(log) == N_SCANS
+    expected = np.array([readings(k) for k in range(N_SCANS)])
+    expected[expected >= np.float32(2.9)] = np.nan
+    np.testing.assert_array_equal(log.ranges, expected)
+    np.testing.assert_allclose(log.stamps, START + 0.1 * np.arange(N_SCANS), atol=1e-6)
+    np.testing.assert_allclose(log.odometry, [arc(2 * k / 24) for k in range(N_SCANS)], atol=1e-6)
+    np.testing.assert_allclose(log.geometry.T_robot_laser, [0.2, 0.1, math.pi / 2], atol=1e-6)
+    assert log.truth is not None
+    np.testing.assert_allclose(log.truth[:, 1], 0.2 + 0.02 * np.arange(N_SCANS), atol=1e-6)
+    assert log.warnings == ()
+    assert log.message_counts["/scan (sensor_msgs/msg/LaserScan)"] == N_SCANS
+
+
+def test_files_that_continue_each_other_are_one_bag(tmp_path: Path) -> None:
+    folder = tmp_path / "split"
+    folder.mkdir()
+    for part, said in enumerate(np.array_split(np.arange(N_SCANS), 11)):
+        own = [scan(START + 0.1 * k, readings(k)) for k in said.tolist()]
+        storage_file(write_bag(tmp_path, own, "sqlite3", f"part{part}")).rename(folder / f"split_{part}.db3")
+    assert read_log(folder).stamps.tolist() == pytest.approx((START + 0.1 * np.arange(N_SCANS)).tolist())
+    (folder / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information:\n  relative_file_paths:\n    - split_0.db3\n    - gone.db3\n  duration: 1\n"
+    )
+    log = read_log(folder)
+    assert len(log) == N_SCANS
+    assert any("gone.db3" in warning for warning in log.warnings)
+
+
+def test_a_folder_of_several_bags_is_refused(tmp_path: Path) -> None:
+    for name in ("one", "other"):
+        write_bag(tmp_path, moving_scans(), "ros1", name)
+    with pytest.raises(LogError, match="several bags"):
+        read_log(tmp_path)
+
+
+@pytest.mark.parametrize("container", ["ros1", "mcap"])
+def test_topics_with_two_types_and_types_nobody_knows(tmp_path: Path, container: str) -> None:
+    said = [*moving_scans(), unknown(START), transform(START, "base_link", "laser", (0.3, 0.0, 0.0))]
+    said += [transform(START + k, "odom", "base_link", (0.5 * k, 0.0, 0.0), type_name=OLD_TF) for k in range(3)]
+    log = read_log(write_bag(tmp_path, said, container))
+    np.testing.assert_allclose(log.odometry[:, 0], 0.05 * np.arange(N_SCANS), atol=1e-6)
+    assert log.geometry.T_robot_laser.tolist() == pytest.approx([0.3, 0.0, 0.0])
+
+
+def one_scan_log(folder: Path, ranges: Sequence[float], **options: object) -> Log:
+    """The log of a sweep, twice."""
+    said = [scan(START + 0.1 * k, ranges, **options) for k in range(2)]  # type: ignore[arg-type]
+    return read_log(write_bag(folder, said))
+
+
+def test_a_whole_turn_whose_last_beam_is_the_first(tmp_path: Path) -> None:
+    log = one_scan_log(tmp_path, [1.0, 2.0, 3.0, 4.0, 1.0], first=-math.pi, step=math.pi / 2)
+    assert log.ranges[0].tolist() == [1.0, 2.0, 3.0, 4.0]
+    np.testing.assert_allclose(log.geometry.bearings, [-math.pi, -math.pi / 2, 0.0, math.pi / 2], atol=1e-6)
+
+
+def test_decreasing_angles_are_turned_about(tmp_path: Path) -> None:
+    log = one_scan_log(tmp_path, [1.0, 2.0, 3.0], first=1.0, step=-1.0, time_increment=0.02)
+    assert log.ranges[0].tolist() == [3.0, 2.0, 1.0]
+    np.testing.assert_allclose(log.geometry.bearings, [-1.0, 0.0, 1.0], atol=1e-6)
+    assert log.sweep == pytest.approx(-0.04)
+    assert log.stamps[0] == pytest.approx(START + 0.02, abs=1e-6)
+
+
+def test_no_returns_of_all_kinds(tmp_path: Path) -> None:
+    log = one_scan_log(
+        tmp_path, [0.0, math.inf, -math.inf, math.nan, 10.0, 11.0, 0.05, -1.0, 2.0, 3.0], limits=(0.1, 10.0)
+    )
+    assert np.flatnonzero(np.isfinite(log.ranges[0])).tolist() == [8, 9]
+
+
+def test_a_laser_that_hangs_upside_down(tmp_path: Path) -> None:
+    said = [scan(START + 0.1 * k, [1.0, 2.0, 3.0], first=-0.5, step=1.0) for k in range(3)]
+    said.append(transform(START, "base_link", "laser", (0.2, 0.0, 0.4), roll=math.pi, topic="/tf_static"))
+    log = read_log(write_bag(tmp_path, said))
+    ahead = log.geometry.bearings + log.geometry.T_robot_laser[2]
+    np.testing.assert_allclose(ahead, 0.4 - np.array([1.5, 0.5, -0.5]), atol=1e-6)
+    assert log.ranges[0].tolist() == [3.0, 2.0, 1.0]
+    assert any("upside down" in warning for warning in log.warnings)
+
+
+def test_beams_that_change_from_message_to_message(tmp_path: Path) -> None:
+    said = moving_scans()
+    said[4] = scan(START + 0.4, readings(4, 31), step=math.pi / 30)
+    said[5] = scan(START + 0.5, [1.0])
+    said[6] = scan(START + 0.6, readings(6), step=math.nan, first=math.nan)
+    log = read_log(write_bag(tmp_path, said))
+    assert len(log) == N_SCANS - 2
+    np.testing.assert_array_equal(log.ranges[4, ::2], readings(4, 31))
+    assert np.isnan(log.ranges[4, 1::2]).all()
+    assert sum("beams" in warning for warning in log.warnings) == 2
+
+
+def test_of_several_lasers_the_one_that_sees_most(tmp_path: Path) -> None:
+    said = [scan(START + 0.1 * k, readings(50 + k), topic="/rear", frame="rear", step=0.01) for k in range(N_SCANS)]
+    said += moving_scans(topic="/wide", frame="wide")
+    path = write_bag(tmp_path, said)
+    chosen = read_log(path).choices["laser"]
+    assert chosen.startswith("/wide")
+    assert "/rear" in chosen
+    assert read_log(path, scan_topic="rear").geometry.resolution == pytest.approx(0.01)
+    with pytest.raises(LogError, match="/wide in frame 'wide'"):
+        read_log(path, scan_topic="/front")
+
+
+def test_a_topic_that_repeats_a_laser_is_no_other_laser(tmp_path: Path) -> None:
+    said = moving_scans()
+    said += [
+        scan(START - 0.5 + 0.1 * k, readings(k), topic="/a_scan", recorded=START + 0.1 * k) for k in range(N_SCANS)
+    ]
+    log = read_log(write_bag(tmp_path, said))
+    assert log.choices["laser"].startswith("/scan")
+    assert "/a_scan repeats it" in log.choices["laser"]
+
+
+def test_two_lasers_on_one_topic_decades_apart(tmp_path: Path) -> None:
+    said = moving_scans(frame="front_laser")
+    said += [
+        scan(3.0 + 0.1 * k, readings(100 + k), frame="rear_laser", recorded=START + 0.1 * k) for k in range(N_SCANS)
+    ]
+    path = write_bag(tmp_path, said)
+    log = read_log(path)
+    assert len(log) == N_SCANS
+    assert describe_log(log).duration == pytest.approx(1.1)
+    assert any("2 lasers share the topic /scan" in warning for warning in log.warnings)
+    assert read_log(path, scan_frame="/rear_laser").ranges[0, 0] == np.float32(3.0)
+
+
+def test_stamps_of_another_clock_are_no_gap(tmp_path: Path) -> None:
+    said = moving_scans()
+    said[:4] = [scan(5.0 + 0.1 * k, readings(k), recorded=START + 0.1 * k) for k in range(4)]
+    log = read_log(write_bag(tmp_path, said))
+    np.testing.assert_allclose(log.stamps, START + 0.1 * np.arange(N_SCANS), atol=1e-5)
+    assert any("another clock" in warning for warning in log.warnings)
+
+
+def test_scans_count_by_their_stamps_not_by_their_recording(tmp_path: Path) -> None:
+    late = {3: 0.35, 4: 0.3}
+    said = [scan(START + 0.1 * k, readings(k), recorded=START - 80.0 + 0.1 * k + late.get(k, 0.0)) for k in range(12)]
+    log = read_log(write_bag(tmp_path, said))
+    np.testing.assert_array_equal(log.ranges[:, 0], [readings(k)[0] for k in range(12)])
+    assert any("2 scans arrived behind later ones" in warning for warning in log.warnings)
+
+
+def test_a_recording_played_twice_keeps_its_order(tmp_path: Path) -> None:
+    said = [scan(5.0 + 0.1 * (k % 6), readings(k), recorded=START + 0.1 * k) for k in range(12)]
+    log = read_log(write_bag(tmp_path, said))
+    np.testing.assert_array_equal(log.ranges[:, 0], [readings(k)[0] for k in range(12)])
+    assert (np.diff(log.stamps) > 0).all()
+
+
+def test_slow_transforms_are_odometry_on_the_arc_between_them(tmp_path: Path) -> None:
+    said = [*moving_scans(frame="/laser"), transform(START, "/base_link", "/laser", (0.0, 0.0, 0.0))]
+    said += [transform(START - 0.1 + 1.2 * k, "odom", "base_link", arc(k)) for k in range(2)]
+    said += [transform(START + 0.1 * k, "map", "odom", (3.0 * k, 0.0, 0.0)) for k in range(10)]
+    log = read_log(write_bag(tmp_path, said))
+    np.testing.assert_allclose(log.odometry, [arc((k + 1) / 12) for k in range(N_SCANS)], atol=1e-6)
+    assert "odom → base_link" in log.choices["odometry"]
+
+
+def test_neither_a_map_nor_the_truth_is_odometry(tmp_path: Path) -> None:
+    said = [*moving_scans(), *(transform(START + k, "map", "base_link", (k, 0.0, 0.0)) for k in range(3))]
+    said += [odometry(START + 0.5 * k, (k, 0.0, 0.0), topic="/base_pose_ground_truth") for k in range(4)]
+    path = write_bag(tmp_path, said)
+    log = read_log(path)
+    assert not log.has_odometry
+    assert log.truth is not None
+    asked = read_log(path, odometry_topic="/base_pose_ground_truth")
+    assert asked.has_odometry
+    assert asked.truth is None
+    with pytest.raises(LogError, match="/base_pose_ground_truth"):
+        read_log(path, odometry_topic="/odom")
+
+
+def test_odometry_of_another_clock_is_aligned_by_the_recording(tmp_path: Path) -> None:
+    said = [*moving_scans(), *(odometry(50.0 + 0.1 * k, arc(k / 12), recorded=START + 0.1 * k) for k in range(12))]
+    log = read_log(write_bag(tmp_path, said))
+    np.testing.assert_allclose(log.odometry, [arc(k / 12) for k in range(12)], atol=1e-5)
+    assert any("another clock" in warning for warning in log.warnings)
+
+
+def test_odometry_that_begins_late_is_told(tmp_path: Path) -> None:
+    said = [scan(START + 1.0 * k, readings(k)) for k in range(12)]
+    said += [odometry(START + 6.0 + k, arc(k / 12)) for k in range(10)]
+    log = read_log(write_bag(tmp_path, said))
+    assert any("begins 6 scans late" in warning for warning in log.warnings)
+
+
+def test_the_mount_by_the_robots_description(tmp_path: Path) -> None:
+    said = [*moving_scans(), text(START, "/robot_description", URDF)]
+    log = read_log(write_bag(tmp_path, said, "mcap"))
+    expected = compose(np.array([0.1, 0.0, 1.5]), np.array([0.2, 0.0, 0.0]))
+    np.testing.assert_allclose(log.geometry.T_robot_laser, expected, atol=1e-6)
+
+
+def test_the_base_frame_may_be_chosen(tmp_path: Path) -> None:
+    said = [*moving_scans(), *(odometry(START + 0.1 * k, arc(k / 12), child="base_link") for k in range(12))]
+    said += [
+        transform(START, "base_link", "laser", (0.2, 0.0, 0.0), topic="/tf_static"),
+        transform(START, "base_link", "tip", (0.5, 0.0, 0.0), topic="/tf_static"),
+    ]
+    path = write_bag(tmp_path, said)
+    log = read_log(path, base_frame="tip")
+    assert log.geometry.T_robot_laser.tolist() == pytest.approx([-0.3, 0.0, 0.0])
+    np.testing.assert_allclose(log.odometry[3], compose(arc(3 / 12), np.array([0.5, 0.0, 0.0])), atol=1e-6)
+    with pytest.raises(LogError, match="nothing joins"):
+        read_log(path, base_frame="moon")
+
+
+def test_without_a_scan_the_topics_are_named(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"1 /bump \(some_robot/msg/Bump\)"):
+        read_log(write_bag(tmp_path, [unknown(START)]))
+
+
+@pytest.mark.parametrize(
+    "container", ["ros1", "ros1-bz2", "ros1-lz4", "sqlite3", "sqlite3-messages", "mcap", "mcap-zstd"]
+)
+def test_damaged_bags_are_read_or_refused_in_one_line(tmp_path: Path, container: str) -> None:
+    path = write_bag(tmp_path, whole_bag(), container)
+    path = storage_file(path) if path.is_dir() else path
+    whole, random = path.read_bytes(), np.random.default_rng(1)
+    copies = [whole[: len(whole) * k // 21] for k in range(1, 21, 2)]
+    for _ in range(20):
+        flipped = bytearray(whole)
+        for place in random.integers(len(whole), size=random.choice([1, 8])).tolist():
+            flipped[place] ^= 1 << int(random.integers(8))
+        copies.append(bytes(flipped))
+    told: list[str] = []
+    for copy in copies:
+        path.write_bytes(copy)
+        try:
+            told += describe_log(read_log(path)).warnings
+        except LogError as error:
+            told.append(str(error))
+    assert told
+    assert not any("\n" in sentence for sentence in told)
+
+
+def test_a_bag_cut_off_gives_what_is_there(tmp_path: Path) -> None:
+    path = write_bag(tmp_path, moving_scans(), "ros1")
+    path.write_bytes(path.read_bytes()[:-2500])
+    log = read_log(path)
+    assert 3 <= len(log) <= N_SCANS
+    assert any("index" in warning for warning in log.warnings)
+
+
+def test_reading_other_logs_does_not_load_rosbags() -> None:
+    program = "import sys, frontends.logs, iceg.cli; sys.exit(not {'rosbags', 'lz4', 'apsw'}.isdisjoint(sys.modules))"
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+REAL = {  # scans, beams, whether there is odometry, whether there is truth
+    "bags/jackal-mocap-3.bag": (400, 897, False, True),
+    "bags/stage-58deg-truth-2.bag": (398, 640, False, True),
+    "bags/urg-corridor-2019-04.bag": (962, 726, True, False),
+    "bags/urg-2018-dec13-before.bag": (857, 726, True, False),
+    "bags/neato-left.bag": (174, 360, True, False),
+    "bags/obstacle-detector-two-lasers.bag": (330, 726, False, False),
+    "bags/mumble-kitchen_1": (675, 360, False, False),
+    "bags/cart-rplidar-scanonly": (791, 360, False, False),
+    "bags/tb3gazebo-surya": (138, 359, True, False),
+    "ros1-laserscan.bag": (1838, 271, False, False),
+    "ros1-broken-index.bag": (360, 681, False, False),
+}
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_bags(data_dir: Path, name: str) -> None:
+    log = read_log(data_dir / name)
+    assert (len(log), log.geometry.n_beams, log.has_odometry, log.truth is not None) == REAL[name]
+
+
+def test_what_is_odd_about_real_bags(data_dir: Path) -> None:
+    cart, neato = (read_log(data_dir / "bags" / name) for name in ("cart-rplidar-scanonly", "neato-left.bag"))
+    assert any("22 % of the beams" in warning for warning in cart.warnings)
+    np.testing.assert_allclose(np.abs(neato.geometry.T_robot_laser), [0.1016, 0.0, math.pi], atol=1e-3)
+    assert "/stable_scan repeats it" in neato.choices["laser"]
+    gaps = describe_log(read_log(data_dir / "bags" / "urg-corridor-2019-04.bag")).gaps
+    assert gaps[0][1] == pytest.approx(5.53, abs=0.01)
