@@ -141,12 +141,17 @@ class RefinementConfig:
     """Below this share the search is repeated in the wide window."""
     min_inliers: float = 0.45
     """A match needs at least this share of its points on the reference."""
+    margin: float = 0.2
+    """A beam sees a surface of the reference if it ends within this of it [m] …"""
+    across: float = 0.15
+    """… and contradicts one seen at a flat angle only if it ends this far beyond it [m]."""
 
     def __post_init__(self) -> None:
         _require(
             0 < self.scale <= self.coarse_scale,
             f"refinement: need 0 < scale <= coarse_scale, found {self.scale} and {self.coarse_scale}",
         )
+        check_numbers(self, IceConfigError, positive=("margin", "across"))
         _require(0 <= self.min_inliers <= 1, f"refinement.min_inliers must lie in [0, 1], found {self.min_inliers}")
 
 
