@@ -99,27 +99,9 @@ def scan_points(
     if slim:
         _face_slim(points, beams, surfaces, n, origin, normals)
     _spread(points[:n], normals, origin, noise, spreads)
+    if noise.typical > 0.0:
+        _straighten(points[:n], normals, origin, moments, noise.allowed)
     return n
-
-
-@compiled
-def straighten(
-    points: F64, beams: I32, origin: F64, resolution: float, reach: float, jump: float, noise: RangeNoise, normals: F64
-) -> None:
-    """Put the points (n, 2) of a scan onto the lines that gave them their normals (n, 2), as far as they are noise.
-
-    The less of a point's variance is noise beyond what is allowed for, the less it moves.
-    """
-    n = len(points)
-    surfaces, moments = _room_for_surfaces(n), _room_for_moments(n)
-    _surfaces(points, beams, origin, resolution, jump, noise, surfaces)
-    _sum_up(points, surfaces, ZERO, ONE, n, reach * reach, moments)
-    for i in range(n):
-        x, y = points[i, 0] - origin[0], points[i, 1] - origin[1]
-        off = normals[i, 0] * (x - moments.x[i] / moments.n[i]) + normals[i, 1] * (y - moments.y[i] / moments.n[i])
-        share = moments.noise[i] / (moments.noise[i] + noise.allowed)
-        points[i, 0] -= share * off * normals[i, 0]
-        points[i, 1] -= share * off * normals[i, 1]
 
 
 @compiled
@@ -337,9 +319,10 @@ def _normals(moments: Moments, n: int, points: F64, origin: F64, normals: F64) -
 
 @compiled
 def _centre(n: F64, x: F64, y: F64, xx: F64, xy: F64, yy: F64) -> None:
-    """Sums of xx, xy, yy become variances."""
+    """Sums of x, y become means, those of xx, xy, yy variances."""
     for i in range(len(n)):
         mx, my = x[i] / n[i], y[i] / n[i]
+        x[i], y[i] = mx, my
         xx[i] = xx[i] / n[i] - mx * mx
         xy[i] = xy[i] / n[i] - mx * my
         yy[i] = yy[i] / n[i] - my * my
@@ -378,6 +361,21 @@ def _turn_to_laser(x: F64, y: F64, lengths: F64, points: F64, x0: float, y0: flo
         length = -lengths[i] if away > 0.0 else lengths[i]
         normals[i, 0] = x[i] / length if length != 0.0 else 0.0
         normals[i, 1] = y[i] / length if length != 0.0 else 0.0
+
+
+@compiled
+def _straighten(points: F64, normals: F64, origin: F64, moments: Moments, allowed: float) -> None:
+    """Put points (n, 2) onto the lines that gave them their normals, as far as what has them off is noise.
+
+    Noise beyond what is allowed for takes a point to the wrong surface; what its neighbours know of its surface is not
+    lost by that.
+    """
+    for i in range(len(points)):
+        x, y = points[i, 0] - origin[0], points[i, 1] - origin[1]
+        off = normals[i, 0] * (x - moments.x[i]) + normals[i, 1] * (y - moments.y[i])
+        share = moments.noise[i] / (moments.noise[i] + allowed)
+        points[i, 0] -= share * off * normals[i, 0]
+        points[i, 1] -= share * off * normals[i, 1]
 
 
 @compiled

@@ -171,6 +171,8 @@ class LocalMapConfig:
     """Farthest correspondence of the wide stage [m]."""
     normal_reach: float = 0.2
     """Neighbours up to this far on either side give a point its normal [m]."""
+    sharpen: float = 0.0
+    """Surfels gather where most points of a wall lie that are spread by so much [m]."""
 
     def __post_init__(self) -> None:
         check_numbers(self, IceConfigError, positive=("reach", "fine_radius", "coarse_radius", "normal_reach"))

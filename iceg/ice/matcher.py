@@ -21,7 +21,7 @@ from iceg.ice.fitness import Ranking, rank_by_features, rank_by_points
 from iceg.ice.hypotheses import SearchWindow, distinct, pair_hypotheses, search_window, widened
 from iceg.ice.local_map import LocalMap, View, box_around, reach_of
 from iceg.ice.noise import PLAIN
-from iceg.ice.points import ScanPoints, extract_points, straightened
+from iceg.ice.points import ScanPoints, extract_points
 from iceg.ice.refinement import FACING, Refined, approach, evaluate_points, polish_on_features, refine_on_points
 from iceg.ice.search import breed_hypotheses, evolve_hypotheses, grid_hypotheses
 from iceg.ice.segments import segment_rows, smoothed_on_segments
@@ -97,10 +97,9 @@ class IceMatcher:
         if observation is None:
             points = self._points(scan)
             lines = segment_rows(scan, self.config.segments, points)
-            plain = straightened(points, scan, self.config.local_map.normal_reach, self._noise)
             observation = Observation(
                 points=points,
-                reference_points=smoothed_on_segments(plain, lines, scan.geometry.origin_robot, self.config.segments),
+                reference_points=smoothed_on_segments(points, lines, scan.geometry.origin_robot, self.config.segments),
                 features=feature_rows(scan, self.config.features, lines, points),
             )
             _remember(self._observations, scan, observation)

@@ -1,7 +1,7 @@
 """The points of a scan with the normals of the surfaces they lie on."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import groupby
 
 import numpy as np
@@ -72,24 +72,6 @@ def extract_points(
         spreads,
     )
     return ScanPoints(points=points[:count], normals=normals[:count], beams=beams[:count], spreads=spreads[:count])
-
-
-def straightened(scan_points: ScanPoints, scan: Scan, reach: float, noise: RangeNoise) -> ScanPoints:
-    """The points of a scan moved onto the lines that gave them their normals, as far as noise has them off.
-
-    Args:
-        scan_points: of the scan.
-        scan: the scan.
-        reach: see `extract_points` [m].
-        noise: of the ranges; the points stay where they are if there is none worth speaking of.
-    """
-    if noise.typical == 0.0:
-        return scan_points
-    points, geometry = scan_points.points.copy(), scan.geometry
-    kernels.straighten(
-        points, scan_points.beams, geometry.origin_robot, geometry.resolution, reach, JUMP, noise, scan_points.normals
-    )
-    return replace(scan_points, points=points)
 
 
 def thinned_points(
