@@ -26,9 +26,9 @@ _WIDTHS: _Widths = {
             "min_turn": 0.2,
             "trusted_window": 0.75,
         },
-        # The Cauchy weight of this width is 95 % efficient for Gaussian errors.
-        "refinement": {"scale": 2.4, "coarse_scale": 2.4, "margin": 3.0, "across": 3.0},
-        "local_map": {"cell": 1.0, "coarse_cell": 1.0, "fine_radius": 3.0, "coarse_radius": 3.0, "sharpen": 1.0},
+        # Points lie on the lines of their neighbours, off the wall by half a σ or less, beams do not.
+        "refinement": {"scale": 1.2, "coarse_scale": 1.2, "margin": 3.0, "across": 3.0},
+        "local_map": {"cell": 0.5, "coarse_cell": 0.5, "fine_radius": 1.5, "coarse_radius": 1.5, "sharpen": 0.5},
     },
     "front_end": {"tracking_distance": 0.2, "tracking_angle": 0.05},
     "finish": {
@@ -40,12 +40,6 @@ _WIDTHS: _Widths = {
 """Standard deviations of the noise that add to each setting, as independent errors do; radians per metre for angles."""
 
 
-import os
-F=float(os.environ.get("F","1")); J=float(os.environ.get("J","1"))
-for g in ("refinement","local_map"):
-    for k in _WIDTHS["ice"][g]:
-        if not (k in os.environ.get("KEEP","").split(",")): _WIDTHS["ice"][g][k]*=F
-for k in _WIDTHS["finish"]["joint"]: _WIDTHS["finish"]["joint"][k]*=J
 def widened(config: Config, noise: float) -> Config:
     """The settings for a laser whose ranges typically err by so much beyond what the settings allow for [m]."""
     return config if noise == 0.0 else _widened(config, _WIDTHS, noise)
