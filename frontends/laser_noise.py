@@ -33,8 +33,8 @@ _SLANT_LAG = 5
 """So many beams to either side tell how much a wall slants, and not of the noise of the three in the middle …"""
 _SQUARE = 0.3
 """… which count if its range changes by no more than this per radian and metre of range: on a slanting wall, what
-sticks out of it passes for noise. The recorded logs err by the same at 45° to within a tenth or two; in a simulated one with
-walls made of cells, 6 times as much."""
+sticks out of it passes for noise. Recorded logs err by the same at 45° to within a fifth or so, a simulated one whose
+walls are made of cells by 6 times as much."""
 _ALONE = 6.0
 """A return so many standard deviations off a wall that those on either side of it agree on is an outlier …"""
 _AGREED = 3.0
@@ -146,7 +146,7 @@ def _residuals(
 
 
 def _slants(ranges: NDArray[np.float64], geometry: ScanGeometry, lag: int) -> NDArray[np.float64]:
-    """(n, n_beams - 2 lag) how much (n, n_beams) ranges change with the bearing [m/rad], NaN where a beam is missing."""
+    """(n, n_beams - 2 lag) change of (n, n_beams) ranges with the bearing [m/rad], NaN where a beam is missing."""
     return np.abs(ranges[:, 2 * lag :] - ranges[:, : -2 * lag]) / (2 * lag * geometry.resolution)
 
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from frontends.scan import Scan, ScanGeometry
 from iceg.ice import _agreement_kernels as kernels
-from iceg.ice.config import FeatureConfig, IceConfigError, LocalMapConfig
+from iceg.ice.config import FeatureConfig, IceConfigError, LocalMapConfig, RefinementConfig
 from iceg.ice.features import CORNER, END_OF_WALL, FeatureRows
 from iceg.ice.local_map import LocalMap, box_around, reach_of
 from iceg.ice.matcher import IceMatcher

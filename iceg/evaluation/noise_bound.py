@@ -24,8 +24,8 @@ def scan_information(
 ) -> NDArray[np.float64]:
     """Fisher information of each scan alone about its pose among known walls.
 
-    Σ gᵢ gᵢᵀ / σ(rᵢ)², gᵢ the derivative of range i by a step of the robot in its own frame. Mixed pixels and what is lost
-    of glass tell nothing less here: the bound is one of the noise.
+    Σ gᵢ gᵢᵀ / σ(rᵢ)², gᵢ the derivative of range i by a step of the robot in its own frame. Mixed pixels,
+    glass and dark surfaces cost nothing here: the bound is one of the noise.
 
     Args:
         world: what the beams meet.

@@ -111,7 +111,7 @@ def sharpen(sums: F64, table: I32, origin: F64, cell: float, width: float, surfe
         width: of the Gaussian that weighs neighbours [m].
         surfels: (n, 4) mean x, y and unit normal of each; sharpened in place.
     """
-    span = int(ceil(_REACH * width / cell))
+    span = ceil(_REACH * width / cell)
     shifts = np.empty((len(surfels), 4))
     for _ in range(_SHARP_ROUNDS):
         for k in range(len(surfels)):
