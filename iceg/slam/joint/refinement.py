@@ -29,6 +29,9 @@ from iceg.slam.tracking.track import Track
 
 _LEAST_NOISE = 0.004
 """The residuals of points are never taken to be smaller than this [m]."""
+_TOLD = 1.0
+"""A point is told from other walls if a piece reaches so many of its standard deviations across; else it is left out: it
+would meet, on either side of its wall, only those that err as it does."""
 _LINE_ROUNDS = 3
 _APART = 1e5
 _THINNEST = 4
@@ -221,6 +224,7 @@ def key_clouds(
     offsets = np.concatenate([np.arange(len(some)) % every for some in members])
     points, normals, spreads, starts = thinned_points(taken, offsets, every, noise=noise)
     normals[np.hypot(points[:, 0], points[:, 1]) > config.reach] = 0.0
+    normals[spreads * (noise.allowed + noise.typical) > (config.half_width / _TOLD) ** 2] = 0.0
     T_key_scan = track.T_key_scan[scans]
     T_key_scan[np.diff(key_of_scan, prepend=-1) > 0] = 0.0
     most = config.scans_per_key if scan_of else 1
