@@ -52,6 +52,22 @@ class LogConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class LaserConfig:
+    """How far the ranges of the laser scatter: √(noise² + (noise_per_metre · range)²)."""
+
+    noise: float | None = None
+    """Standard deviation of a short range [m]; left out: both learned from the log."""
+    noise_per_metre: float = 0.0
+    """What grows with the range, where `noise` is given."""
+
+    def __post_init__(self) -> None:
+        if not ((self.noise is None or self.noise >= 0) and self.noise_per_metre >= 0):
+            raise ConfigError(
+                f"laser: found noise {self.noise} m and noise_per_metre {self.noise_per_metre}, expected 0 or more"
+            )
+
+
+@dataclass(frozen=True, kw_only=True)
 class Config:
     """All settings of a run.
 
@@ -59,6 +75,7 @@ class Config:
         seed: start of every random number drawn; the same log, settings and version give the same bytes.
         matcher: what matches the scans: ice, or one of the literature's with its defaults.
         log: how the log is read.
+        laser: its noise.
         ice: ICE matching.
         front_end: tracking, key scans and the local reference.
         odometry: noise of the wheels before it is calibrated.
@@ -72,6 +89,7 @@ class Config:
     seed: int = 0
     matcher: MatcherName = "ice"
     log: LogConfig = field(default_factory=LogConfig)
+    laser: LaserConfig = field(default_factory=LaserConfig)
     ice: IceConfig = field(default_factory=IceConfig)
     front_end: FrontEndConfig = field(default_factory=FrontEndConfig)
     odometry: OdometryModel = field(default_factory=OdometryModel)

@@ -33,6 +33,7 @@ def walls(*sides: str, noise: F64 | float = 0.0, n: int = 100) -> ScanPoints:
         points=points + np.asarray(noise).reshape(-1, 1) * normals,
         normals=normals,
         beams=np.arange(len(points), dtype=np.int32),
+        spreads=np.ones(len(points)),
     )
 
 
@@ -78,7 +79,7 @@ def test_the_costs_against_a_slow_twin() -> None:
         np.array([0.1, 0.2, 0.05]),
     )
     costs, field = np.empty((3, 3, 3)), local_map.fine
-    scored = Scored.of(scan.points, scan.normals, local_map, 0.04)
+    scored = Scored.of(scan, local_map, 0.04)
     best = grid_kernels.score_grid(scored, 50, pose, axes, steps, costs)
     picked = ((np.arange(50) + 0.5) * 4).astype(int)
     for index in np.ndindex(3, 3, 3):
@@ -104,7 +105,10 @@ def test_the_costs_against_a_slow_twin() -> None:
 def test_many_points_far_off_the_reference_cost_ten_each() -> None:
     local_map, scored_points = map_of(walls("left", "front")), np.full((500, 2), 90.0)
     costs = np.empty((3, 1, 3))
-    scored = Scored.of(scored_points, np.zeros((500, 2)), local_map, 0.04)
+    scan = ScanPoints(
+        points=scored_points, normals=np.zeros((500, 2)), beams=np.arange(500, dtype=np.int32), spreads=np.ones(500)
+    )
+    scored = Scored.of(scan, local_map, 0.04)
     grid_kernels.score_grid(scored, 450, np.zeros(3), np.eye(3), np.full(3, 0.1), costs)
     np.testing.assert_allclose(costs, 450 * np.log(10.0), rtol=1e-12)
 
@@ -141,7 +145,7 @@ def test_dependence_counts_what_neighbours_share() -> None:
 
     def of(noise: F64) -> float:
         scan = walls("left", "right", "front", noise=noise, n=800)
-        scored = Scored.of(scan.points, scan.normals, local_map, 0.04)
+        scored = Scored.of(scan, local_map, 0.04)
         return float(kernels.dependence(kernels.residuals_at(scored, np.zeros(3), 0.08)))
 
     assert of(rng.normal(0, 0.01, 2400)) < 1.4
@@ -178,7 +182,7 @@ def test_unevenness_equals_its_slow_twin() -> None:
     scan, local_map = walls("left", "right", "front", noise=noise), map_of(walls("left", "right", "front"))
     pose, axes, ratios = np.array([0.01, -0.005, 0.02]), np.linalg.qr(rng.normal(size=(3, 3)))[0], np.empty(3)
     field, variance = local_map.fine, 1e-4
-    found = kernels.residuals_at(Scored.of(scan.points, scan.normals, local_map, 0.04), pose, 0.08)
+    found = kernels.residuals_at(Scored.of(scan, local_map, 0.04), pose, 0.08)
     kernels.unevenness(found, axes, 1e-6, variance, ratios)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     R = np.array([[c, -s], [s, c]])
@@ -210,12 +214,14 @@ def curved(centre_y: float, radius: float, n: int, rng: np.random.Generator) -> 
         points=np.array([0.0, centre_y]) + radius * outwards + rng.normal(0, 0.01, (n, 1)) * outwards,
         normals=side * np.stack([np.cos(tilts), np.sin(tilts)], axis=1),
         beams=np.arange(n, dtype=np.int32),
+        spreads=np.ones(n),
     )
 
 
 def joined_points(*parts: ScanPoints) -> ScanPoints:
     points, normals = np.vstack([p.points for p in parts]), np.vstack([p.normals for p in parts])
-    return ScanPoints(points=points, normals=normals, beams=np.arange(len(points), dtype=np.int32))
+    beams = np.arange(len(points), dtype=np.int32)
+    return ScanPoints(points=points, normals=normals, beams=beams, spreads=np.ones(len(points)))
 
 
 def test_tilted_normals_do_not_hold_a_scan_in_a_curved_corridor() -> None:
@@ -242,7 +248,7 @@ def test_three_points_do_not_hold_a_corridor_and_thirty_do() -> None:
 def test_pretence_equals_its_slow_twin() -> None:
     rng = np.random.default_rng(10)
     scan, local_map = walls("left", "right", "front", noise=rng.normal(0, 0.01, 300)), map_of(walls("left", "right"))
-    found = kernels.residuals_at(Scored.of(scan.points, scan.normals, local_map, 0.04), np.zeros(3), 0.08)
+    found = kernels.residuals_at(Scored.of(scan, local_map, 0.04), np.zeros(3), 0.08)
     for axis in np.linalg.qr(rng.normal(size=(3, 3)))[0].T:
         told, crossed = (found.levers @ axis) ** 2, (found.levers @ axis) * (found.own_levers @ axis)
         expected = max(1.0, told.sum() / max(np.sort(crossed)[:-3].sum(), 1e-3 * told.sum()))

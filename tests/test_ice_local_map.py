@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from frontends.scan import Scan, ScanGeometry
 from iceg.ice import _agreement_kernels as kernels
-from iceg.ice.config import FeatureConfig, IceConfigError, LocalMapConfig
+from iceg.ice.config import FeatureConfig, IceConfigError, LocalMapConfig, RefinementConfig
 from iceg.ice.features import CORNER, END_OF_WALL, FeatureRows
 from iceg.ice.local_map import LocalMap, box_around, reach_of
 from iceg.ice.matcher import IceMatcher
@@ -27,6 +27,7 @@ def cloud(n: int, seed: int) -> ScanPoints:
         points=rng.uniform(-2, 2, (n, 2)),
         normals=np.c_[np.cos(angles), np.sin(angles)],
         beams=np.arange(n, dtype=np.int32),
+        spreads=np.ones(n),
     )
 
 
@@ -80,7 +81,9 @@ def test_a_map_that_made_room_is_one_that_had_it() -> None:
 def test_a_map_with_room_enough_stays_as_it_is() -> None:
     local_map = local_map_of(cloud(200, 0))
     before = local_map.fine
-    far = ScanPoints(points=np.array([[0.5, 0.2]]), normals=np.array([[1.0, 0.0]]), beams=np.zeros(1, np.int32))
+    far = ScanPoints(
+        points=np.array([[0.5, 0.2]]), normals=np.array([[1.0, 0.0]]), beams=np.zeros(1, np.int32), spreads=np.ones(1)
+    )
     local_map.make_room(far, np.array([1.0, 1.0, 0.0]), 2.0)
     assert local_map.fine is before
 
@@ -104,6 +107,7 @@ def test_points_outside_the_box_and_without_normal_do_not_enter() -> None:
         points=np.array([[0.0, 0.0], [9.0, 0.0], [1.0, 1.0]]),
         normals=np.array([[1.0, 0.0], [1.0, 0.0], [0.0, 0.0]]),
         beams=np.arange(3, dtype=np.int32),
+        spreads=np.ones(3),
     )
     assert len(local_map_of(scan_points).surfels) == 1
 
@@ -205,9 +209,14 @@ def test_the_mount_of_the_laser_counts() -> None:
     # The laser looks to the left of the robot: the wall it sees at 3 m lies at y = 2.8.
     x = np.linspace(-1.5, 1.5, 30)
     scan_points = ScanPoints(
-        points=np.c_[x, np.full(30, 2.8)], normals=np.tile([0.0, -1.0], (30, 1)), beams=np.arange(30, dtype=np.int32)
+        points=np.c_[x, np.full(30, 2.8)],
+        normals=np.tile([0.0, -1.0], (30, 1)),
+        beams=np.arange(30, dtype=np.int32),
+        spreads=np.ones(30),
     )
-    seen, contradicted = view(Scan(ranges=ranges, geometry=geometry), local_map_of(scan_points), np.zeros(3))
+    seen, contradicted = view(
+        Scan(ranges=ranges, geometry=geometry), local_map_of(scan_points), np.zeros(3), RefinementConfig()
+    )
     assert seen >= 28
     assert contradicted == 0
 

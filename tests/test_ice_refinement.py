@@ -1,5 +1,7 @@
 """The polish on points against SciPy's least squares, its linear algebra against NumPy's, the polish on features."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -31,15 +33,14 @@ def box_points(noise: float = 0.0, seed: int = 0) -> ScanPoints:
         points=points + rng.normal(0, noise, (180, 1)) * normals,
         normals=normals,
         beams=np.arange(180, dtype=np.int32),
+        spreads=np.ones(180),
     )
 
 
 def seen_from(scan_points: ScanPoints, pose: F64) -> ScanPoints:
     c, s = np.cos(pose[2]), np.sin(pose[2])
     R = np.array([[c, -s], [s, c]])
-    return ScanPoints(
-        points=(scan_points.points - pose[:2]) @ R, normals=scan_points.normals @ R, beams=scan_points.beams
-    )
+    return replace(scan_points, points=(scan_points.points - pose[:2]) @ R, normals=scan_points.normals @ R)
 
 
 def map_of(scan_points: ScanPoints) -> LocalMap:
@@ -81,7 +82,9 @@ def test_counts_and_sums_against_a_slow_twin(every: int) -> None:
     normals = np.c_[np.cos(angles), np.sin(angles)] * (rng.random(400) < 0.7)[:, None]
     field, hessian, moved = local_map.fine, np.empty((3, 3)), np.empty(3)
     reference = (local_map.surfels, field.nearest, field.origin, field.cell)
-    got = kernels.refine(points, normals, every, pose, *reference, scale, scale, 0, 0.0, facing, moved, hessian)
+    got = kernels.refine(
+        points, normals, np.ones(len(points)), every, pose, *reference, scale, scale, 0, 0.0, facing, moved, hessian
+    )
     c, s = np.cos(pose[2]), np.sin(pose[2])
     R = np.array([[c, -s], [s, c]])
     r, J = [], []
@@ -125,7 +128,9 @@ def test_the_wide_stage_brings_what_the_fine_one_cannot() -> None:
 
 def test_a_prior_holds_what_the_points_leave_open() -> None:
     both = box_points()
-    wall = ScanPoints(points=both.points[:60], normals=both.normals[:60], beams=both.beams[:60])
+    wall = ScanPoints(
+        points=both.points[:60], normals=both.normals[:60], beams=both.beams[:60], spreads=both.spreads[:60]
+    )
     start = np.array([0.05, 0.05, 0.0])
     got = refine_on_points(wall, map_of(wall), start, RefinementConfig(), wide=False, prior_weight=1.0)
     assert got.T_ref_cur[0] == pytest.approx(0.05, abs=5e-3)
@@ -134,7 +139,7 @@ def test_a_prior_holds_what_the_points_leave_open() -> None:
 
 def test_surfaces_seen_from_behind_are_no_partners() -> None:
     scan = box_points()
-    turned = ScanPoints(points=scan.points, normals=-scan.normals, beams=scan.beams)
+    turned = replace(scan, normals=-scan.normals)
     assert evaluate_points(turned, map_of(scan), np.zeros(3), RefinementConfig()).used == 0
     assert evaluate_points(scan, map_of(scan), np.zeros(3), RefinementConfig()).used == 180
 

@@ -116,7 +116,7 @@ def test_several_scans_are_compared_as_each_is() -> None:
         evaluate_points(extract_points(s), reference, T, matcher.config.refinement)
         for s, T in zip(scans, placed, strict=True)
     ]
-    views = [view(scan, reference, T) for scan, T in zip(scans, placed, strict=True)]
+    views = [view(scan, reference, T, matcher.config.refinement) for scan, T in zip(scans, placed, strict=True)]
     assert together.points == sum(len(extract_points(scan)) for scan in scans)
     assert together.known == sum(refined.used for refined in on_points) > 100
     assert 0 < together.inliers == sum(refined.inliers for refined in on_points) < together.known
@@ -146,7 +146,8 @@ def test_a_wall_that_slid_past_its_end_is_denied_from_both_sides() -> None:
     points = extract_points(scan)
 
     def denied(along: float) -> int:
-        return contradictions(scan, points, reference, BACK + np.array([along, 0.0, 0.0]), CELL)
+        placed = BACK + np.array([along, 0.0, 0.0])
+        return contradictions(scan, points, reference, placed, CELL, matcher.config.refinement)
 
     assert denied(0.0) == 0
     assert denied(0.4) > 15  # its points lie where the reference looked past the end of the wall

@@ -51,6 +51,7 @@ def room_clouds(poses: Array, n: int = 60, noise: float = 0.01, seed: int = 0) -
     return Clouds(
         points=np.concatenate([points for points, _ in scans]),
         normals=np.concatenate([normals for _, normals in scans]),
+        spreads=np.ones(n * len(poses)),
         starts=n * np.arange(len(poses) + 1),
         key_of_scan=np.arange(len(poses)),
         T_key_scan=np.zeros((len(poses), 3)),
@@ -171,7 +172,7 @@ def system_of(clouds: Clouds, poses: Array) -> tuple[Array, Array, NDArray[np.in
     piece_of = grouped(placed, turned, JointRefinementConfig())
     n, m, k = len(placed), int(piece_of.max()) + 1, len(poses)
     lines, residuals, weights = np.empty((m, 4)), np.empty(n), np.empty(n)
-    kernels.fit_lines(placed, turned, piece_of, 0.04, 3, lines, residuals, weights)
+    kernels.fit_lines(placed, turned, np.ones(len(placed)), piece_of, 0.04, 3, lines, residuals, weights)
     system = normal_equations(poses, PointsOnLines(clouds.key_starts, placed, piece_of, lines, residuals, weights))
     columns = [product(system, m, e.reshape(k, 3)).ravel() for e in np.eye(3 * k)]
     filled = np.zeros((3 * k, 3 * k))
@@ -216,7 +217,9 @@ def test_lines_are_fitted_and_outliers_are_not_on_them() -> None:
     placed[:3, 1] += 0.12
     turned = np.tile([0.0, 1.0], (50, 1))
     lines, residuals, weights = np.empty((1, 4)), np.empty(50), np.empty(50)
-    total, squares = kernels.fit_lines(placed, turned, np.zeros(50, np.int64), 0.02, 3, lines, residuals, weights)
+    total, squares = kernels.fit_lines(
+        placed, turned, np.ones(50), np.zeros(50, np.int64), 0.02, 3, lines, residuals, weights
+    )
     normal = np.array([-0.3, 1.0]) / np.hypot(0.3, 1.0)
     assert lines[0, 2:] @ normal > np.cos(0.02)
     assert lines[0, 3] > 0.0
@@ -287,6 +290,7 @@ def test_points_without_walls_change_nothing() -> None:
     nothing = Clouds(
         points=np.empty((0, 2)),
         normals=np.empty((0, 2)),
+        spreads=np.empty(0),
         starts=np.zeros(len(truth) + 1, np.int64),
         key_of_scan=np.arange(len(truth)),
         T_key_scan=np.zeros((len(truth), 3)),

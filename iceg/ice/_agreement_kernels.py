@@ -24,6 +24,7 @@ _FLATTEST = 0.25
 def compare(
     points: F64,
     normals: F64,
+    spreads: F64,
     starts: I64,
     sweeps: Sweeps,
     placements: F64,
@@ -44,6 +45,7 @@ def compare(
     Args:
         points: (n, 2) in the frames of their scans [m].
         normals: (n, 2); 0, 0 where unknown.
+        spreads: (n,) variance of each in that of a typical point.
         starts: (m + 1,) scan k has the points from starts[k] to starts[k + 1].
         sweeps: the beams of the same scans; where they were taken does not count.
         placements: (p, m, 3) poses of the scans in each of the ways.
@@ -52,7 +54,7 @@ def compare(
         origin: (2,) lower left corner of the field [m].
         cell: width of its cells [m].
         facing: least cosine between the normals of a point and of its surfel.
-        limit: a point no farther than this from its surfel's line agrees with it [m].
+        limit: a typical point no farther than this from its surfel's line agrees with it [m].
         reach: see `visible_agreement`.
         margin: …
         least_overlap: where a smaller share of the points has a surfel …
@@ -61,7 +63,7 @@ def compare(
     """
     for way in range(len(placements)):
         known, inliers = _points_on_reference(
-            points, normals, starts, placements[way], surfels, nearest, origin, cell, facing, limit
+            points, normals, spreads, starts, placements[way], surfels, nearest, origin, cell, facing, limit
         )
         seen, contradicted = 0, 0
         if known >= least_overlap * starts[-1] and inliers >= least_fit * known:
@@ -73,6 +75,7 @@ def compare(
 def _points_on_reference(
     points: F64,
     normals: F64,
+    spreads: F64,
     starts: I64,
     poses: F64,
     surfels: F64,
@@ -95,7 +98,7 @@ def _points_on_reference(
             if k >= 0:
                 r = surfels[k, 2] * (x - surfels[k, 0]) + surfels[k, 3] * (y - surfels[k, 1])
                 known += 1
-                inliers += r * r < limit * limit
+                inliers += r * r < limit * limit * spreads[i]
     return known, inliers
 
 

@@ -23,15 +23,40 @@ Bool = NDArray[np.bool_]
 _SPACINGS = 3.0
 _WIDEST_GAP = 0.6
 _MOST_NEIGHBOURS = 12
-"""Most neighbours on either side that give a point its normal."""
+"""Most neighbours on either side that give a point its normal; more as it reaches farther for the noise."""
 _THICKEST = 0.1
-"""Neighbours are a line where their variance across is at most this share of that along."""
+"""Neighbours are a line where their variance across is at most this share of that along, noise left out of both."""
 _LINE = 2
 """Steps from the first to the last point of a surface that may be a line."""
 _MOSTLY_SLIM = 0.5
 """Share of the points on what is slim from which on it may face the laser."""
 _STRETCH = 4
 """Beams to either side that span the chord across which the second difference of a point is taken."""
+
+
+_JUMP_SIGMAS2 = 25.0
+"""Neighbouring points of one surface may lie farther apart by so many of the ranges' variances …"""
+_REACH_SIGMAS2 = 16.0
+"""… and the neighbourhood that gives a normal reaches farther by as many: the normal of a wall 4 σ to either side, seen
+by ten beams, is known to 0.15 rad."""
+_FLATTEST2 = 0.02
+"""Of what is seen flat the noise across it is no smaller than this share of the ranges' variance: a normal errs."""
+
+
+class RangeNoise(NamedTuple):
+    """How far ranges scatter beyond what all else allows for, see `iceg.ice.noise.NoiseScale`.
+
+    Attributes:
+        constant: variance of a short range [m²].
+        per_metre2: what it grows by, times the squared range.
+        allowed: variance that needs no allowance [m²].
+        typical: what is beyond it at the typical range [m²].
+    """
+
+    constant: float
+    per_metre2: float
+    allowed: float
+    typical: float
 
 
 @compiled
@@ -42,9 +67,11 @@ def scan_points(
     reach: float,
     jump: float,
     slim: bool,
+    noise: RangeNoise,
     points: F64,
     normals: F64,
     beams: I32,
+    spreads: F64,
 ) -> int:
     """End points, unit normals towards the laser and beam indices of the beams with a return.
 
@@ -55,20 +82,25 @@ def scan_points(
         reach: neighbours up to this far on either side define the normal of a point [m].
         jump: see `_surfaces` [m].
         slim: whether what is slim may have normals, see `_face_slim`.
+        noise: of the ranges.
         points: (n_beams, 2) output [m].
         normals: (n_beams, 2) output; 0, 0 where no line fits the neighbourhood.
         beams: (n_beams,) output.
+        spreads: (n_beams,) output, variance of each across its surface in that of a typical point.
 
     Returns:
         The number of returns.
     """
     n = _returns(ranges, directions, origin, points, beams)
     surfaces, moments = _room_for_surfaces(n), _room_for_moments(n)
-    _surfaces(points[:n], beams, origin, _resolution(directions), jump, surfaces)
+    _surfaces(points[:n], beams, origin, _resolution(directions), jump, noise, surfaces)
     _sum_up(points, surfaces, ZERO, ONE, n, reach * reach, moments)
     _normals(moments, n, points, origin, normals)
     if slim:
         _face_slim(points, beams, surfaces, n, origin, normals)
+    _spread(points[:n], normals, origin, noise, spreads)
+    if noise.typical > 0.0:
+        _straighten(points[:n], normals, origin, moments, noise.allowed)
     return n
 
 
@@ -79,10 +111,12 @@ def thinned_points(
     origin: F64,
     reach: float,
     jump: float,
+    noise: RangeNoise,
     offsets: I64,
     every: int,
     points: F64,
     normals: F64,
+    spreads: F64,
     starts: I64,
 ) -> None:
     """As `scan_points`, for many scans of one laser, of each of which only every so many returns are kept.
@@ -95,10 +129,12 @@ def thinned_points(
         origin: …
         reach: …
         jump: …
+        noise: …
         offsets: (m,) the first return of each scan that is kept, below `every`.
         every: one in so many is kept.
         points: (capacity, 2) output [m].
         normals: (capacity, 2) output.
+        spreads: (capacity,) output.
         starts: (m + 1,) output: scan k has those from starts[k] to starts[k + 1].
     """
     n_beams = ranges.shape[1]
@@ -109,12 +145,13 @@ def thinned_points(
     starts[0] = 0
     for scan in range(len(ranges)):
         n = _returns(ranges[scan], directions, origin, returns, beams)
-        _surfaces(returns[:n], beams, origin, resolution, jump, surfaces)
+        _surfaces(returns[:n], beams, origin, resolution, jump, noise, surfaces)
         kept = max(0, -((offsets[scan] - n) // every))
         for k in range(kept):
             assign(points[count + k], returns[offsets[scan] + k * every])
         _sum_up(returns, surfaces, offsets[scan], every, kept, reach * reach, moments)
         _normals(moments, kept, points[count:], origin, normals[count:])
+        _spread(points[count : count + kept], normals[count:], origin, noise, spreads[count:])
         count += kept
         starts[scan + 1] = count
 
@@ -128,16 +165,21 @@ class Surfaces(NamedTuple):
         ends: (n,) whether a surface ends before each point.
         sums: (n + 1, 5) of x, y, xx, xy, yy relative to the laser, up to each point: the moments of any stretch are two
             look-ups.
+        noise: (n,) variance of the range of each beyond what is allowed for [m²].
     """
 
     begin: I32
     end: I32
     ends: Bool
     sums: F64
+    noise: F64
 
 
 class Moments(NamedTuple):
-    """(n,) each: number of points around each point, and their sums of x, y, xx, xy, yy; worked on in place."""
+    """(n,) each: number of points around each point, and their sums of x, y, xx, xy, yy; worked on in place.
+
+    And the variance of its range beyond what is allowed for [m²].
+    """
 
     n: F64
     x: F64
@@ -145,16 +187,19 @@ class Moments(NamedTuple):
     xx: F64
     xy: F64
     yy: F64
+    noise: F64
 
 
 @compiled
 def _room_for_surfaces(n: int) -> Surfaces:
-    return Surfaces(np.empty(n, np.int32), np.empty(n, np.int32), np.zeros(n, np.bool_), np.empty((n + 1, 5)))
+    return Surfaces(
+        np.empty(n, np.int32), np.empty(n, np.int32), np.zeros(n, np.bool_), np.empty((n + 1, 5)), np.empty(n)
+    )
 
 
 @compiled
 def _room_for_moments(n: int) -> Moments:
-    return Moments(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
+    return Moments(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
 
 
 @compiled
@@ -180,14 +225,38 @@ def _returns(ranges: F32, directions: F64, origin: F64, points: F64, beams: I32)
 
 
 @compiled
-def _surfaces(points: F64, beams: I32, origin: F64, resolution: float, jump: float, surfaces: Surfaces) -> None:
+def _beyond(range2: float, noise: RangeNoise) -> float:
+    """Variance of a range, given squared, beyond what is allowed for [m²]."""
+    return max(0.0, noise.constant + noise.per_metre2 * range2 - noise.allowed)
+
+
+@compiled
+def _spread(points: F64, normals: F64, origin: F64, noise: RangeNoise, spreads: F64) -> None:
+    """Variance of points (n, 2) across their surfaces in that of a typical one; a range errs along its beam."""
+    x0, y0, usual = origin[0], origin[1], noise.allowed + noise.typical
+    for i in range(len(points)):
+        x, y = points[i, 0] - x0, points[i, 1] - y0
+        range2 = x * x + y * y
+        across = normals[i, 0] * x + normals[i, 1] * y
+        has_normal = (normals[i, 0] != 0.0) | (normals[i, 1] != 0.0)
+        share = max(_FLATTEST2, across * across / range2) if has_normal else 1.0
+        spreads[i] = (noise.allowed + share * _beyond(range2, noise)) / usual
+
+
+@compiled
+def _surfaces(
+    points: F64, beams: I32, origin: F64, resolution: float, jump: float, noise: RangeNoise, surfaces: Surfaces
+) -> None:
     """Find where surfaces end, and sum up their points."""
     x0, y0, ends = origin[0], origin[1], surfaces.ends
+    for i in range(len(points)):
+        x, y = points[i, 0] - x0, points[i, 1] - y0
+        surfaces.noise[i] = _beyond(x * x + y * y, noise)
     for i in range(1, len(points)):
         x, y = points[i, 0] - x0, points[i, 1] - y0
         gap = min(_WIDEST_GAP, jump + _SPACINGS * resolution * sqrt(x * x + y * y)) * (beams[i] - beams[i - 1])
         dx, dy = points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1]
-        ends[i] = dx * dx + dy * dy > gap * gap
+        ends[i] = dx * dx + dy * dy > gap * gap + _JUMP_SIGMAS2 * max(surfaces.noise[i], surfaces.noise[i - 1])
     surfaces.sums[0] = 0.0
     sx, sy, sxx, sxy, syy = 0.0, 0.0, 0.0, 0.0, 0.0
     start = 0
@@ -209,7 +278,10 @@ def _sum_up(points: F64, surfaces: Surfaces, first: int, every: int, n: int, rea
     sums = surfaces.sums
     for k in range(n):
         i = first + k * every
-        a, b = _neighbourhood(points, surfaces.begin[i], surfaces.end[i], i, reach2)
+        wide2 = reach2 + _REACH_SIGMAS2 * surfaces.noise[i]
+        most = int(_MOST_NEIGHBOURS * sqrt(wide2 / reach2))
+        a, b = _neighbourhood(points, surfaces.begin[i], surfaces.end[i], i, wide2, most)
+        moments.noise[k] = surfaces.noise[i]
         before, upto = sums[a], sums[b + 1]
         moments.n[k] = b + 1 - a
         moments.x[k], moments.y[k] = upto[0] - before[0], upto[1] - before[1]
@@ -217,17 +289,17 @@ def _sum_up(points: F64, surfaces: Surfaces, first: int, every: int, n: int, rea
 
 
 @compiled
-def _neighbourhood(points: F64, begin: int, end: int, i: int, reach2: float) -> tuple[int, int]:
-    """First and last point around i on its surface, begin..end: up to the reach, but at least two on either side."""
+def _neighbourhood(points: F64, begin: int, end: int, i: int, reach2: float, most: int) -> tuple[int, int]:
+    """First and last point around i on its surface, begin..end: up to the reach, but 2 to `most` on either side."""
     x, y = points[i, 0], points[i, 1]
     first, last = i, i
-    stop = max(begin, i - _MOST_NEIGHBOURS)
+    stop = max(begin, i - most)
     while first > stop:
         first -= 1
         dx, dy = points[first, 0] - x, points[first, 1] - y
         if dx * dx + dy * dy >= reach2 and i - first >= 2:
             break
-    stop = min(end, i + _MOST_NEIGHBOURS)
+    stop = min(end, i + most)
     while last < stop:
         last += 1
         dx, dy = points[last, 0] - x, points[last, 1] - y
@@ -241,32 +313,33 @@ def _normals(moments: Moments, n: int, points: F64, origin: F64, normals: F64) -
     """Normals of the lines through n neighbourhoods, against the ray to each point; 0, 0 where they are no line."""
     count, xx, xy, yy = moments.n[:n], moments.xx[:n], moments.xy[:n], moments.yy[:n]
     _centre(count, moments.x, moments.y, xx, xy, yy)
-    _least_spread(count, xx, xy, yy)
+    _least_spread(count, xx, xy, yy, moments.noise)
     _turn_to_laser(xx, xy, count, points, origin[0], origin[1], normals)
 
 
 @compiled
 def _centre(n: F64, x: F64, y: F64, xx: F64, xy: F64, yy: F64) -> None:
-    """Sums of xx, xy, yy become variances."""
+    """Sums of x, y become means, those of xx, xy, yy variances."""
     for i in range(len(n)):
         mx, my = x[i] / n[i], y[i] / n[i]
+        x[i], y[i] = mx, my
         xx[i] = xx[i] / n[i] - mx * mx
         xy[i] = xy[i] / n[i] - mx * my
         yy[i] = yy[i] / n[i] - my * my
 
 
 @compiled
-def _least_spread(n: F64, xx: F64, xy: F64, yy: F64) -> None:
+def _least_spread(n: F64, xx: F64, xy: F64, yy: F64, noise: F64) -> None:
     """Along which direction points spread least: its x, y in the place of xx, xy, and in that of n its length.
 
-    The length is 0 where the points are too few, or no line.
+    The length is 0 where the points are too few, or no line but for the noise of their ranges.
     """
     for i in range(len(n)):
         cxx, cxy, cyy = xx[i], xy[i], yy[i]
         half, difference = 0.5 * (cxx + cyy), cxx - cyy
         root = sqrt(0.25 * (difference * difference) + cxy * cxy)
         small, large = half - root, half + root
-        is_line = (n[i] >= 3.0) & (large > 0.0) & (small <= _THICKEST * large)
+        is_line = (n[i] >= 3.0) & (large > 0.0) & (small - noise[i] <= _THICKEST * (large - noise[i]))
         # Eigenvector of the smaller eigenvalue, from the better conditioned row.
         ax, ay, bx, by = cxy, small - cxx, small - cyy, cxy
         is_worse = ax * ax + ay * ay < bx * bx + by * by
@@ -288,6 +361,21 @@ def _turn_to_laser(x: F64, y: F64, lengths: F64, points: F64, x0: float, y0: flo
         length = -lengths[i] if away > 0.0 else lengths[i]
         normals[i, 0] = x[i] / length if length != 0.0 else 0.0
         normals[i, 1] = y[i] / length if length != 0.0 else 0.0
+
+
+@compiled
+def _straighten(points: F64, normals: F64, origin: F64, moments: Moments, allowed: float) -> None:
+    """Put points (n, 2) onto the lines that gave them their normals, as far as what has them off is noise.
+
+    Noise beyond what is allowed for takes a point to the wrong surface; what its neighbours know of its surface is not
+    lost by that.
+    """
+    for i in range(len(points)):
+        x, y = points[i, 0] - origin[0], points[i, 1] - origin[1]
+        off = normals[i, 0] * (x - moments.x[i]) + normals[i, 1] * (y - moments.y[i])
+        share = moments.noise[i] / (moments.noise[i] + allowed)
+        points[i, 0] -= share * off * normals[i, 0]
+        points[i, 1] -= share * off * normals[i, 1]
 
 
 @compiled

@@ -73,6 +73,7 @@ def solve_step(h: F64, gradient: F64, pull: float, pose: F64, start: F64, step: 
 def refine(
     points: F64,
     normals: F64,
+    spreads: F64,
     every: int,
     start: F64,
     surfels: F64,
@@ -92,6 +93,7 @@ def refine(
     Args:
         points: (n, 2) in the robot frame [m].
         normals: (n, 2) of the surfaces they lie on; 0, 0 where unknown.
+        spreads: (n,) variance of each in that of a typical point: so much wider is the square of its weight.
         every: only every so many points are used.
         start: (3,) T_ref_robot to start from.
         surfels: (m, 4) x, y and unit normal of the reference.
@@ -107,10 +109,10 @@ def refine(
         hessian: (3, 3) output, Σ w JᵀJ in the reference frame, rotation about the robot.
 
     Returns:
-        Points within 2·scale of their surfel's line, points with a partner, sum of their weights, and their weighted
-        root mean square distance.
+        Points within 2·scale of their surfel's line, points with a partner, sum of their Cauchy weights, and their
+        weighted root mean square distance, as if all were typical.
     """
-    columns, pairs = _columns(points, normals, every, facing), _room(-(-len(points) // every))
+    columns, pairs = _columns(points, normals, spreads, every, facing), _room(-(-len(points) // every))
     gradient, step = np.empty(3), np.empty(3)
     assign(pose, start)
     inliers, used, squares, weights, width = 0, 0, 0.0, 0.0, max(scale, first_scale)
@@ -119,8 +121,8 @@ def refine(
         look_up(pairs.cells, nearest, surfels, pairs.px, pairs.py, pairs.nx, pairs.ny)
         _mark_facing(columns, pose[2], pairs)
         _measure(pose, pairs)
-        used, inliers = _weigh(pairs, 1.0 / (width * width), 4.0 * scale * scale)
-        squares, weights = _add_up(pairs, hessian, gradient)
+        used, inliers = _weigh(columns.spreads, pairs, 1.0 / (width * width), 4.0 * scale * scale)
+        squares, weights = _add_up(columns.spreads, pairs, hessian, gradient)
         if used < _FEWEST or iterations == 0 or not solve_step(hessian, gradient, prior_weight, pose, start, step):
             break
         pose += step
@@ -133,13 +135,14 @@ def refine(
 
 
 class Columns(NamedTuple):
-    """(n,) each: points in the robot frame, their normals, and the least cosine between these and a surfel's."""
+    """(n,) each: points in the robot frame, their normals, the least cosine between these and a surfel's, spreads."""
 
     x: F64
     y: F64
     nx: F64
     ny: F64
     least: F64
+    spreads: F64
 
 
 class Pairs(NamedTuple):
@@ -167,15 +170,16 @@ class Pairs(NamedTuple):
 
 
 @compiled
-def _columns(points: F64, normals: F64, every: int, facing: float) -> Columns:
+def _columns(points: F64, normals: F64, spreads: F64, every: int, facing: float) -> Columns:
     """Every so many points as columns; one without a normal may face either way."""
     n = -(-len(points) // every)
-    columns = Columns(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
+    columns = Columns(np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n))
     for i in range(n):
         columns.x[i], columns.y[i] = points[i * every, 0], points[i * every, 1]
         nx, ny = normals[i * every, 0], normals[i * every, 1]
         columns.nx[i], columns.ny[i] = nx, ny
         columns.least[i] = facing if nx != 0.0 or ny != 0.0 else -np.inf
+        columns.spreads[i] = spreads[i * every]
     return columns
 
 
@@ -245,16 +249,19 @@ def _measure(pose: F64, pairs: Pairs) -> None:
 
 
 @compiled
-def _weigh(pairs: Pairs, inverse_width2: float, inlier2: float) -> tuple[int, int]:
-    """Cauchy weights of the points that count, zeros for the others; how many count, and how many lie so near."""
+def _weigh(spreads: F64, pairs: Pairs, inverse_width2: float, inlier2: float) -> tuple[int, int]:
+    """Weights of the points that count, zeros for the others; how many count, and how many lie so near.
+
+    A weight is that of Cauchy, for a width that suits the point, over the point's variance.
+    """
     distances, levers, nx, ny, weights = pairs.px, pairs.py, pairs.nx, pairs.ny, pairs.weights
     used, inliers = 0, 0
     for i in range(len(weights)):
         counts = weights[i] > 0.0
         square = distances[i] * distances[i]
         used += 1 if counts else 0
-        inliers += 1 if counts and square < inlier2 else 0
-        weights[i] = 1.0 / (1.0 + square * inverse_width2) if counts else 0.0
+        inliers += 1 if counts and square < inlier2 * spreads[i] else 0
+        weights[i] = 1.0 / (spreads[i] + square * inverse_width2) if counts else 0.0
         distances[i] = distances[i] if counts else 0.0
         levers[i] = levers[i] if counts else 0.0
         nx[i] = nx[i] if counts else 0.0
@@ -263,15 +270,15 @@ def _weigh(pairs: Pairs, inverse_width2: float, inlier2: float) -> tuple[int, in
 
 
 @compiled
-def _add_up(pairs: Pairs, hessian: F64, gradient: F64) -> tuple[float, float]:
-    """Σ w JᵀJ and Σ w Jᵀr; return Σ w r² and Σ w."""
+def _add_up(spreads: F64, pairs: Pairs, hessian: F64, gradient: F64) -> tuple[float, float]:
+    """Σ w JᵀJ and Σ w Jᵀr; return Σ w r² and the sum of the Cauchy weights, which are w times the spreads."""
     h00, h01, h02, h11, h12, h22 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     g0, g1, g2 = 0.0, 0.0, 0.0
     squares, weights = 0.0, 0.0
     for i in range(len(pairs.weights)):
         r, lever, mx, my, w = pairs.px[i], pairs.py[i], pairs.nx[i], pairs.ny[i], pairs.weights[i]
         squares += w * r * r
-        weights += w
+        weights += w * spreads[i]
         # Derivative with respect to a step in the reference frame, rotation about the robot.
         h00 += w * mx * mx
         h01 += w * mx * my

@@ -47,8 +47,8 @@ class Landed(NamedTuple):
 def score_grid(scored: Scored, n_picks: int, pose: F64, axes: F64, steps: F64, costs: F64) -> float:
     """Costs on a grid of poses around `pose`.
 
-    The cost of a pose is Σ log(1 + r²/scale²) over evenly picked points, r the distance to the nearest surfel's line;
-    a point that leaves the reference costs as much as one 3·scale away.
+    The cost of a pose is Σ log(1 + r²/scale²) over evenly picked points, r the distance to the nearest surfel's line,
+    scale² larger by the point's spread; a point that leaves the reference costs as much as one 3·scale away.
 
     Args:
         scored: the points and the reference.
@@ -73,7 +73,7 @@ def score_grid(scored: Scored, n_picks: int, pose: F64, axes: F64, steps: F64, c
         look_up(landed.cells, scored.nearest, scored.surfels, landed.px, landed.py, landed.nx, landed.ny)
         mx, my = normals[i, 0], normals[i, 1]
         least = scored.facing if mx != 0.0 or my != 0.0 else -np.inf
-        _penalise(grid, mx, my, least, inverse_scale2, landed, products)
+        _penalise(grid, mx, my, least, inverse_scale2 / scored.spreads[i], landed, products)
         # The logarithm of a product is taken now and then instead of that of every factor.
         if q % _TOGETHER == _TOGETHER - 1 or q == n_picks - 1:
             for p in range(n):

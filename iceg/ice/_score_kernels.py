@@ -92,7 +92,7 @@ class Residuals(NamedTuple):
     """How points lie on their surfels at one pose, after `_LAGS` rows of zeros; zeros for points that tell nothing.
 
     Attributes:
-        distances: (12 + n,) from the surfels' lines [m].
+        distances: (12 + n,) from the surfels' lines [m], in units of each point's spread, as all else.
         levers: (12 + n, 3) their derivatives by a step of the robot in its own frame …
         own_levers: (12 + n, 3) … and by the points' own normals, in the place of the surfels'.
         used: how many points tell something.
@@ -125,21 +125,25 @@ def residuals_at(scored: Scored, pose: F64, limit: float) -> Residuals:
         mx, my = surfels[k, 2], surfels[k, 3]
         r = mx * (x - surfels[k, 0]) + my * (y - surfels[k, 1])
         jx, jy = c * mx + s * my, c * my - s * mx
-        turn, w = jy * px - jx * py, 1.0 / (1.0 + r * r * inverse_scale2)
+        turn, w = jy * px - jx * py, 1.0 / (scored.spreads[i] + r * r * inverse_scale2)
         hessian[0, 0] += w * jx * jx
         hessian[0, 1] += w * jx * jy
         hessian[0, 2] += w * jx * turn
         hessian[1, 1] += w * jy * jy
         hessian[1, 2] += w * jy * turn
         hessian[2, 2] += w * turn * turn
+        typically = 1.0 / sqrt(scored.spreads[i])
+        r *= typically
         if abs(r) >= limit:
             continue
         distances[_LAGS + i] = r
-        levers[_LAGS + i, 0], levers[_LAGS + i, 1], levers[_LAGS + i, 2] = jx, jy, turn
+        levers[_LAGS + i, 0], levers[_LAGS + i, 1] = typically * jx, typically * jy
+        levers[_LAGS + i, 2] = typically * turn
         if normals[i, 0] != 0.0 or normals[i, 1] != 0.0:
             jx, jy = normals[i, 0], normals[i, 1]
             turn = jy * px - jx * py
-        own_levers[_LAGS + i, 0], own_levers[_LAGS + i, 1], own_levers[_LAGS + i, 2] = jx, jy, turn
+        own_levers[_LAGS + i, 0], own_levers[_LAGS + i, 1] = typically * jx, typically * jy
+        own_levers[_LAGS + i, 2] = typically * turn
         used += 1
     hessian[1, 0], hessian[2, 0], hessian[2, 1] = hessian[0, 1], hessian[0, 2], hessian[1, 2]
     return Residuals(distances, levers, own_levers, used, hessian)
@@ -370,16 +374,18 @@ def _on_surfaces(scored: Scored) -> Scored:
     n, known = len(scored.points), 0
     for i in range(n):
         known += 1 if scored.normals[i, 0] != 0.0 or scored.normals[i, 1] != 0.0 else 0
-    points, normals, count = np.empty((n, 2)), np.empty((n, 2)), 0
+    points, normals, spreads, count = np.empty((n, 2)), np.empty((n, 2)), np.empty(n), 0
     for i in range(n):
         nx, ny = scored.normals[i, 0], scored.normals[i, 1]
         if nx != 0.0 or ny != 0.0 or known < _FEWEST_ON_SURFACES:
             points[count, 0], points[count, 1] = scored.points[i, 0], scored.points[i, 1]
             normals[count, 0], normals[count, 1] = nx, ny
+            spreads[count] = scored.spreads[i]
             count += 1
     return Scored(
         points[:count],
         normals[:count],
+        spreads[:count],
         scored.surfels,
         scored.nearest,
         scored.origin,

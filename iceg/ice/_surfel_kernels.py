@@ -5,7 +5,7 @@ normal. A *field* stores for every cell of a regular grid which surfel is neares
 look-up.
 """
 
-from math import cos, floor, hypot, sin
+from math import ceil, cos, exp, floor, hypot, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,9 @@ I64 = NDArray[np.int64]
 
 _SAME_FACING = 0.6
 """A point joins the surfel of its cell whose mean normal and its own have at least this cosine."""
+_REACH = 2.5
+"""Surfels so many widths away are sharpened by each other."""
+_SHARP_ROUNDS = 3
 _CROWDED = 0.3
 """Squared distance, in cells, within which a surfel makes a newer one needless."""
 
@@ -91,6 +94,58 @@ def _average(sums: F64, surfels: F64) -> None:
         n, norm = sums[k, 4], hypot(sums[k, 2], sums[k, 3])
         surfels[k, 0], surfels[k, 1] = sums[k, 0] / n, sums[k, 1] / n
         surfels[k, 2], surfels[k, 3] = sums[k, 2] / norm, sums[k, 3] / norm
+
+
+@compiled
+def sharpen(sums: F64, table: I32, origin: F64, cell: float, width: float, surfels: F64) -> None:
+    """Move surfels across their wall to where most points lie: mean shift (Comaniciu and Meer 2002), along the normal.
+
+    Noise spreads the points of one wall over several cells, each of which has a surfel of its own. What is nearest to a
+    point would then hardly ever be the wall.
+
+    Args:
+        sums: (n, 5) see `add_surfels`, as …
+        table: …
+        origin: …
+        cell: …
+        width: of the Gaussian that weighs neighbours [m].
+        surfels: (n, 4) mean x, y and unit normal of each; sharpened in place.
+    """
+    span = ceil(_REACH * width / cell)
+    shifts = np.empty((len(surfels), 4))
+    for _ in range(_SHARP_ROUNDS):
+        for k in range(len(surfels)):
+            _shift(k, sums, table, origin, cell, width, span, surfels, shifts[k])
+        for k in range(len(surfels)):
+            for a in range(4):
+                surfels[k, a] = shifts[k, a]
+
+
+@compiled
+def _shift(
+    k: int, sums: F64, table: I32, origin: F64, cell: float, width: float, span: int, surfels: F64, out: F64
+) -> None:
+    """One round of `sharpen` for one surfel: its new row."""
+    x, y, nx, ny = surfels[k, 0], surfels[k, 1], surfels[k, 2], surfels[k, 3]
+    # Its own cell, whence it may have moved.
+    u = floor((sums[k, 0] / sums[k, 4] - origin[0]) / cell)
+    v = floor((sums[k, 1] / sums[k, 4] - origin[1]) / cell)
+    total, across, mx, my = 0.0, 0.0, 0.0, 0.0
+    for b in range(max(0, v - span), min(table.shape[0], v + span + 1)):
+        for a in range(max(0, u - span), min(table.shape[1], u + span + 1)):
+            for slot in range(2):
+                j = table[b, a, slot]
+                if j < 0 or nx * surfels[j, 2] + ny * surfels[j, 3] < _SAME_FACING:
+                    continue
+                dx, dy = surfels[j, 0] - x, surfels[j, 1] - y
+                weight = sums[j, 4] * exp(-0.5 * (dx * dx + dy * dy) / (width * width))
+                total += weight
+                across += weight * (nx * dx + ny * dy)
+                mx += weight * surfels[j, 2]
+                my += weight * surfels[j, 3]
+    norm = hypot(mx, my)
+    out[0], out[1] = x + across / total * nx, y + across / total * ny
+    out[2], out[3] = mx / norm, my / norm
 
 
 @compiled

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from graph._assign_kernels import assign
 from graph._odometry_kernels import carry
 from graph.compiled import ONE, compiled
-from iceg.ice._point_kernels import count_returns, scan_points
+from iceg.ice._point_kernels import RangeNoise, count_returns, scan_points
 from iceg.ice._refinement_kernels import refine
 
 F32 = NDArray[np.float32]
@@ -25,6 +25,7 @@ class Laser(NamedTuple):
     reach: float
     jump: float
     slim: bool
+    noise: RangeNoise
 
 
 class Returns(NamedTuple):
@@ -33,6 +34,7 @@ class Returns(NamedTuple):
     points: F64
     normals: F64
     beams: I32
+    spreads: F64
 
 
 class Way(NamedTuple):
@@ -182,15 +184,18 @@ def _match(
         laser.reach,
         laser.jump,
         laser.slim,
+        laser.noise,
         points,
         normals,
         returns.beams,
+        returns.spreads,
     )
     if n < polish.fewest:
         return 0
     inliers, _, _, _ = refine(
         points[:n],
         normals[:n],
+        returns.spreads[:n],
         ONE,
         guess,
         field.surfels,

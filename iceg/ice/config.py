@@ -164,12 +164,17 @@ class RefinementConfig:
     """Below this share the search is repeated in the wide window."""
     min_inliers: float = 0.45
     """A match needs at least this share of its points on the reference."""
+    margin: float = 0.2
+    """A beam sees a surface of the reference if it ends within this of it [m] …"""
+    across: float = 0.15
+    """… and contradicts one seen at a flat angle only if it ends this far beyond it [m]."""
 
     def __post_init__(self) -> None:
         _require(
             0 < self.scale <= self.coarse_scale,
             f"refinement: need 0 < scale <= coarse_scale, found {self.scale} and {self.coarse_scale}",
         )
+        check_numbers(self, IceConfigError, positive=("margin", "across"))
         _require(0 <= self.min_inliers <= 1, f"refinement.min_inliers must lie in [0, 1], found {self.min_inliers}")
         check_numbers(self, IceConfigError)
         check_between(self, IceConfigError, scale=_WIDTHS, coarse_scale=_WIDTHS, iterations=(0, 10_000))
@@ -191,6 +196,8 @@ class LocalMapConfig:
     """Farthest correspondence of the wide stage [m]."""
     normal_reach: float = 0.2
     """Neighbours up to this far on either side give a point its normal [m]."""
+    sharpen: float = 0.0
+    """Surfels gather where most points of a wall lie that are spread by so much [m]."""
 
     def __post_init__(self) -> None:
         check_numbers(self, IceConfigError, positive=("reach", "fine_radius", "coarse_radius", "normal_reach"))

@@ -72,7 +72,7 @@ def score_covariance(
     Returns:
         The covariance with its weak directions.
     """
-    scored = Scored.of(scan_points.points, scan_points.normals, local_map, scale)
+    scored = Scored.of(scan_points, local_map, scale)
     reading = Reading(
         n_picks=config.points,
         sigma=max(config.min_sigma, refined.residual),

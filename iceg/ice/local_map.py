@@ -146,6 +146,15 @@ class LocalMap:
             self._surfels,
             self._surfel_count,
         )
+        if self._config.sharpen > 0.0:
+            surfel_kernels.sharpen(
+                self._sums[: self._surfel_count],
+                self._table,
+                self.fine.origin,
+                self._config.cell,
+                self._config.sharpen,
+                self.surfels,
+            )
 
     @property
     def surfels(self) -> NDArray[np.float64]:

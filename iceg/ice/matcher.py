@@ -13,12 +13,14 @@ from frontends.scan import Scan, ScanGeometry
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between
+from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.config import IceConfig
 from iceg.ice.covariance import score_covariance
 from iceg.ice.features import FeatureRows, feature_rows
 from iceg.ice.fitness import Ranking, rank_by_features, rank_by_points
 from iceg.ice.hypotheses import SearchWindow, distinct, pair_hypotheses, search_window, widened
 from iceg.ice.local_map import LocalMap, View, box_around, reach_of
+from iceg.ice.noise import PLAIN
 from iceg.ice.points import ScanPoints, extract_points
 from iceg.ice.refinement import FACING, Refined, approach, evaluate_points, polish_on_features, refine_on_points
 from iceg.ice.search import breed_hypotheses, evolve_hypotheses, grid_hypotheses
@@ -73,15 +75,19 @@ class Observation:
 class IceMatcher:
     """Matches a scan against a local map by Intersections, Corners and Ends of walls (implements `Matcher`)."""
 
-    def __init__(self, config: IceConfig | None = None, *, open_ground: bool = False) -> None:
+    def __init__(
+        self, config: IceConfig | None = None, *, open_ground: bool = False, noise: RangeNoise = PLAIN
+    ) -> None:
         """Remember what was extracted from the latest scans for as long as they live.
 
         Args:
             config: settings; the defaults when left out.
             open_ground: whether the scans were taken where trunks and posts count, see `extract_points`.
+            noise: of the ranges beyond what the settings allow for.
         """
         self.config = config or IceConfig()
         self._open_ground = open_ground
+        self._noise = noise
         self._scan_points: WeakKeyDictionary[Scan, ScanPoints] = WeakKeyDictionary()
         self._observations: WeakKeyDictionary[Scan, Observation] = WeakKeyDictionary()
 
@@ -102,7 +108,9 @@ class IceMatcher:
     def _points(self, scan: Scan) -> ScanPoints:
         points = self._scan_points.get(scan)
         if points is None:
-            points = extract_points(scan, self.config.local_map.normal_reach, open_ground=self._open_ground)
+            points = extract_points(
+                scan, self.config.local_map.normal_reach, open_ground=self._open_ground, noise=self._noise
+            )
             _remember(self._scan_points, scan, points)
         return points
 
@@ -177,6 +185,7 @@ class IceMatcher:
             odometry,
             self.config.local_map.normal_reach,
             self._open_ground,
+            self._noise,
             polish,
             limits,
         )
@@ -318,7 +327,7 @@ class IceMatcher:
             or refined.inliers < self.config.refinement.credible * refined.used
         ):
             return False
-        seen, contradicted = view(scan, reference, refined.T_ref_cur)
+        seen, contradicted = view(scan, reference, refined.T_ref_cur, self.config.refinement)
         return seen >= _OLD_GROUND * (seen + contradicted)
 
     def _polished_guess(self, reference: LocalMap, scan: Scan, window: SearchWindow) -> Refined | None:
@@ -384,7 +393,8 @@ class IceMatcher:
         for refined in sorted(polished, key=lambda refined: -refined.support):
             if refined.support <= most:
                 break
-            score = refined.support - _DENIED * contradictions(scan, points, reference, refined.T_ref_cur, cell)
+            denied = contradictions(scan, points, reference, refined.T_ref_cur, cell, self.config.refinement)
+            score = refined.support - _DENIED * denied
             if score > most:
                 best, most = refined, score
         return best

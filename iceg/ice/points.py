@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from frontends.scan import Scan
 from iceg.ice import _point_kernels as kernels
+from iceg.ice._point_kernels import RangeNoise
+from iceg.ice.noise import PLAIN
 from iceg.ice.sweeps import joined
 
 JUMP = 0.1
@@ -24,18 +26,23 @@ class ScanPoints:
         normals: (n, 2) unit vectors towards the laser; 0, 0 where no line fits the neighbourhood. On open ground what
             is too slim for one faces the laser in scans where most points lie on such things.
         beams: (n,) int32 index of the beam of each point.
+        spreads: (n,) variance of each point across its surface in that of a typical one: more where the noise of the
+            laser grows with the range, less where the beam meets the surface flat. 1 for a laser that hardly errs.
     """
 
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
     beams: NDArray[np.int32]
+    spreads: NDArray[np.float64]
 
     def __len__(self) -> int:
         """Number of returns."""
         return len(self.points)
 
 
-def extract_points(scan: Scan, reach: float = 0.2, *, open_ground: bool = False) -> ScanPoints:
+def extract_points(
+    scan: Scan, reach: float = 0.2, *, open_ground: bool = False, noise: RangeNoise = PLAIN
+) -> ScanPoints:
     """End points of a scan and the local surface normals.
 
     Args:
@@ -43,22 +50,33 @@ def extract_points(scan: Scan, reach: float = 0.2, *, open_ground: bool = False)
         reach: neighbours up to this far on either side of a point define its normal [m].
         open_ground: there may be trunks and posts, see `ScanPoints`. Elsewhere what looks like one is a wall that few
             beams meet.
+        noise: of the ranges; none worth speaking of unless given.
 
     Returns:
         The points of all beams with a return.
     """
     geometry = scan.geometry
     n = geometry.n_beams
-    points, normals, beams = np.empty((n, 2)), np.empty((n, 2)), np.empty(n, np.int32)
+    points, normals, beams, spreads = np.empty((n, 2)), np.empty((n, 2)), np.empty(n, np.int32), np.empty(n)
     count = kernels.scan_points(
-        scan.ranges, geometry.directions_robot, geometry.origin_robot, reach, JUMP, open_ground, points, normals, beams
+        scan.ranges,
+        geometry.directions_robot,
+        geometry.origin_robot,
+        reach,
+        JUMP,
+        open_ground,
+        noise,
+        points,
+        normals,
+        beams,
+        spreads,
     )
-    return ScanPoints(points=points[:count], normals=normals[:count], beams=beams[:count])
+    return ScanPoints(points=points[:count], normals=normals[:count], beams=beams[:count], spreads=spreads[:count])
 
 
 def thinned_points(
-    scans: Sequence[Scan], offsets: NDArray[np.int64], every: int, reach: float = 0.2
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    scans: Sequence[Scan], offsets: NDArray[np.int64], every: int, reach: float = 0.2, noise: RangeNoise = PLAIN
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """Some returns of many scans, at a fraction of the cost of all.
 
     Args:
@@ -66,17 +84,18 @@ def thinned_points(
         offsets: (m,) the first return of each that is kept, below `every` …
         every: … and one in so many after it.
         reach: see `extract_points`.
+        noise: of the ranges.
 
     Returns:
-        (n, 2) end points in the robot frames of their scans and (n, 2) normals, those of lines only; (m + 1,) where the
-        points of each scan begin.
+        (n, 2) end points in the robot frames of their scans, (n, 2) normals, those of lines only, and (n,) spreads, see
+        `ScanPoints`; (m + 1,) where the points of each scan begin.
     """
     lasers = [list(some) for _, some in groupby(scans, key=lambda scan: id(scan.geometry))]
-    points, normals, counts, first = [], [], [], 0
+    points, normals, spreads, counts, first = [], [], [], [], 0
     for some in lasers:
         geometry = some[0].geometry
         capacity = len(some) * -(-geometry.n_beams // every)
-        some_points, some_normals = np.empty((capacity, 2)), np.empty((capacity, 2))
+        some_points, some_normals, some_spreads = np.empty((capacity, 2)), np.empty((capacity, 2)), np.empty(capacity)
         starts = np.empty(len(some) + 1, np.int64)
         kernels.thinned_points(
             np.stack([scan.ranges for scan in some]),
@@ -84,14 +103,17 @@ def thinned_points(
             geometry.origin_robot,
             reach,
             JUMP,
+            noise,
             offsets[first : first + len(some)],
             every,
             some_points,
             some_normals,
+            some_spreads,
             starts,
         )
         points.append(some_points[: starts[-1]])
         normals.append(some_normals[: starts[-1]])
+        spreads.append(some_spreads[: starts[-1]])
         counts.append(np.diff(starts))
         first += len(some)
-    return joined(points), joined(normals), np.cumsum([0, *np.concatenate(counts)])
+    return joined(points), joined(normals), joined(spreads), np.cumsum([0, *np.concatenate(counts)])

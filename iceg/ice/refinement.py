@@ -30,8 +30,8 @@ class Refined:
         inliers: points that agree with the reference.
         used: points that found a partner.
         support: sum of the Cauchy weights of these, in points.
-        residual: weighted root mean square of the point-to-line distances [m].
-        hessian: (3, 3) Σ w JᵀJ in the reference frame, rotation about the robot; unit residual variance.
+        residual: weighted root mean square of the point-to-line distances, as if all points were typical ones [m].
+        hessian: (3, 3) Σ w JᵀJ in the reference frame, rotation about the robot; unit variance of a typical point.
     """
 
     T_ref_cur: NDArray[np.float64]
@@ -137,6 +137,7 @@ def _descend(
     inliers, used, support, residual = kernels.refine(
         scan_points.points,
         scan_points.normals,
+        scan_points.spreads,
         every,
         start,
         surfels,

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iceg.ice.local_map import LocalMap
+from iceg.ice.points import ScanPoints
 from iceg.ice.refinement import FACING
 
 
@@ -15,16 +16,18 @@ class Scored(NamedTuple):
     Attributes:
         points: (n, 2) in the robot frame [m].
         normals: (n, 2) of the surfaces they lie on; 0, 0 where unknown.
+        spreads: (n,) variance of each in that of a typical point.
         surfels: (m, 4) x, y and unit normal of the reference.
         nearest: (ny, nx) surfel nearest to each cell of its field, -1 for none.
         origin: (2,) lower left corner of the field [m].
         cell: width of its cells [m].
-        scale: width of the Cauchy score of a point [m].
+        scale: width of the Cauchy score of a typical point [m].
         facing: least cosine between the normals of a point and of its surfel.
     """
 
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
+    spreads: NDArray[np.float64]
     surfels: NDArray[np.float64]
     nearest: NDArray[np.int32]
     origin: NDArray[np.float64]
@@ -33,9 +36,17 @@ class Scored(NamedTuple):
     facing: float
 
     @classmethod
-    def of(
-        cls, points: NDArray[np.float64], normals: NDArray[np.float64], local_map: LocalMap, scale: float
-    ) -> "Scored":
-        """Points (n, 2) with normals, against the fine field of a local map; scores of width `scale` [m]."""
+    def of(cls, scan_points: ScanPoints, local_map: LocalMap, scale: float) -> "Scored":
+        """Points of a scan against the fine field of a local map; scores of width `scale` [m]."""
         field = local_map.fine
-        return cls(points, normals, local_map.surfels, field.nearest, field.origin, field.cell, scale, FACING)
+        return cls(
+            points=scan_points.points,
+            normals=scan_points.normals,
+            spreads=scan_points.spreads,
+            surfels=local_map.surfels,
+            nearest=field.nearest,
+            origin=field.origin,
+            cell=field.cell,
+            scale=scale,
+            facing=FACING,
+        )

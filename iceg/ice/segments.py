@@ -1,6 +1,6 @@
 """Straight segments of a scan: split-and-merge with a maximum-likelihood line fit (paper, section III.C.1)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -108,4 +108,4 @@ def smoothed_on_segments(
     kernels.smooth_on_segments(
         scan_points.points, origin, rows, config.wall_points, config.wall_length, points, normals
     )
-    return ScanPoints(points=points, normals=normals, beams=scan_points.beams)
+    return replace(scan_points, points=points, normals=normals)

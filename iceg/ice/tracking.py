@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from frontends.scan import ScanGeometry
 from graph.odometry import OdometryModel, OdometryMotion
 from iceg.ice import _tracking_kernels as kernels
+from iceg.ice._point_kernels import RangeNoise
 from iceg.ice._tracking_kernels import Limits, Polish
 from iceg.ice.local_map import LocalMap
 from iceg.ice.points import JUMP, ScanPoints
@@ -54,6 +55,7 @@ def follow_scans(
     odometry: OdometryModel,
     reach: float,
     open_ground: bool,
+    noise: RangeNoise,
     polish: Polish,
     limits: Limits,
 ) -> Followed:
@@ -68,6 +70,7 @@ def follow_scans(
         odometry: how far it is believed.
         reach: see `extract_points` [m]; as …
         open_ground: …
+        noise: …
         polish: how a scan is matched.
         limits: where it ends.
 
@@ -84,12 +87,14 @@ def follow_scans(
         path=np.array((motion.distance, motion.turn)),
     )
     n_beams = geometry.n_beams
-    returns = kernels.Returns(np.empty((n_beams, 2)), np.empty((n_beams, 2)), np.empty(n_beams, np.int32))
+    returns = kernels.Returns(
+        np.empty((n_beams, 2)), np.empty((n_beams, 2)), np.empty(n_beams, np.int32), np.empty(n_beams)
+    )
     followed, n_points = kernels.follow(
         ranges,
         steps,
         odometry.variances,
-        _laser(geometry, reach, open_ground=open_ground),
+        _laser(geometry, reach, noise, open_ground=open_ground),
         kernels.Field(surfels=local_map.surfels, nearest=field.nearest, origin=field.origin, cell=field.cell),
         polish,
         limits,
@@ -105,10 +110,12 @@ def follow_scans(
     )
 
 
-def _laser(geometry: ScanGeometry, reach: float, *, open_ground: bool) -> kernels.Laser:
+def _laser(geometry: ScanGeometry, reach: float, noise: RangeNoise, *, open_ground: bool) -> kernels.Laser:
     directions, origin = geometry.directions_robot, geometry.origin_robot
-    return kernels.Laser(directions=directions, origin=origin, reach=reach, jump=JUMP, slim=open_ground)
+    return kernels.Laser(directions=directions, origin=origin, reach=reach, jump=JUMP, slim=open_ground, noise=noise)
 
 
 def _first(returns: kernels.Returns, n: int) -> ScanPoints:
-    return ScanPoints(points=returns.points[:n], normals=returns.normals[:n], beams=returns.beams[:n])
+    return ScanPoints(
+        points=returns.points[:n], normals=returns.normals[:n], beams=returns.beams[:n], spreads=returns.spreads[:n]
+    )

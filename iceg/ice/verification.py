@@ -18,14 +18,9 @@ from iceg.ice.sweeps import Sweeps, joined, starts_of, sweeps_of
 _AGREEING = 2.0
 """A point within so many widths of its weight agrees with the reference."""
 _NEAR = 8.0
-"""Surfels within this of the laser are judged by its beams [m] …"""
-_MARGIN = 0.2
-"""… each of which sees a surfel if it ends within this of it [m]."""
+"""Surfels within this of the laser are judged by its beams [m]."""
 _REACH = 20.0
 """Surfaces farther than this from a laser contradict nothing: its heading is not known that well [m]."""
-_ACROSS = 0.15
-"""What is seen at a flat angle is contradicted only by beams that end this far beyond its surface [m]."""
-
 _JUDGED_POINTS = 2000
 """Points that the scans of the reference judge in all; of a scan every second or third point if there are more."""
 _EVEN_ODDS = 5.0
@@ -89,12 +84,14 @@ class JoinedScans:
     Attributes:
         points: (n, 2) in the frames of their scans [m].
         normals: (n, 2); 0, 0 where unknown.
+        spreads: (n,) variance of each in that of a typical point.
         starts: (m + 1,) scan k has the points from starts[k] to starts[k + 1].
         sweeps: the beams; where they were taken is not said.
     """
 
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
+    spreads: NDArray[np.float64]
     starts: NDArray[np.int64]
     sweeps: Sweeps
 
@@ -104,6 +101,7 @@ class JoinedScans:
         return cls(
             points=joined([one.points for one in scan_points]),
             normals=joined([one.normals for one in scan_points]),
+            spreads=joined([one.spreads for one in scan_points]),
             starts=starts_of(scan_points),
             sweeps=sweeps_of(scans, np.zeros((len(scans), 3))),
         )
@@ -156,6 +154,7 @@ def agreements(
     kernels.compare(
         scans.points,
         scans.normals,
+        scans.spreads,
         scans.starts,
         scans.sweeps,
         placements,
@@ -166,7 +165,7 @@ def agreements(
         FACING,
         _AGREEING * config.scale,
         _NEAR,
-        _MARGIN,
+        config.margin,
         least_overlap,
         least_fit,
         counts,
@@ -178,7 +177,7 @@ def agreements(
     ]
 
 
-def view(scan: Scan, local_map: LocalMap, T_ref_cur: NDArray[np.float64]) -> tuple[int, int]:
+def view(scan: Scan, local_map: LocalMap, T_ref_cur: NDArray[np.float64], config: RefinementConfig) -> tuple[int, int]:
     """How many surfels in view a scan taken at `T_ref_cur`, (3,), sees, and how many its beams pass through."""
     geometry = scan.geometry
     seen, contradicted = kernels.visible_agreement(
@@ -189,13 +188,18 @@ def view(scan: Scan, local_map: LocalMap, T_ref_cur: NDArray[np.float64]) -> tup
         geometry.resolution,
         scan.ranges,
         _NEAR,
-        _MARGIN,
+        config.margin,
     )
     return seen, contradicted
 
 
 def contradictions(
-    scan: Scan, scan_points: ScanPoints, local_map: LocalMap, T_ref_cur: NDArray[np.float64], cell: float
+    scan: Scan,
+    scan_points: ScanPoints,
+    local_map: LocalMap,
+    T_ref_cur: NDArray[np.float64],
+    cell: float,
+    config: RefinementConfig,
 ) -> int:
     """How many beams of a scan taken at `T_ref_cur` deny the reference or are denied by it.
 
@@ -208,6 +212,7 @@ def contradictions(
         local_map: the reference.
         T_ref_cur: (3,) the pose to judge.
         cell: width of a surfel of the reference [m].
+        config: what a beam must lie beyond to deny a surface.
 
     Returns:
         The number of beams, those that do both counted twice.
@@ -221,8 +226,8 @@ def contradictions(
         geometry.resolution,
         scan.ranges,
         _REACH,
-        _MARGIN,
-        _ACROSS,
+        config.margin,
+        config.across,
         cell,
         np.empty(geometry.n_beams, np.bool_),
     )
@@ -234,8 +239,8 @@ def contradictions(
         T_ref_cur,
         local_map.sweeps,
         _REACH,
-        _MARGIN,
-        _ACROSS,
+        config.margin,
+        config.across,
         np.empty(len(scan_points), np.int8),
     )
     return through + every * int(seen_through)

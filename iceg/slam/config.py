@@ -48,11 +48,15 @@ class FrontEndConfig:
     """… and this much turning [rad] …"""
     calibration_scans: int = 2500
     """… or after this many scans."""
+    tracking_distance: float = 0.02
+    """Standard deviation of a pose between two key scans [m] …"""
+    tracking_angle: float = 0.01
+    """… and of its heading [rad]."""
     split_scans: int = 40
     """Scans whose halves are matched alone, to see whether matches are as sure as they say; 0 believes them."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("calibration_scans",))
+        check_numbers(self, SlamConfigError, positive=("calibration_scans", "tracking_distance", "tracking_angle"))
 
 
 @dataclass(frozen=True, kw_only=True)

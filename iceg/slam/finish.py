@@ -13,7 +13,9 @@ from frontends.scan import Scan
 from graph.batch import BatchConfig, optimize
 from graph.factors import Factor, RobustKernel
 from graph.problem import Problem
+from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.matcher import IceMatcher
+from iceg.ice.noise import PLAIN
 from iceg.slam.back_end import Solution
 from iceg.slam.closures.attempt import Attempt, closure_factor
 from iceg.slam.closures.record import with_earlier, without_contradicted
@@ -88,6 +90,7 @@ def finish(
     *,
     kept: Sequence[Factor] = (),
     scan_of: Callable[[int], Scan] | None = None,
+    noise: RangeNoise = PLAIN,
     progress: Callable[[int], None] | None = None,
 ) -> Finished:
     """Make the trajectory as good as the data allows.
@@ -100,6 +103,7 @@ def finish(
         config: rounds and tolerances.
         kept: those of the factors that are closures beyond doubt, as those added by hand.
         scan_of: the scans of the log by index, so that those between key scans take part in the joint refinement.
+        noise: of the ranges beyond what the settings allow for.
         progress: called with the number of rounds done.
 
     Returns:
@@ -127,7 +131,7 @@ def finish(
     if config.joint.enabled:
         if isinstance(matcher, IceMatcher):  # what halves of scans say of ICE they say of the points
             config = _doubting(config, track.match_doubt)
-        refined, done = _joint(factors, poses, track, config, scan_of, parts, clock)
+        refined, done = _joint(factors, poses, track, config, scan_of, noise, parts, clock)
         factors = factors.moved(poses, refined.poses)
         poses, covariances = refined.poses, refined.covariances
         rounds.append(replace(done, closures=len(loops)))
@@ -242,11 +246,12 @@ def _joint(
     track: Track,
     config: FinishConfig,
     scan_of: Callable[[int], Scan] | None,
+    noise: RangeNoise,
     parts: Sequence[int],
     clock: _Clock,
 ) -> tuple[JointRefinement, Round]:
     """Refine poses and map together."""
-    clouds = key_clouds(track, scan_of, config.joint)
+    clouds = key_clouds(track, scan_of, config.joint, noise)
     believed = None if factors.are_all_believed else factors.measured
     refined = refine_jointly(factors.solved, poses, clouds, config.joint, parts, believed)
     largest, mean = _moves(poses, refined.poses)

@@ -4,11 +4,13 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from math import sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.laser_noise import LaserNoise, learn_laser_noise
 from frontends.matcher import Matcher
 from frontends.matchers import make_matcher
 from frontends.scan import Log
@@ -16,8 +18,10 @@ from graph.batch import marginal_covariances
 from graph.factors import Factor
 from graph.pose_graph import PoseGraph
 from iceg.config import Config
+from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.features import extract_features
 from iceg.ice.matcher import IceMatcher
+from iceg.ice.noise import beyond_allowed
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.slam.back_end import Solution, solve_track
@@ -31,6 +35,7 @@ from iceg.slam.closures.manual import (
 )
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.finish import Finished, finish
+from iceg.slam.noise_widths import widened
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.constant_velocity import constant_velocity
 from iceg.slam.odometry.contradicted_steps import with_both_ways
@@ -111,11 +116,14 @@ def run(
     Returns:
         Everything that was found.
     """
-    config = config or Config()
+    given = config or Config()
     check_manual_closures(closures, len(log))
-    matcher = matcher or _matcher(log, config)
     clock = _StageClock()
     with clock.stage("front_end"):
+        laser = _laser_noise(log, given)
+        noise = beyond_allowed(laser)
+        config = widened(given, sqrt(noise.typical))
+        matcher = matcher or _matcher(log, config, noise)
         log = with_odometry_between_readings(without_frozen_scans(log))
         log, track, first = _track(log, matcher, config, progress)
     with clock.stage("graph"):
@@ -126,7 +134,7 @@ def run(
         solution = add_by_hand(solution, by_hand, config.graph)
         track = _retied(track, solution, log, matcher)
     with clock.stage("finish"):
-        solution, finished = _finish(solution, track, log, matcher, config, by_hand)
+        solution, finished = _finish(solution, track, log, matcher, config, noise, by_hand)
     with clock.stage("covariances"):
         covariances = _covariances(finished, solution, track, config)
     trajectory = track.trajectory(solution.poses)
@@ -139,7 +147,7 @@ def run(
     warnings = run_warnings(track, solution, finished.rounds, worst, doubt)
     return SlamResult(
         log=log,
-        config=config,
+        config=given,
         trajectory=trajectory,
         key_scans=key_scans,
         key_poses=solution.poses,
@@ -152,6 +160,7 @@ def run(
         warnings=warnings,
         summary={
             **summarise(log, track, solution, calibration, finished.rounds, worst, warnings),
+            "laser": _described(laser),
             "seconds": clock.seconds,
             "cpu_seconds": clock.cpu_seconds,
         },
@@ -173,10 +182,32 @@ class _StageClock:
         self.cpu_seconds[name] = round(time.process_time() - cpu_started, 4)
 
 
-def _matcher(log: Log, config: Config) -> Matcher:
+def _laser_noise(log: Log, config: Config) -> LaserNoise | None:
+    """As the settings say, or else the log; None where neither does."""
+    learned = learn_laser_noise(log)
+    if config.laser.noise is None or learned is None:
+        return learned
+    return replace(learned, constant=config.laser.noise, per_metre=config.laser.noise_per_metre)
+
+
+def _described(laser: LaserNoise | None) -> dict[str, float] | None:
+    """The noise of the laser under the names of `summary.json`, None where too few beams meet walls."""
+    if laser is None:
+        return None
+    return {
+        "noise_m": round(laser.constant, 5),
+        "noise_per_metre": round(laser.per_metre, 6),
+        "typical_range_m": round(laser.typical_range, 3),
+        "outlier_share": round(laser.outlier_share, 4),
+        "no_return_share": round(laser.no_return_share, 4),
+        "step_m": round(laser.step, 6),
+    }
+
+
+def _matcher(log: Log, config: Config, noise: RangeNoise) -> Matcher:
     if config.matcher != "ice":
         return make_matcher(config.matcher)
-    return IceMatcher(config.ice, open_ground=is_open_ground(log))
+    return IceMatcher(config.ice, open_ground=is_open_ground(log), noise=noise)
 
 
 def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Config) -> OdometryCalibration:
@@ -216,14 +247,22 @@ def _retied(track: Track, solution: Solution, log: Log, matcher: Matcher) -> Tra
 
 
 def _finish(
-    solution: Solution, track: Track, log: Log, matcher: Matcher, config: Config, by_hand: list[Factor]
+    solution: Solution,
+    track: Track,
+    log: Log,
+    matcher: Matcher,
+    config: Config,
+    noise: RangeNoise,
+    by_hand: list[Factor],
 ) -> tuple[Solution, Finished]:
     """The solution after the offline finish, and what that did; one with no rounds where it is switched off.
 
     Its closures join the record; those it dropped stay in it with the reason.
     """
     if config.finish.enabled and len(track.keys) > 1:
-        finished = finish(solution, track, matcher, config.loops, config.finish, kept=by_hand, scan_of=log.scan)
+        finished = finish(
+            solution, track, matcher, config.loops, config.finish, kept=by_hand, scan_of=log.scan, noise=noise
+        )
     else:
         factors = FinalFactors.of(solution.graph.factors, solution.breaks, track)
         finished = Finished(poses=solution.poses, factors=factors, attempts=solution.attempts, rounds=[])

@@ -179,6 +179,7 @@ def group(
 def fit_lines(
     placed: F64,
     turned: F64,
+    spreads: F64,
     piece_of: I64,
     scale: float,
     rounds: int,
@@ -191,15 +192,16 @@ def fit_lines(
     Args:
         placed: (n, 2) points in the map [m].
         turned: (n, 2) their normals.
+        spreads: (n,) variance of each in that of a typical point.
         piece_of: (n,) piece of each point, -1 for none.
-        scale: width of the Cauchy weight [m].
+        scale: width of the Cauchy weight of a typical point [m].
         rounds: of weighing anew.
         lines: (m, 4) output, a point and the unit normal of each.
         residuals: (n,) output, distance of each point from its line [m].
-        weights: (n,) output, Cauchy weights, 0 without a piece.
+        weights: (n,) output, Cauchy weights over the spreads, 0 without a piece.
 
     Returns:
-        Sum of the weights, and sum of the weighted squared residuals [m²].
+        Sum of the Cauchy weights, and sum of the weighted squared residuals [m²].
     """
     anchors, moments = np.zeros((len(lines), 2)), np.zeros((len(lines), 8))
     for i in range(len(placed)):
@@ -207,10 +209,10 @@ def fit_lines(
         g = piece_of[i]
         if g < 0:
             continue
-        weights[i] = 1.0
+        weights[i] = 1.0 / spreads[i]
         if moments[g, 0] == 0.0:
             assign(anchors[g], placed[i])
-        _add_moments(moments[g], 1.0, placed[i], turned[i], anchors[g])
+        _add_moments(moments[g], weights[i], placed[i], turned[i], anchors[g])
     total, squares = 0.0, 0.0
     inverse2 = 1.0 / (scale * scale)
     for left in range(rounds - 1, -1, -1):
@@ -223,9 +225,9 @@ def fit_lines(
             if g < 0:
                 continue
             r = lines[g, 2] * (placed[i, 0] - lines[g, 0]) + lines[g, 3] * (placed[i, 1] - lines[g, 1])
-            w = 1.0 / (1.0 + r * r * inverse2)
+            w = 1.0 / (spreads[i] + r * r * inverse2)
             residuals[i], weights[i] = r, w
-            total += w
+            total += w * spreads[i]
             squares += w * r * r
             if left > 0:
                 _add_moments(moments[g], w, placed[i], turned[i], anchors[g])

@@ -18,6 +18,8 @@ from graph.dense import vecdot
 from graph.factors import Factor
 from graph.problem import Linearization, Problem
 from graph.se2 import compose, expmap, inverse
+from iceg.ice._point_kernels import RangeNoise
+from iceg.ice.noise import PLAIN
 from iceg.ice.points import thinned_points
 from iceg.slam.config import JointRefinementConfig
 from iceg.slam.joint import _wall_kernels as kernels
@@ -28,6 +30,9 @@ from iceg.slam.tracking.track import Track
 
 _LEAST_NOISE = 0.004
 """The residuals of points are never taken to be smaller than this [m]."""
+_TOLD = 1.0
+"""A point is told from other walls if a piece reaches so many of its standard deviations across; else it is left out: it
+would meet, on either side of its wall, only those that err as it does."""
 _LINE_ROUNDS = 3
 _APART = 1e5
 _THINNEST = 4
@@ -82,6 +87,7 @@ class Clouds:
     Attributes:
         points: (n, 2) robot frames of the scans [m].
         normals: (n, 2) of the surfaces they lie on; 0, 0 where unknown.
+        spreads: (n,) variance of each in that of a typical point.
         starts: (m + 1,) scan j has the points from starts[j] to starts[j + 1].
         key_of_scan: (m,) the key pose of each scan, increasing; each key pose has at least one.
         T_key_scan: (m, 3).
@@ -90,6 +96,7 @@ class Clouds:
 
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
+    spreads: NDArray[np.float64]
     starts: NDArray[np.int64]
     key_of_scan: NDArray[np.int64]
     T_key_scan: NDArray[np.float64]
@@ -186,13 +193,19 @@ def _precision(walls: Walls, config: JointRefinementConfig) -> float:
     return float(config.independence / max(walls.residual, _LEAST_NOISE) ** 2)
 
 
-def key_clouds(track: Track, scan_of: Callable[[int], Scan] | None, config: JointRefinementConfig) -> Clouds:
+def key_clouds(
+    track: Track,
+    scan_of: Callable[[int], Scan] | None,
+    config: JointRefinementConfig,
+    noise: RangeNoise = PLAIN,
+) -> Clouds:
     """The points of each key scan, and of some scans between it and the next, which hang on it rigidly.
 
     Args:
         track: what the front end found.
         scan_of: the scans of the log by index; None leaves key scans alone.
         config: how many scans and points.
+        noise: of the ranges beyond what the settings allow for.
 
     Returns:
         The points; those beyond reach have no normal.
@@ -210,8 +223,9 @@ def key_clouds(track: Track, scan_of: Callable[[int], Scan] | None, config: Join
     ]
     key_of_scan = np.repeat(np.arange(len(members)), [len(some) for some in members])
     offsets = np.concatenate([np.arange(len(some)) % every for some in members])
-    points, normals, starts = thinned_points(taken, offsets, every)
+    points, normals, spreads, starts = thinned_points(taken, offsets, every, noise=noise)
     normals[np.hypot(points[:, 0], points[:, 1]) > config.reach] = 0.0
+    normals[spreads * (noise.allowed + noise.typical) > (config.half_width / _TOLD) ** 2] = 0.0
     T_key_scan = track.T_key_scan[scans]
     T_key_scan[np.diff(key_of_scan, prepend=-1) > 0] = 0.0
     most = config.scans_per_key if scan_of else 1
@@ -219,6 +233,7 @@ def key_clouds(track: Track, scan_of: Callable[[int], Scan] | None, config: Join
     return Clouds(
         points=points,
         normals=normals,
+        spreads=spreads,
         starts=starts,
         key_of_scan=key_of_scan,
         T_key_scan=T_key_scan,
@@ -284,7 +299,9 @@ def _walls(
         pieces = _pieces(room, apart, config)
     piece_of, n_pieces = pieces
     lines = np.empty((n_pieces, 4))
-    total, squares = kernels.fit_lines(placed, turned, piece_of, config.scale, _LINE_ROUNDS, lines, residuals, weights)
+    total, squares = kernels.fit_lines(
+        placed, turned, clouds.spreads, piece_of, config.scale, _LINE_ROUNDS, lines, residuals, weights
+    )
     return Walls(
         placed=placed,
         piece_of=piece_of,

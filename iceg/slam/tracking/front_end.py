@@ -16,7 +16,7 @@ from graph.noise import squared_norm, summed_ratios
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse, wrap_angle
 from iceg.ice.tracking import Limits, Standing
-from iceg.slam.config import FrontEndConfig, KeyScanConfig
+from iceg.slam.config import FrontEndConfig
 from iceg.slam.tracking.map_matcher import FollowingMatcher, MapMatcher
 from iceg.slam.tracking.sight import (
     BLIND_RANGE,
@@ -48,10 +48,8 @@ _ALONG = 0.5
 """Key scans on trial come along to what was known if together they explain this share of what the newest does there."""
 _REFUTED = 200.0
 """Squared Mahalanobis distance from which on odometry is no longer imprecise but wrong: the match stands alone."""
-_TRACKING_COVARIANCE = np.diag((0.02, 0.02, 0.01)) ** 2
-"""Of a pose between two key scans [m², m², rad²]."""
-_SAME_OPTIMUM = (0.08, 0.05)
-"""Poses no farther apart than this [m, rad] do not contradict each other."""
+_SAME_OPTIMUM = (4.0, 5.0)
+"""Poses no farther apart than so many standard deviations of a tracked one do not contradict each other."""
 _LOST_AFTER = 3
 """So many key scans that match only each other take over as the local reference."""
 _ADRIFT_AFTER = 5
@@ -83,7 +81,8 @@ class FrontEnd:
         self._has_odometry = odometry is not None
         self._odometry = odometry or _UNKNOWN_ODOMETRY
         self._config = config
-        self._limits = _limits(config.key_scans)
+        self._limits = _limits(config)
+        self._tracking_covariance = _tracking_covariance(config)
         self.keys: list[KeyScan] = []
         self._reference: Any = None
         self._in_reference: list[int] = []
@@ -241,8 +240,9 @@ class FrontEnd:
         else:
             self._T_track_robot, self._newest_step = found, (before, found)
 
-    def _is_off(self, found: NDArray[np.float64], covariance: NDArray[np.float64] = _TRACKING_COVARIANCE) -> bool:
-        """Whether a pose, known with this covariance, contradicts odometry since the last key scan."""
+    def _is_off(self, found: NDArray[np.float64], covariance: NDArray[np.float64] | None = None) -> bool:
+        """Whether a pose, known with this covariance or a tracked one's, contradicts odometry since the key scan."""
+        covariance = self._tracking_covariance if covariance is None else covariance
         expected = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
         return squared_norm(between(found, expected), self._motion.covariance + covariance) >= _CONTRADICTED
 
@@ -273,10 +273,10 @@ class FrontEnd:
         found = self._track(reference, scan, guess, self._motion.covariance)
         if isinstance(found, NoMatch):
             return found
-        held = self._held(reference, scan, found, _TRACKING_COVARIANCE)
+        held = self._held(reference, scan, found, self._tracking_covariance)
         if held is not None:
             return held.T_ref_cur
-        rash = self._rash(scan, found, _TRACKING_COVARIANCE)
+        rash = self._rash(scan, found, self._tracking_covariance)
         if rash is not None:
             return rash
         return found if self._is_plausible(reference, scan, guess, found) else _IMPLAUSIBLE
@@ -307,17 +307,21 @@ class FrontEnd:
         if self._map_matcher is None:
             return None
         expected = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
-        if _are_one_optimum(found, expected):
+        if self._are_one_optimum(found, expected):
             return None
         distance2 = squared_norm(between(found, expected), self._motion.covariance + covariance)
         if distance2 < _CONTRADICTED:
             return None
         held = self._map_matcher.held(reference, scan, expected)
-        if isinstance(held, NoMatch) or _are_one_optimum(found, held.T_ref_cur):
+        if isinstance(held, NoMatch) or self._are_one_optimum(found, held.T_ref_cur):
             return None
         share = max(_LEAST_SHARE, 1.0 - distance2 * _SHARE_PER_DISTANCE2)
         free, near = (self._map_matcher.agreement(reference, scan, T).evidence for T in (found, held.T_ref_cur))
         return held if near >= share * free else None
+
+    def _are_one_optimum(self, T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> bool:
+        distance, turn = _apart(T_a_b, T_a_c)
+        return distance < self._limits.apart and turn < self._limits.twisted
 
     def _is_plausible(
         self,
@@ -441,17 +445,23 @@ class FrontEnd:
         return self._matcher.prepare([key.scan for key in keys], np.array([key.T_track_robot for key in keys]))
 
 
-def _limits(key_scans: KeyScanConfig) -> Limits:
+def _tracking_covariance(config: FrontEndConfig) -> NDArray[np.float64]:
+    """(3, 3) of a pose between two key scans [m², m², rad²]."""
+    return np.asarray(np.diag((config.tracking_distance, config.tracking_distance, config.tracking_angle)) ** 2)
+
+
+def _limits(config: FrontEndConfig) -> Limits:
+    key_scans = config.key_scans
     return Limits(
         blind_range=BLIND_RANGE,
         blind_share=BLIND_SHARE,
         fewest_returns=FEWEST_RETURNS,
         moved=_JUMP_DISTANCE,
         turned=_JUMP_TURN,
-        apart=_SAME_OPTIMUM[0],
-        twisted=_SAME_OPTIMUM[1],
+        apart=_SAME_OPTIMUM[0] * config.tracking_distance,
+        twisted=_SAME_OPTIMUM[1] * config.tracking_angle,
         contradicted=_CONTRADICTED,
-        variances=tuple(np.diag(_TRACKING_COVARIANCE).tolist()),
+        variances=tuple(np.diag(_tracking_covariance(config)).tolist()),
         key_distance=key_scans.distance,
         key_turn=key_scans.angle,
     )
@@ -471,11 +481,6 @@ def _is_turn(step: NDArray[np.float64], usual: NDArray[np.float64]) -> bool:
 def _is_nearer(pose: NDArray[np.float64], one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
     """Whether a pose is no farther from one than from another."""
     return sum(_apart(pose, one)) <= sum(_apart(pose, other))
-
-
-def _are_one_optimum(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> bool:
-    distance, turn = _apart(T_a_b, T_a_c)
-    return distance < _SAME_OPTIMUM[0] and turn < _SAME_OPTIMUM[1]
 
 
 def _tracking_by_match(matcher: Matcher) -> Callable[..., NDArray[np.float64] | NoMatch]:
