@@ -43,6 +43,9 @@ class FrontEndConfig:
     """… and this much turning [rad] …"""
     calibration_scans: int = 2500
     """… or after this many scans."""
+    deskew: bool = True
+    """Move every beam by the motion within the sweep of the laser: as long as the log says it takes, else as long as
+    its scans tell. Off takes all beams of a scan as measured at once."""
     split_scans: int = 40
     """Scans whose halves are matched alone, to see whether matches are as sure as they say; 0 believes them."""
 

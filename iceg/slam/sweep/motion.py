@@ -1,0 +1,66 @@
+"""How the robot moves while a scan is taken, from a trajectory of the middles of the scans."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.se2 import between, logmap
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MotionWithin:
+    """The way through n scans: τ intervals from the middle of a scan, the robot is at exp(velocity τ + change τ² / 2).
+
+    An interval is the usual time from scan to scan. Rows are x [m], y [m] and heading [rad] in the robot's own frame.
+
+    Attributes:
+        velocity: (n, 3) per interval.
+        change: (n, 3) of the velocity, per interval.
+    """
+
+    velocity: NDArray[np.float64]
+    change: NDArray[np.float64]
+
+
+def motion_within(
+    T_map_robot: NDArray[np.float64], stamps: NDArray[np.float64], unknown: Iterable[int] = ()
+) -> MotionWithin:
+    """The parabola through each pose and its neighbours in a trajectory.
+
+    Args:
+        T_map_robot: (n, 3) at each scan.
+        stamps: (n,) of the scans [s]; only tell where scans are missing, as those of many logs jitter.
+        unknown: scans the way to which from the one before is not known.
+
+    Returns:
+        The motion within each scan; at the ends and next to an unknown step the velocity of the other step, without
+        change; zero where neither is known.
+    """
+    n = len(T_map_robot)
+    steps = np.zeros((n + 1, 3))
+    steps[1:n] = logmap(between(T_map_robot[:-1], T_map_robot[1:])) / intervals(stamps)[:, None]
+    is_known = np.ones(n + 1, np.bool_)
+    is_known[[0, n, *unknown]] = False
+    before, after = steps[:-1], steps[1:]
+    knows_before, knows_after = is_known[:-1, None], is_known[1:, None]
+    only = np.where(knows_before, before, np.where(knows_after, after, 0.0))
+    both = knows_before & knows_after
+    return MotionWithin(
+        velocity=np.where(both, 0.5 * (before + after), only), change=np.where(both, after - before, 0.0)
+    )
+
+
+def usual_interval(stamps: NDArray[np.float64]) -> float | None:
+    """Median time from scan to scan [s]; None where the stamps do not advance."""
+    steps = np.diff(stamps)
+    advancing = steps[steps > 0.0]
+    return float(np.median(advancing)) if 2 * len(advancing) > len(steps) else None
+
+
+def intervals(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n - 1,) how many usual intervals pass from each of n scans to the next: 1, or more where scans are missing."""
+    usual = usual_interval(stamps)
+    steps = np.diff(stamps)
+    return np.ones(len(steps)) if usual is None else np.maximum(1.0, np.round(steps / usual))
