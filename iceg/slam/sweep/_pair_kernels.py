@@ -36,7 +36,6 @@ class Fit(NamedTuple):
     Attributes:
         gate: points farther from the surface than this do not belong to it [m].
         scale: width of the Cauchy weight of a point [m].
-        slack: beams by which a sweep may shift a point, beyond those within the gate.
         every: one in so many points takes part.
         half: neighbours on either side of a point that make its surface.
         steps: Gauss-Newton steps of the pose.
@@ -45,7 +44,6 @@ class Fit(NamedTuple):
 
     gate: float
     scale: float
-    slack: int
     every: int
     half: int
     steps: int
@@ -79,9 +77,10 @@ def reduced_information(
         bent_points(ranges[i], laser.bearings, laser.velocity[i], laser.change[i], share, one, d_one)
         bent_points(ranges[j], laser.bearings, laser.velocity[j], laser.change[j], share, other, d_other)
         surface_normals(one, fit.half, laser.full, normals)
+        shifted = abs(share) * (abs(laser.velocity[i, 2]) + abs(laser.velocity[j, 2]))
         about[m] = 0.0
         for step in range(fit.steps):
-            n = _lay_over(one, d_one, normals, other, d_other, T_one_other[m], laser, fit, system)
+            n = _lay_over(one, d_one, normals, other, d_other, T_one_other[m], laser, shifted, fit, system)
             if n < fit.least:
                 break
             _eliminate_pose(system)
@@ -143,6 +142,7 @@ def _lay_over(
     d_other: F64,
     T_one_other: F64,
     laser: Laser,
+    shifted: float,
     fit: Fit,
     system: F64,
 ) -> int:
@@ -159,7 +159,7 @@ def _lay_over(
         rx, ry = c * other[k, 0] - s * other[k, 1], s * other[k, 0] + c * other[k, 1]
         x, y = T_one_other[0] + rx, T_one_other[1] + ry
         beam = int(round((atan2(y, x) - first) / resolution))
-        within = int(fit.gate / (resolution * max(hypot(x, y), fit.gate))) + fit.slack
+        within = int((fit.gate / max(hypot(x, y), fit.gate) + 0.5 * shifted) / resolution) + 1
         found, nearest2 = -1, fit.gate * fit.gate
         for at in range(beam - within, beam + within + 1):
             b = at % n_beams if laser.full else at

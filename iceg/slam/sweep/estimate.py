@@ -18,18 +18,12 @@ from iceg.slam.sweep import _pair_kernels as kernels
 from iceg.slam.sweep.deskew import in_laser_frame, is_full_circle
 from iceg.slam.sweep.motion import MotionWithin
 
-_SCANS = 150
-"""Scans that are asked, those that move most in as many parts of the log."""
 _APART, _TURNED = 0.4, 0.35
-"""Each is laid over a scan before and one after it, about so far away [m, rad in sum]."""
+"""Each scan asked is laid over one before and one after it, about so far away [m, rad in sum]."""
 _ARM = 0.3
 """A metre of motion bends a scan as much as so many radians, at a usual range."""
 _GATE, _SCALE = 0.3, 0.05
 """Of points on surfaces: farther off they lie on others [m]; width of the Cauchy weight [m]."""
-_POINTS = 180
-"""Points of a scan that take part, about."""
-_SLACK = 0.1
-"""A sweep shifts a return by no more than this beyond the gate [rad]."""
 _FEWEST_POINTS, _FEWEST_PAIRS = 12, 10
 _MOST_ROUNDS = 12
 _LONGEST = 1.1
@@ -40,8 +34,28 @@ _LEAST_FALL = 0.1
 """… which is by no less than this share of what the points by themselves say."""
 _CLOSE = 0.1
 """A step by less than so many standard deviations is the last."""
+_SURE = 3.0
+"""Within so many standard deviations of zero, or below what matters, a quick look settles the matter."""
 SIGNIFICANT = 5.0
 """Standard deviations from which on a sweep is real: by chance, one log in two million."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Effort:
+    """How much is asked of the scans.
+
+    Attributes:
+        scans: how many are asked, those that move most in as many parts of the log.
+        points: of each that take part, about.
+        steps: Gauss-Newton steps of the pose between two scans.
+    """
+
+    scans: int
+    points: int
+    steps: int
+
+
+_QUICK, _THOROUGH = _Effort(scans=100, points=90, steps=2), _Effort(scans=150, points=180, steps=3)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,20 +77,32 @@ class SweepEstimate:
         return abs(self.share) > SIGNIFICANT * self.deviation
 
 
-def learn_sweep(log: Log, T_map_robot: NDArray[np.float64], motion: MotionWithin) -> SweepEstimate | None:
+def learn_sweep(
+    log: Log, T_map_robot: NDArray[np.float64], motion: MotionWithin, least: float = 0.0
+) -> SweepEstimate | None:
     """The sweep from the scans of a log, and a trajectory of their middles.
 
     Args:
         log: as recorded.
         T_map_robot: (n_scans, 3) trajectory, good over a metre.
         motion: (n_scans,) within each scan.
+        least: a sweep shorter than this changes nothing [intervals], and need not be known well.
 
     Returns:
         The estimate; None where too few scans overlap, or none of them moves.
     """
-    if len(log) < 3 or log.geometry.n_beams < 2:
+    if len(log) < _FEWEST_PAIRS or log.geometry.n_beams < _FEWEST_POINTS:
         return None
-    score = _Score.of(log, T_map_robot, motion)
+    quick = _solve(_Score.of(log, T_map_robot, motion, _QUICK))
+    if quick is not None:
+        doubt = _SURE * quick.deviation
+        if abs(quick.share) < doubt or abs(quick.share) + doubt < least:
+            return quick
+    return _solve(_Score.of(log, T_map_robot, motion, _THOROUGH))
+
+
+def _solve(score: "_Score") -> SweepEstimate | None:
+    """The sweep at which the gradient vanishes."""
     information, gradient, scatter = score.at(0.0)
     if information <= 0.0:
         return None
@@ -112,9 +138,9 @@ class _Score:
     fit: kernels.Fit
 
     @classmethod
-    def of(cls, log: Log, T_map_robot: NDArray[np.float64], motion: MotionWithin) -> "_Score":
+    def of(cls, log: Log, T_map_robot: NDArray[np.float64], motion: MotionWithin, effort: _Effort) -> "_Score":
         geometry = log.geometry
-        pairs, scan_of_pair = _pairs(T_map_robot, motion)
+        pairs, scan_of_pair = _pairs(T_map_robot, motion, effort.scans)
         T_map_laser = compose(T_map_robot[pairs], geometry.T_robot_laser)
         velocity, change = in_laser_frame(motion, geometry)
         return cls(
@@ -123,7 +149,7 @@ class _Score:
             scan_of_pair=scan_of_pair,
             T_one_other=between(T_map_laser[:, 0], T_map_laser[:, 1]),
             laser=kernels.Laser(geometry.bearings, is_full_circle(geometry), velocity, change),
-            fit=_fit(geometry),
+            fit=_fit(geometry, effort),
         )
 
     def at(self, share: float) -> tuple[float, float, float]:
@@ -137,25 +163,24 @@ class _Score:
         return float(about[:, 0].sum()), float(gradients.sum()), math.sqrt(float(((gradients - mean) ** 2).sum()))
 
 
-def _fit(geometry: ScanGeometry) -> kernels.Fit:
+def _fit(geometry: ScanGeometry, effort: _Effort) -> kernels.Fit:
     return kernels.Fit(
         gate=_GATE,
         scale=_SCALE,
-        slack=math.ceil(_SLACK / geometry.resolution),
-        every=max(1, geometry.n_beams // _POINTS),
+        every=max(1, geometry.n_beams // effort.points),
         half=max(2, round(math.radians(2.0) / geometry.resolution)),
-        steps=3,
+        steps=effort.steps,
         least=_FEWEST_POINTS,
     )
 
 
 def _pairs(
-    T_map_robot: NDArray[np.float64], motion: MotionWithin
+    T_map_robot: NDArray[np.float64], motion: MotionWithin, scans: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """(m, 2) scans to be laid over each other, and (m,) for which of the scans that are asked."""
     n = len(T_map_robot)
     speed = np.abs(motion.velocity[:, 2]) + _ARM * np.hypot(motion.velocity[:, 0], motion.velocity[:, 1])
-    borders = np.linspace(0, n, min(_SCANS, n) + 1).astype(np.int64).tolist()
+    borders = np.linspace(0, n, min(scans, n) + 1).astype(np.int64).tolist()
     asked = np.array([a + int(np.argmax(speed[a:b])) for a, b in zip(borders[:-1], borders[1:], strict=True)])
     moved = np.hypot(*np.diff(T_map_robot[:, :2], axis=0).T) / _APART
     turned = np.abs(wrap_angle(np.diff(T_map_robot[:, 2]))) / _TURNED
