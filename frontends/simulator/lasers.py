@@ -70,6 +70,16 @@ LASERS: MappingProxyType[str, Callable[[], Laser]] = MappingProxyType(
 """The lasers that a scene can name."""
 
 
+def like_which(laser: Laser) -> tuple[str, Laser]:
+    """Name of the one whose beams and reach a laser has, and that one; the SICK for a laser of none of them."""
+    for name, make in LASERS.items():
+        named = make()
+        same_reach = laser.geometry.range_max == named.geometry.range_max
+        if same_reach and np.array_equal(laser.geometry.bearings, named.geometry.bearings):
+            return name, named
+    return "sick", sick()
+
+
 def _all_around(range_min: float, range_max: float) -> ScanGeometry:
     return ScanGeometry(
         bearings=np.linspace(-math.pi, math.pi, 361)[:-1],

@@ -30,13 +30,10 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from frontends.scan import ScanGeometry
 from frontends.simulator import world as shapes
 from frontends.simulator.floor_plan import read_plan
 from frontends.simulator.laser import Laser
-from frontends.simulator.lasers import LASERS
+from frontends.simulator.lasers import LASERS, like_which
 from frontends.simulator.people import Person
 from frontends.simulator.robot import OdometryModel, Route, Waypoint
 from frontends.simulator.statements import Statement, statements
@@ -182,33 +179,23 @@ def _wall_lines(world: World) -> list[str]:
 
 
 def _laser_line(laser: Laser) -> list[str]:
-    """The statement of a laser: its name unless it is the usual one, and what it does otherwise."""
-    for name, named in LASERS.items():
-        if _look_alike(laser.geometry, named().geometry):
-            is_usual = name == "sick"
-            return _changed("laser" if is_usual else f"laser {name}", laser, named(), _LASER_OPTIONS, always=not is_usual)
-    return _changed("laser", laser, Laser(), _LASER_OPTIONS)
-
-
-def _look_alike(one: ScanGeometry, other: ScanGeometry) -> bool:
-    return np.array_equal(one.bearings, other.bearings) and one.range_max == other.range_max
+    """The statement of a laser: its name, and what it does otherwise; none for the usual one."""
+    name, named = like_which(laser)
+    if name == "sick":
+        return _changed("laser", laser, named, _LASER_OPTIONS)
+    return _changed(f"laser {name}", laser, named, _LASER_OPTIONS) or [f"laser {name}"]
 
 
 def _changed(
-    keyword: str,
-    settings: Laser | OdometryModel,
-    usual: Laser | OdometryModel,
-    names: tuple[str, ...],
-    *,
-    always: bool = False,
+    keyword: str, settings: Laser | OdometryModel, usual: Laser | OdometryModel, names: tuple[str, ...]
 ) -> list[str]:
-    """The statement of the settings that are not the usual ones, none where all are unless it is wanted always."""
+    """The statement of the settings that are not the usual ones, none where all are."""
     words = []
     for name in names:
         value = getattr(settings, name)
         if value != getattr(usual, name):
             words.append(f"{name}={_exact_degrees(value) if name in _ANGLES else value!r}")
-    return [" ".join([keyword, *words])] if words or always else []
+    return [" ".join([keyword, *words])] if words else []
 
 
 def _unless(usual: dict[str, float], **values: float) -> str:

@@ -13,7 +13,7 @@ F64 = NDArray[np.float64]
 
 @compiled
 def pose_within(velocity: F64, change: F64, tau: float) -> tuple[float, float, float]:
-    """exp(velocity τ + change τ² / 2), the exponential to second order in the angle: a sweep turns by less than 1 rad."""
+    """exp(velocity τ + change τ² / 2), to second order in the angle: a sweep turns by less than a radian."""
     half = 0.5 * tau * tau
     x, y = velocity[0] * tau + change[0] * half, velocity[1] * tau + change[1] * half
     turn = velocity[2] * tau + change[2] * half
@@ -96,7 +96,8 @@ def _change(seen: F64, inverse: F64, i: int, off: float, full: bool) -> float:
     one, other = (inverse[left] - inverse[i]) / to_left, (inverse[right] - inverse[i]) / to_right
     if one * other <= 0.0:
         return 0.0
-    return off * (one if abs(one) < abs(other) else other)
+    slope: float = one if abs(one) < abs(other) else other
+    return off * slope
 
 
 @compiled

@@ -1,6 +1,6 @@
 """Compiled loops that lay two scans over each other, each beam at its own time, and ask how long a sweep takes."""
 
-from math import atan2, cos, hypot, sin
+from math import atan2, cos, floor, hypot, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -158,7 +158,7 @@ def _lay_over(
             continue
         rx, ry = c * other[k, 0] - s * other[k, 1], s * other[k, 0] + c * other[k, 1]
         x, y = T_one_other[0] + rx, T_one_other[1] + ry
-        beam = int(round((atan2(y, x) - first) / resolution))
+        beam = floor((atan2(y, x) - first) / resolution + 0.5)
         within = int((fit.gate / max(hypot(x, y), fit.gate) + 0.5 * shifted) / resolution) + 1
         found, nearest2 = -1, fit.gate * fit.gate
         for at in range(beam - within, beam + within + 1):

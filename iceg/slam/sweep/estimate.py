@@ -8,6 +8,7 @@ needs neither truth nor odometry, and the scatter of the pairs tells its standar
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -181,7 +182,7 @@ def _pairs(
     n = len(T_map_robot)
     speed = np.abs(motion.velocity[:, 2]) + _ARM * np.hypot(motion.velocity[:, 0], motion.velocity[:, 1])
     borders = np.linspace(0, n, min(scans, n) + 1).astype(np.int64).tolist()
-    asked = np.array([a + int(np.argmax(speed[a:b])) for a, b in zip(borders[:-1], borders[1:], strict=True)])
+    asked = np.array([a + int(np.argmax(speed[a:b])) for a, b in pairwise(borders)])
     moved = np.hypot(*np.diff(T_map_robot[:, :2], axis=0).T) / _APART
     turned = np.abs(wrap_angle(np.diff(T_map_robot[:, 2]))) / _TURNED
     way = np.concatenate([[0.0], np.cumsum(moved + turned)])
