@@ -6,6 +6,7 @@ noise, whatever the incidence, except where the three beams do not meet one wall
 widely, so a Gaussian that is fitted to the core of the residuals alone hardly sees them.
 """
 
+import math
 from dataclasses import dataclass
 from math import exp, pi, sqrt
 
@@ -138,7 +139,7 @@ def _residuals(
         (n, n_beams - 2 lag) each [m]; NaN where one of the three has no return.
     """
     left, middle, right = ranges[:, : -2 * lag], ranges[:, lag:-lag], ranges[:, 2 * lag :]
-    cosine, both = float(np.cos(lag * geometry.resolution)), left + right
+    cosine, both = math.cos(lag * geometry.resolution), left + right
     predicted = 2.0 * cosine * left * right / both
     # How the prediction changes with either neighbour.
     by_left, by_right = 2.0 * cosine * (right / both) ** 2, 2.0 * cosine * (left / both) ** 2

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from frontends.simulator import world as shapes
-from frontends.simulator.laser import Laser, cast, sense, sick_lms200, twists_along
+from frontends.simulator.laser import Course, Laser, cast, sense, sick_lms200
 from frontends.simulator.scene import load_scene
 from frontends.simulator.world import SimulatorError, World
 from graph import se2
@@ -164,15 +164,16 @@ def test_a_world_without_glass_or_people_reads_as_if_there_were_no_such_thing() 
 @given(
     pose=st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(-4, 4)),
     twist=st.tuples(st.floats(-2, 2), st.floats(-0.5, 0.5), st.floats(-3, 3)),
+    sweep_time=st.sampled_from([0.1, -0.1]),
 )
 @settings(max_examples=20)
 def test_a_sweep_while_moving_against_a_slow_twin(
-    pose: tuple[float, float, float], twist: tuple[float, float, float]
+    pose: tuple[float, float, float], twist: tuple[float, float, float], sweep_time: float
 ) -> None:
     world = load_scene("room").world
-    laser = replace(EXACT, sweep_time=0.1)
+    laser = replace(EXACT, sweep_time=sweep_time)
     poses, twists = np.array([pose]), np.array([twist])
-    ranges = sense(world, poses, laser, RNG(), twists=twists)[0].astype(float)
+    ranges = sense(world, poses, laser, RNG(), times=1.0, course=_steadily(poses[0], twists[0]))[0].astype(float)
     delays = np.linspace(-0.5, 0.5, laser.geometry.n_beams) * laser.sweep_time
     for k in range(0, laser.geometry.n_beams, 11):
         T_world_laser = se2.compose(se2.compose(poses[0], se2.expmap(twists[0] * delays[k])), [0.16, 0, 0])
@@ -186,19 +187,25 @@ def test_a_sweep_while_moving_against_a_slow_twin(
 def test_a_sweep_sees_a_wall_bent_while_the_robot_turns() -> None:
     world = World.empty().with_segments(shapes.polyline([(4, -30), (4, 30)]))
     laser = replace(EXACT_THERE, sweep_time=0.1)
-    turning = sense(world, AT_ORIGIN, laser, RNG(), twists=np.array([(0.0, 0.0, 1.0)]))[0]
-    still = sense(world, AT_ORIGIN, laser, RNG(), twists=np.zeros((1, 3)))[0]
+    turning = sense(world, AT_ORIGIN, laser, RNG(), 1.0, course=_steadily(AT_ORIGIN[0], np.array([0.0, 0.0, 1.0])))[0]
+    still = sense(world, AT_ORIGIN, laser, RNG(), 1.0, course=_steadily(AT_ORIGIN[0], np.zeros(3)))[0]
     assert turning[90] == pytest.approx(still[90])
     assert turning[150] > still[150] + 0.1
     assert turning[30] > still[30] + 0.1
     np.testing.assert_allclose(sense(world, AT_ORIGIN, EXACT_THERE, RNG())[0], still, atol=1e-6)
 
 
-def test_the_velocity_along_a_drive() -> None:
+def test_a_robot_stands_before_and_after_its_course() -> None:
     poses = np.array([se2.expmap(np.array([0.1, 0.0, 0.05]) * k) for k in range(10)])
-    twists = twists_along(poses, 0.2)
-    np.testing.assert_allclose(twists[1:-1], np.broadcast_to([0.5, 0.0, 0.25], (8, 3)), atol=1e-9)
-    assert twists_along(poses[:1], 0.2).tolist() == [[0.0, 0.0, 0.0]]
+    course = Course(T_world_robot=poses, step=0.2)
+    np.testing.assert_allclose(course.at(np.array([-1.0, 0.0, 1.8, 5.0])), poses[[0, 0, 9, 9]], atol=1e-12)
+    between = course.at(np.array([[0.1], [0.7]]))
+    np.testing.assert_allclose(between[:, 0], se2.expmap(np.array([[0.05, 0, 0.025], [0.35, 0, 0.175]])), atol=1e-12)
+
+
+def _steadily(pose: NDArray[np.float64], twist: NDArray[np.float64]) -> Course:
+    """A drive of constant velocity that is at `pose` after a second."""
+    return Course(T_world_robot=se2.compose(pose, se2.expmap(twist * np.linspace(-1.0, 1.0, 5)[:, None])), step=0.5)
 
 
 EXACT_THERE = replace(EXACT, geometry=replace(EXACT.geometry, T_robot_laser=np.zeros(3)))

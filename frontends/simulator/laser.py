@@ -1,4 +1,4 @@
-"""A SICK LMS200-like laser in a world: exact casting, then the device's noise, mixed pixels and quantisation."""
+"""A laser in a world: exact casting, each beam at its own time, then noise, mixed pixels and quantisation."""
 
 import math
 from dataclasses import dataclass, field
@@ -42,8 +42,9 @@ class Laser:
         beam_width: angle from side to side of one beam's spot [rad].
         edge_step: jump in range within the spot from which a beam may mix both surfaces [m].
         mixed_share: share of the beams at such an edge whose range lies somewhere between the two.
-        sweep_time: from the first beam to the last [s], while the robot moves on (an LMS200 takes 0.007); the pose of
-            a scan is that of its middle. 0 for all beams at once.
+        sweep_time: from the beam of the smallest bearing to the one of the largest [s], while the robot moves on (an
+            LMS200 takes 0.007); negative for a laser that turns clockwise, 0 for all beams at once. The pose of a scan
+            is that of the middle of its sweep.
     """
 
     geometry: ScanGeometry = field(default_factory=sick_lms200)
@@ -74,10 +75,33 @@ class Laser:
             raise SimulatorError(f"laser.mixed_share must lie in [0, 1], found {self.mixed_share}")
         if min(self.range_std, self.range_std_per_metre, self.quantisation) < 0:
             raise SimulatorError("laser.range_std, range_std_per_metre and quantisation must not be negative")
-        if not 0 <= self.sweep_time <= self.period:
+        if not abs(self.sweep_time) <= self.period:
             raise SimulatorError(
-                f"laser.sweep_time must lie between 0 and the period of {self.period} s, found {self.sweep_time}"
+                f"laser.sweep_time must be no longer than the period of {self.period} s, found {self.sweep_time}"
             )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """Where the robot is while its laser sweeps.
+
+    Attributes:
+        T_world_robot: (m, 3) true poses, the first at time 0; before and after them the robot stands.
+        step: time from each to the next [s].
+    """
+
+    T_world_robot: NDArray[np.float64]
+    step: float
+
+    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(..., 3) true poses at (...,) times [s]; constant velocity from one pose to the next."""
+        place = np.clip(times / self.step, 0.0, len(self.T_world_robot) - 1)
+        before = np.floor(place).astype(np.int64)
+        after = np.minimum(before + 1, len(self.T_world_robot) - 1)
+        steps = logmap(between(self.T_world_robot[:-1], self.T_world_robot[1:]))
+        steps = np.concatenate([steps, np.zeros((1, 3))])
+        moved = np.where(after > before, place - before, 0.0)[..., None] * steps[before]
+        return compose(self.T_world_robot[before], expmap(moved))
 
 
 def cast(
@@ -110,7 +134,7 @@ def sense(
     times: ArrayLike = 0.0,
     *,
     legs: NDArray[np.float64] | None = None,
-    twists: NDArray[np.float64] | None = None,
+    course: Course | None = None,
 ) -> NDArray[np.float32]:
     """Scans as the device reports them.
 
@@ -121,8 +145,8 @@ def sense(
         rng: its noise.
         times: (n,) when each scan is taken, or one time for all [s].
         legs: (n, m, 2) where people's legs stand at each scan [m], NaN where nobody is; None without people.
-        twists: (n, 3) velocity of the robot at each scan, x and y [m/s] and turn [rad/s] in its own frame, for lasers
-            that take time for a sweep; None for a robot that stands while it scans.
+        course: where the robot is before and after each scan, for lasers that take time for a sweep; None for a robot
+            that stands while it scans.
 
     Returns:
         (n, n_beams) [m]; NaN where the beam had no usable return.
@@ -137,19 +161,10 @@ def sense(
             T_world_robot=T_world_robot[block],
             times=when[block],
             legs=None if legs is None or legs.shape[1] == 0 else np.ascontiguousarray(legs[block]),
-            twists=None if twists is None or laser.sweep_time == 0 else twists[block],
+            course=None if laser.sweep_time == 0 else course,
         )
         ranges[block] = _report(view, rng)
     return ranges
-
-
-def twists_along(T_world_robot: NDArray[np.float64], period: float) -> NDArray[np.float64]:
-    """(n, 3) velocity at each of n ≥ 1 poses of a drive [m/s, m/s, rad/s], in the robot's own frame."""
-    steps = logmap(between(T_world_robot[:-1], T_world_robot[1:])) / period
-    after = np.concatenate([steps, np.zeros((1, 3))])
-    before = np.concatenate([np.zeros((1, 3)), steps])
-    middle: NDArray[np.float64] = (after + before) / 2
-    return middle
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,7 +176,7 @@ class _View:
     T_world_robot: NDArray[np.float64]
     times: NDArray[np.float64]
     legs: NDArray[np.float64] | None
-    twists: NDArray[np.float64] | None
+    course: Course | None
 
     def look(self, side: float, luck: NDArray[np.float64] | None) -> tuple[NDArray[np.float64], NDArray[np.int32]]:
         """True range of each beam turned `side`, and the segment hit; `luck` in [0, 1) passes panes of more glass."""
@@ -177,11 +192,11 @@ class _View:
         bearings, reach = geometry.bearings + side, geometry.range_max
         T_world_laser = compose(self.T_world_robot, geometry.T_robot_laser)
         walls = (world.segments, world.visible_from, world.visible_to, reach)
-        if self.twists is None and self.legs is None:
+        if self.course is None and self.legs is None:
             ranges, hits = cast_rays(T_world_laser, self.times, bearings, *walls)
             return ranges, hits
         T_world_beam = self._beams(T_world_laser, bearings)
-        if self.twists is None:
+        if self.course is None:
             ranges, hits = cast_rays(T_world_laser, self.times, bearings, *walls)
         else:
             ranges, hits = cast_sweeps(T_world_laser, T_world_beam, self.times, bearings, *walls)
@@ -193,11 +208,10 @@ class _View:
         """(n, n_beams, 3) where each beam starts from and its direction."""
         T_laser_beam = np.zeros((len(bearings), 3))
         T_laser_beam[:, 2] = bearings
-        if self.twists is None:
+        if self.course is None:
             return compose(T_world_laser[:, None], T_laser_beam)
         delays = np.linspace(-0.5, 0.5, len(bearings)) * self.laser.sweep_time
-        T_robot_then = expmap(self.twists[:, None] * delays[:, None])
-        T_world_then = compose(self.T_world_robot[:, None], T_robot_then)
+        T_world_then = self.course.at(self.times[:, None] + delays)
         return compose(compose(T_world_then, self.laser.geometry.T_robot_laser), T_laser_beam)
 
     def _slant(self, hits: NDArray[np.int32], side: float) -> NDArray[np.float64]:

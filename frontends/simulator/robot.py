@@ -14,7 +14,7 @@ from graph.limits import LIMITS, at_most
 from graph.ranges import check_between
 from graph.se2 import between, wrap_angle
 
-_TICK = 0.02
+TICK = 0.02
 """Time step of the simulation [s]."""
 _ARRIVED = 0.08
 """A waypoint nearer than this is reached [m]."""
@@ -134,7 +134,7 @@ class OdometryModel:
             rotation_std=_DEVIATIONS,
             drift_std=_DEVIATIONS,
             slip_std=_DEVIATIONS,
-            slip_time=(_TICK, 1e6),
+            slip_time=(TICK, 1e6),
         )
 
 
@@ -153,9 +153,9 @@ def drive(route: Route, driving: Driving, period: float, rng: np.random.Generato
     Raises:
         SimulatorError: when a waypoint is not reached, or the period is no multiple of the simulator's tick.
     """
-    ticks = round(period / _TICK)
-    if ticks < 1 or not math.isclose(ticks * _TICK, period):
-        raise SimulatorError(f"the scan period must be a multiple of {_TICK} s, found {period} s")
+    ticks = round(period / TICK)
+    if ticks < 1 or not math.isclose(ticks * TICK, period):
+        raise SimulatorError(f"the scan period must be a multiple of {TICK} s, found {period} s")
     operator = _Operator(route.start, driving, rng)
     for here, after in _legs(route):
         operator.go_to(here, after)
@@ -237,17 +237,17 @@ class _Operator:
         self._speed = self._turn_rate = self._aim = 0.0
         self._driving = driving
         self._rng = rng
-        self._forget = math.exp(-_TICK / driving.steering_time)
+        self._forget = math.exp(-TICK / driving.steering_time)
 
     @property
     def time(self) -> float:
         """Since the start [s]."""
-        return (len(self.trace) // 3 - 1) * _TICK
+        return (len(self.trace) // 3 - 1) * TICK
 
     def go_to(self, goal: Waypoint, after: Waypoint | None) -> None:
         """Turn towards the goal on the spot if it lies aside, then drive there."""
         passing_speed = self._passing_speed(goal, after)
-        patience = round(_PATIENCE / _TICK)
+        patience = round(_PATIENCE / TICK)
         turning = False
         while (distance := math.hypot(goal.x - self._x, goal.y - self._y)) > _ARRIVED:
             aside = _wrapped(math.atan2(goal.y - self._y, goal.x - self._x) - self._heading)
@@ -267,7 +267,7 @@ class _Operator:
         _check_time(self.time + duration)
         while duration > 0 and (self._speed or self._turn_rate):
             self._tick(0.0, 0.0)
-        for _ in range(round(duration / _TICK)):
+        for _ in range(round(duration / TICK)):
             self._tick(0.0, 0.0)
 
     def _passing_speed(self, goal: Waypoint, after: Waypoint | None) -> float:
@@ -288,13 +288,13 @@ class _Operator:
 
     def _tick(self, speed: float, turn_rate: float) -> None:
         d = self._driving
-        self._speed = _towards(self._speed, speed, d.acceleration * _TICK)
+        self._speed = _towards(self._speed, speed, d.acceleration * TICK)
         turn_rate = max(-d.turn_rate, min(d.turn_rate, turn_rate))
-        self._turn_rate = _towards(self._turn_rate, turn_rate, d.turn_acceleration * _TICK)
-        middle = self._heading + self._turn_rate * _TICK / 2
-        self._x += self._speed * _TICK * math.cos(middle)
-        self._y += self._speed * _TICK * math.sin(middle)
-        self._heading += self._turn_rate * _TICK
+        self._turn_rate = _towards(self._turn_rate, turn_rate, d.turn_acceleration * TICK)
+        middle = self._heading + self._turn_rate * TICK / 2
+        self._x += self._speed * TICK * math.cos(middle)
+        self._y += self._speed * TICK * math.sin(middle)
+        self._heading += self._turn_rate * TICK
         self.trace.extend((self._x, self._y, self._heading))
 
 

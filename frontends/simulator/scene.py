@@ -13,7 +13,8 @@ One statement a line, `#` starts a comment, lengths in metres, angles in degrees
     goto  X Y              [pause=T]                 a waypoint
     laps  N                                          how often the waypoints are driven to
     lasts T                                          when the drive ends, whatever the operator does
-    laser    [range_std=S] [mixed_share=P] ...       what the laser of this scene does, by the fields of `Laser`
+    laser    [NAME] [range_std=S] [sweep_time=T] ... which laser of `LASERS` (sick), and what it does otherwise, by
+                                                     the fields of `Laser`
     odometry [drift_std=S] [slip_std=S] ...          how wrong its wheels are, by the fields of `OdometryModel`
 
 Whatever stands can stand for a time only, `appears=T`, `vanishes=T`, and be of `glass=P`, which lets the share P of
@@ -32,6 +33,7 @@ from typing import Any
 from frontends.simulator import world as shapes
 from frontends.simulator.floor_plan import read_plan
 from frontends.simulator.laser import Laser
+from frontends.simulator.lasers import LASERS, like_which
 from frontends.simulator.people import Person
 from frontends.simulator.robot import OdometryModel, Route, Waypoint
 from frontends.simulator.statements import Statement, statements
@@ -148,14 +150,14 @@ def write_scene(path: Path, scene: Scene) -> None:
     Args:
         path: the file; replaced whole if it exists.
         scene: what to write; reading it back gives the same segments, times, people, settings and route. The
-            geometry of a laser other than the LMS200 is not kept.
+            geometry of a laser that is none of `LASERS` is not kept.
     """
     x, y, heading = scene.route.start
     lines = [f"start {x!r} {y!r} {_exact_degrees(heading)!r}"]
     lines += [f"goto {w.x!r} {w.y!r}" + (f" pause={w.pause!r}" if w.pause else "") for w in scene.route.waypoints]
     lines += [f"laps {scene.route.laps}"] if scene.route.laps > 1 else []
     lines += [f"lasts {scene.route.duration!r}"] if scene.route.duration is not None else []
-    lines += _changed("laser", scene.laser, Laser(), _LASER_OPTIONS)
+    lines += _laser_line(scene.laser)
     lines += _changed("odometry", scene.odometry, OdometryModel(), _ODOMETRY_OPTIONS)
     for person in scene.people:
         path_words = " ".join(f"{x!r} {y!r}" for x, y in person.path)
@@ -175,6 +177,14 @@ def _wall_lines(world: World) -> list[str]:
         + _unless(_FOR_EVER | {"glass": 0.0, "dark": 0.0}, appears=start, vanishes=end, glass=passing, dark=swallowing)
         for segment, start, end, passing, swallowing in zip(*columns, strict=True)
     ]
+
+
+def _laser_line(laser: Laser) -> list[str]:
+    """The statement of a laser: its name, and what it does otherwise; none for the usual one."""
+    name, named = like_which(laser)
+    if name == "sick":
+        return _changed("laser", laser, named, _LASER_OPTIONS)
+    return _changed(f"laser {name}", laser, named, _LASER_OPTIONS) or [f"laser {name}"]
 
 
 def _changed(
@@ -291,6 +301,11 @@ def _lasts(draft: _Draft, statement: Statement) -> None:
 
 
 def _laser(draft: _Draft, statement: Statement) -> None:
+    if statement.words:
+        name = statement.word("[NAME]")
+        if name not in LASERS:
+            raise statement.error(f"a laser '{name}'", f"one of {', '.join(LASERS)}")
+        draft.laser = LASERS[name]()
     changed = _settings(statement, draft.laser, _LASER_OPTIONS)
     try:
         draft.laser = dataclasses.replace(draft.laser, **changed)
@@ -299,6 +314,7 @@ def _laser(draft: _Draft, statement: Statement) -> None:
 
 
 def _odometry(draft: _Draft, statement: Statement) -> None:
+    statement.numbers(0, " ".join(f"[{name}=]" for name in _ODOMETRY_OPTIONS))
     changed = _settings(statement, draft.odometry, _ODOMETRY_OPTIONS)
     try:
         draft.odometry = dataclasses.replace(draft.odometry, **changed)
@@ -307,7 +323,6 @@ def _odometry(draft: _Draft, statement: Statement) -> None:
 
 
 def _settings(statement: Statement, now: Laser | OdometryModel, names: tuple[str, ...]) -> dict[str, Any]:
-    statement.numbers(0, " ".join(f"[{name}=]" for name in names))
     given = statement.options(**{name: float(getattr(now, name)) for name in names})
     return {name: math.radians(given[name]) if name in _ANGLES else given[name] for name in statement.named}
 

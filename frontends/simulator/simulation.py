@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Log, ScanGeometry
-from frontends.simulator.laser import Laser, sense, twists_along
+from frontends.simulator.laser import Course, Laser, sense
 from frontends.simulator.people import walk
-from frontends.simulator.robot import Driving, OdometryModel, drive, measure_odometry
+from frontends.simulator.robot import TICK, Driving, OdometryModel, drive, measure_odometry
 from frontends.simulator.scene import Scene, load_scene
 from frontends.simulator.world import SimulatorError
 from graph.elementary import cos_sin
@@ -83,7 +83,9 @@ def simulate(
     where = load_scene(scene) if isinstance(scene, str) else scene
     laser = laser or where.laser
     operator_rng, wheels_rng, laser_rng = np.random.default_rng(seed).spawn(3)
-    truth = drive(where.route, driving or Driving(), laser.period, operator_rng)
+    step = laser.period if laser.sweep_time == 0 else TICK
+    course = Course(T_world_robot=drive(where.route, driving or Driving(), step, operator_rng), step=step)
+    truth = course.T_world_robot[:: round(laser.period / step)]
     stamps = np.arange(len(truth), dtype=np.float64) * laser.period
     _check_work(where, len(truth), laser)
     log = Log(
@@ -94,7 +96,7 @@ def simulate(
             laser_rng,
             stamps,
             legs=walk(where.people, truth, stamps),
-            twists=twists_along(truth, laser.period) if laser.sweep_time > 0 else None,
+            course=course,
         ),
         odometry=measure_odometry(truth, odometry or where.odometry, laser.period, wheels_rng),
         stamps=stamps,

@@ -28,10 +28,15 @@ class Simulate:
         tyro.conf.arg(aliases=["-o"], metavar="DIR", help="Folder for log.clf, log.usarsim and truth.csv."),
     ]
     seed: Annotated[int, tyro.conf.arg(help="Of all that is random.")] = 0
+    laser: Annotated[
+        Literal["sick", "rplidar-a1", "lds-01", "urg-04lx"] | None,
+        tyro.conf.arg(help="The laser; the scene's own unless given. All but the SICK sweep while the robot moves."),
+    ] = None
     overwrite: Overwrite = False
 
     def __call__(self) -> None:
         """Simulate and write."""
+        from frontends.simulator.lasers import LASERS
         from frontends.simulator.output import write_simulation
         from frontends.simulator.simulation import simulate
         from iceg.results import check_directory
@@ -41,7 +46,7 @@ class Simulate:
             raise UsageError(f"found --seed {self.seed}, expected 0 or more")
         check_directory(self.output, overwrite=self.overwrite)
         with compile_note():
-            simulation = simulate(self.scene, self.seed)
+            simulation = simulate(self.scene, self.seed, laser=None if self.laser is None else LASERS[self.laser]())
             write_simulation(self.output, simulation)
         seconds = float(simulation.log.stamps[-1])
         print(f"{len(simulation.log)} scans in {seconds:.1f} s of '{simulation.scene.name}' are in {self.output}")

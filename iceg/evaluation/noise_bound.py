@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from frontends.simulator.laser import Laser, cast
 from frontends.simulator.world import World
+from graph import dense
 from graph.se2 import compose
 
 _STEP = 1e-5
@@ -49,4 +50,4 @@ def scan_information(
     told = np.isfinite(ranges) & np.isfinite(slopes).all(axis=-1) & (np.abs(slopes) < _STEEPEST).all(axis=-1)
     weights = np.where(told, 1.0 / sigma2, 0.0)
     slopes = np.where(told[..., None], slopes, 0.0)
-    return np.asarray(np.einsum("ni,nia,nib->nab", weights, slopes, slopes))
+    return dense.matmul(np.swapaxes(slopes * weights[..., None], 1, 2), slopes)

@@ -52,6 +52,9 @@ class FrontEndConfig:
     """Standard deviation of a pose between two key scans [m] …"""
     tracking_angle: float = 0.01
     """… and of its heading [rad]."""
+    deskew: bool = True
+    """Move every beam by the motion within the sweep of the laser: as long as the log says it takes, else as long as
+    its scans tell. Off takes all beams of a scan as measured at once."""
     split_scans: int = 40
     """Scans whose halves are matched alone, to see whether matches are as sure as they say; 0 believes them."""
 

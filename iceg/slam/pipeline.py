@@ -44,6 +44,7 @@ from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import Progress, ProgressCallback
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.summary import run_warnings, summarise
+from iceg.slam.sweep.tracking import Followed, SweepFinding, track_swept
 from iceg.slam.tracking.broken_track import retied
 from iceg.slam.tracking.laser_orientation import track_as_mounted
 from iceg.slam.tracking.log_tracking import track_calibrating
@@ -126,6 +127,8 @@ def run(
         matcher = matcher or _matcher(log, config, noise)
         log = with_odometry_between_readings(without_frozen_scans(log))
         log, track, first = _track(log, matcher, config, progress)
+    with clock.stage("sweep"):
+        (log, track, first), sweep = _track_swept((log, track, first), matcher, config, progress)
     with clock.stage("graph"):
         track = with_measured_doubt(track, matcher, config.front_end.split_scans)
         calibration = _recalibrate(track, log, first, config)
@@ -161,6 +164,7 @@ def run(
         summary={
             **summarise(log, track, solution, calibration, finished.rounds, worst, warnings),
             "laser": _described(laser),
+            "sweep": sweep.record(),
             "seconds": clock.seconds,
             "cpu_seconds": clock.cpu_seconds,
         },
@@ -228,6 +232,15 @@ def _track(
         return track_calibrating(log, matcher, config.odometry, config.front_end, report)
 
     return track_as_mounted(log, follow)
+
+
+def _track_swept(
+    followed: Followed, matcher: Matcher, config: Config, progress: ProgressCallback | None
+) -> tuple[Followed, SweepFinding]:
+    """The same of a log whose beams are moved by the motion within each sweep, where that is known and asked for."""
+    if not config.front_end.deskew:
+        return followed, SweepFinding(source="nothing")
+    return track_swept(followed, lambda log: _track(log, matcher, config, progress))
 
 
 def _solve(track: Track, log: Log, matcher: Matcher, calibration: OdometryCalibration, config: Config) -> Solution:

@@ -62,7 +62,8 @@ class LaserOrientation:
                 "the scans turn against the odometry: the beams are taken the other way round, as of a laser that is "
                 "mounted upside down; if it is the odometry that counts turns clockwise, the map is a mirror image"
             )
-            log = replace(log, ranges=ranges, geometry=geometry, warnings=(*log.warnings, warning))
+            sweep = None if log.sweep is None else -log.sweep
+            log = replace(log, ranges=ranges, geometry=geometry, sweep=sweep, warnings=(*log.warnings, warning))
         if self.heading:
             warning = (
                 f"the scans move at {math.degrees(self.heading):.0f}° to the odometry: the laser looks there, seen "
