@@ -246,11 +246,12 @@ def test_a_change_beyond_what_noise_does_is_told_from_one_within() -> None:
 def test_the_page_holds_baseline_present_and_rules() -> None:
     before = [_outcome(source=str(k)) for k in range(3)]
     after = [replace(one, error_m=0.5) for one in before]
-    text = page(before, after, [{"off": "nothing", "good": 3}])
+    text = page(before, after, [{"off": "nothing", "good": 3}, {"off": "held", "good": 2}])
     assert "## The baseline" in text
     assert "0, none, 0" in text
     assert "ruined, silent" in text
     assert "| nothing" in text
+    assert "- *held*: a match near odometry is preferred" in text
     assert "The present" not in page(before, before, [])
 
 

@@ -14,6 +14,7 @@ from iceg.evaluation.bench.tables import Row, format_markdown
 from iceg.evaluation.regression.comparison import changed_cells
 from iceg.evaluation.regression.kept import BASELINE, RULES_TABLE
 from iceg.evaluation.regression.outcome import Outcome, read_outcomes
+from iceg.evaluation.regression.rules import RULES
 from iceg.evaluation.regression.study import OUTCOMES, compared_by_group, total_rows
 from iceg.evaluation.regression.study import RULES_TABLE as RULES_NAME
 
@@ -80,6 +81,9 @@ def page(before: Sequence[Outcome], after: Sequence[Outcome], rules: Sequence[Ro
         parts.append(f"Cells that changed by a fifth, or in their verdict:\n\n{_changed(before, after)}\n")
     if rules:
         parts.append(f"## Without one rule\n\n{format_markdown(rules)}\n")
+        parts.append(
+            "".join(f"- *{row['off']}*: {RULES[str(row['off'])].what}.\n" for row in rules if row["off"] in RULES)
+        )
     return "\n".join(parts)
 
 

@@ -17,7 +17,13 @@ import numpy as np
 
 from iceg.config import Config
 from iceg.evaluation.errors import EvaluationError
+from iceg.slam.broken_path.estimate import Estimate
+from iceg.slam.broken_path.path_break import LOST, Doubt
 from iceg.slam.broken_path.place_votes import Vote
+from iceg.slam.broken_path.relocalisation import relocalise
+from iceg.slam.config import LoopClosureConfig
+from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.tracking.track import Track
 
 Change = Callable[[Config], Config]
 
@@ -64,6 +70,14 @@ def _second(_self: object, second: Any, *_args: object, **_named: object) -> Any
     return second
 
 
+def _only_after_a_loss(
+    closer: LoopCloser, track: Track, estimate: Estimate, doubts: Mapping[int, Doubt], config: LoopClosureConfig
+) -> Estimate:
+    if not any(doubt.strength >= LOST for doubt in doubts.values()):
+        return estimate
+    return relocalise(closer, track, estimate, doubts, config)
+
+
 def _with_loops(**settings: Any) -> Change:  # noqa: ANN401
     return lambda config: replace(config, loops=replace(config.loops, **settings))
 
@@ -83,6 +97,10 @@ _STRETCHES: dict[str, Any] = {f"{_SLAM}.back_end:long_steps": lambda _track: {}}
 RULES: Mapping[str, Rule] = MappingProxyType(
     {
         "relocalisation": Rule(what="joins parts of a broken path by places that look alike", without=_RELOCALISATION),
+        "relocalisation without a loss": Rule(
+            what="the same where something always matched: against drift, and matches that lead astray",
+            without={f"{_SLAM}.back_end:relocalise": _only_after_a_loss},
+        ),
         "stretches": Rule(what="factors over six key scans beside those from one to the next", without=_STRETCHES),
         "relocalisation and stretches": Rule(what="both of these", without=_RELOCALISATION | _STRETCHES),
         "place votes": Rule(

@@ -51,7 +51,8 @@ def rule_rows(
         cells: what to run.
         data: folder of the public logs.
         rules: names of `RULES`.
-        output: folder of `rules.csv`, a row a rule, and of `rule-NAME.csv`, a row a cell; made if missing.
+        output: folder of `rules.csv`, a row a rule, and of `rule-NAME.csv`, a row a cell, as they are done; made if
+            missing.
         workers: processes at a time.
         tell: called as recordings are done.
 
@@ -64,11 +65,9 @@ def rule_rows(
     output.mkdir(parents=True, exist_ok=True)
     by_rule: dict[str, list[Outcome]] = {"": [], **{rule: [] for rule in rules}}
     for rule, done in _run(cells, data, tuple(by_rule), workers, tell):
-        by_rule[rule] += done
-    tables = {rule: _in_order(cells, done) for rule, done in by_rule.items()}
-    for rule, table in tables.items():
-        write_outcomes(table, output / f"rule-{(rule or 'nothing').replace(' ', '-')}.csv")
-    rows = compared(tables)
+        by_rule[rule] = _in_order(cells, [*by_rule[rule], *done])
+        write_outcomes(by_rule[rule], output / f"rule-{(rule or 'nothing').replace(' ', '-')}.csv")
+    rows = compared(by_rule)
     write_csv(rows, output / RULES_TABLE)
     return rows
 
@@ -113,8 +112,9 @@ def _run(
 
 
 def _in_order(cells: Sequence[Cell], outcomes: Iterable[Outcome]) -> list[Outcome]:
+    """Those there are so far, in the order of the cells."""
     found = {outcome.name: outcome for outcome in outcomes}
-    return [found[cell.name] for cell in cells]
+    return [found[cell.name] for cell in cells if cell.name in found]
 
 
 @contextmanager
