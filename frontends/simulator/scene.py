@@ -65,14 +65,23 @@ class Scene:
 
 
 SCENES = (
+    "aisles",
+    "alike",
+    "arena",
     "building",
+    "campus",
     "corridor",
     "endless",
+    "home",
     "long_corridor",
+    "mall",
     "noisy",
     "office",
+    "pillars",
+    "ring",
     "room",
     "rooms",
+    "supermarket",
     "vanishing_wall",
 )
 """The scenes that come with the package."""

@@ -1,5 +1,6 @@
 """Commands that measure: methods against each other, what each part buys, covariances against the truth."""
 
+import os
 import sys
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +12,19 @@ from graph.errors import IcegError
 from iceg.cli.options import UsageError
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from iceg.evaluation.bench.outcome import Outcome
+    from iceg.evaluation.regression.outcome import Outcome as RegressionOutcome
+
+Groups = Annotated[
+    tuple[Literal["worlds", "logs", "faults", "simulated", "carried"], ...],
+    tyro.conf.arg(help="Regression table: which cells; left out: all.", help_behavior_hint=""),
+]
+Long = Annotated[
+    tyro.conf.FlagCreatePairsOff[bool],
+    tyro.conf.arg(help="Regression table: every cell there is, instead of a sample that takes some ten minutes."),
+]
 
 
 class BenchError(IcegError):
@@ -35,7 +48,9 @@ class Bench:
     ] = Path("bench-output")
     workers: Annotated[
         int | None,
-        tyro.conf.arg(metavar="N", help="FILE: runs at a time; left out: one for each core.", help_behavior_hint=""),
+        tyro.conf.arg(
+            metavar="N", help="FILE, regression: runs at a time; left out: one for each core.", help_behavior_hint=""
+        ),
     ] = None
     scheduler: Annotated[
         str | None,
@@ -55,24 +70,38 @@ class Bench:
         ),
     ] = None
     parts: Annotated[
-        tuple[Literal["runs", "recall", "consistency", "ablation", "growth"], ...],
+        tuple[Literal["runs", "recall", "consistency", "ablation", "growth", "regression"], ...],
         tyro.conf.arg(
-            help="Without FILE: which tables; left out: all but growth, which takes many minutes.",
+            help="Without FILE: which tables; left out: all but growth and regression, which take many minutes.",
             help_behavior_hint="",
         ),
     ] = ()
+    groups: Groups = ()
+    long: Long = False
+    baseline: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="CSV",
+            help="regression: an earlier regression.csv to compare with; left out: the one kept with iceg.",
+            help_behavior_hint="",
+        ),
+    ] = None
 
     def __call__(self) -> None:
         """Run, print, keep."""
         from iceg.results import check_directory
 
-        with_file, without = (self.workers, self.scheduler, self.overwrite or None), (self.data, self.parts or None)
+        has_regression = "regression" in self.parts
+        workers = None if has_regression else self.workers
+        with_file, without = (workers, self.scheduler, self.overwrite or None), (self.data, self.parts or None)
         if any(value is not None for value in (with_file if self.file is None else without)):
             raise UsageError(
-                "--workers, --scheduler and --overwrite need an experiment FILE"
+                "--workers, --scheduler and --overwrite need an experiment FILE (--workers: or --parts regression)"
                 if self.file is None
                 else "--data and --parts belong to the benchmark without FILE"
             )
+        if not has_regression and (self.groups or self.long or self.baseline is not None):
+            raise UsageError("--groups, --long and --baseline need --parts regression")
         if self.workers is not None and self.workers < 1:
             raise UsageError(f"found --workers {self.workers}, expected at least 1")
         check_directory(self.output, overwrite=True)
@@ -86,8 +115,29 @@ class Bench:
         from iceg.evaluation.bench.tables import format_markdown
 
         data = _public_logs(self.data)
-        for name, rows in real_log_tables(data, self.output, self.parts or PARTS):
+        tables = [part for part in self.parts if part != "regression"] if self.parts else PARTS
+        for name, rows in real_log_tables(data, self.output, tables):
             print(f"\n{name.replace('-', ' ').capitalize()}\n{format_markdown(rows)}", flush=True)
+        if "regression" in self.parts:
+            self._regression(data)
+
+    def _regression(self, data: Path | None) -> None:
+        from iceg.evaluation.bench.tables import format_markdown
+        from iceg.evaluation.regression.cells import chosen
+        from iceg.evaluation.regression.comparison import changed_cells
+        from iceg.evaluation.regression.kept import BASELINE
+        from iceg.evaluation.regression.outcome import read_outcomes
+        from iceg.evaluation.regression.study import compared_by_group, outcomes_of, total_rows
+
+        before = read_outcomes(self.baseline or BASELINE)
+        cells = chosen(data, self.groups, short=not self.long)
+        after = outcomes_of(cells, data, self.output, self.workers or _cores(), _Counted(len(cells)))
+        print(f"\nRegression table\n{format_markdown(total_rows(after))}")
+        print(f"\nAgainst the baseline\n{format_markdown(compared_by_group(before, after))}")
+        changed = changed_cells(before, after)
+        print(f"\nCells that changed: {len(changed)}")
+        if changed:
+            print(format_markdown(changed))
 
     def _experiment(self, file: Path) -> None:
         from graph.publish import publishing
@@ -144,6 +194,22 @@ class Ablation:
         tyro.conf.FlagCreatePairsOff[bool],
         tyro.conf.arg(help="Instead: what each fault of robot, laser and recorder does to a run (docs/robustness.md)."),
     ] = False
+    rules: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool],
+        tyro.conf.arg(help="Instead: what each rule and gate is worth, by a regression table without (regression.md)."),
+    ] = False
+    off: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            metavar="[RULE ...]", help="--rules: the rules to switch off; left out: each.", help_behavior_hint=""
+        ),
+    ] = ()
+    groups: Groups = ()
+    long: Long = False
+    workers: Annotated[
+        int | None,
+        tyro.conf.arg(metavar="N", help="--rules: runs at a time; left out: one for each core.", help_behavior_hint=""),
+    ] = None
 
     def __call__(self) -> None:
         """Run, print log by log, keep."""
@@ -154,6 +220,11 @@ class Ablation:
 
         if self.logs and self.data is not None:
             raise UsageError("found logs and --data, expected one of them")
+        if self.rules:
+            self._without_rules()
+            return
+        if self.off or self.groups or self.long or self.workers is not None:
+            raise UsageError("--off, --groups, --long and --workers need --rules")
         check_directory(self.output, overwrite=True)
         logs = logs_to_judge(self.logs, None if self.logs else _public_logs(self.data))
         if self.faults:
@@ -166,6 +237,27 @@ class Ablation:
         with compile_note():
             for name, rows in write_tables(logs, self.output):
                 print(f"\n{name.capitalize()}\n{format_markdown(rows)}", flush=True)
+
+    def _without_rules(self) -> None:
+        from iceg.evaluation.bench.tables import format_markdown
+        from iceg.evaluation.regression.cells import chosen
+        from iceg.evaluation.regression.rules import RULES
+        from iceg.evaluation.regression.study import rule_rows
+        from iceg.results import check_directory
+
+        if self.logs or self.faults:
+            raise UsageError("--rules goes with neither logs nor --faults: it runs the regression table")
+        unknown = [rule for rule in self.off if rule not in RULES]
+        if unknown:
+            raise UsageError(f"found --off '{unknown[0]}', expected some of {', '.join(RULES)}")
+        if self.workers is not None and self.workers < 1:
+            raise UsageError(f"found --workers {self.workers}, expected at least 1")
+        check_directory(self.output, overwrite=True)
+        rules, data = self.off or tuple(RULES), _public_logs(self.data)
+        cells = chosen(data, self.groups, short=not self.long)
+        tell = _Counted(len(cells) * (1 + len(rules)))
+        rows = rule_rows(cells, data, rules, self.output, self.workers or _cores(), tell)
+        print(f"\n{format_markdown(rows)}", flush=True)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,6 +316,23 @@ def _public_logs(given: Path | None) -> Path | None:
     if data is None:
         print("No folder of public logs (--data, or ICEG_DATA): the embedded log only.")
     return data
+
+
+class _Counted:
+    """Tells cells of the regression table as they are done."""
+
+    def __init__(self, of: int) -> None:
+        self._done, self._of = 0, of
+
+    def __call__(self, rule: str, outcomes: "Sequence[RegressionOutcome]") -> None:
+        for one in outcomes:
+            self._done += 1
+            without = f" without {rule}" if rule else ""
+            print(f"[{self._done}/{self._of}] {one.name}{without}: {one.error_m:.4f} m", flush=True)
+
+
+def _cores() -> int:
+    return os.cpu_count() or 1
 
 
 def _tell_outcome(outcome: "Outcome", done: int, of: int) -> None:

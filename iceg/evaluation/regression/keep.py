@@ -1,0 +1,113 @@
+"""`python -m iceg.evaluation.regression.keep` writes docs/regression.md from what was measured, or a new baseline."""
+
+import csv
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from graph.atomic import write_atomically
+from iceg.evaluation.bench.tables import Row, format_markdown, write_csv
+from iceg.evaluation.regression.comparison import changed_cells
+from iceg.evaluation.regression.kept import BASELINE, RULES_TABLE
+from iceg.evaluation.regression.outcome import Outcome, read_outcomes
+from iceg.evaluation.regression.rules import RULES
+from iceg.evaluation.regression.study import OUTCOMES, compared_by_group, total_rows
+from iceg.evaluation.regression.study import RULES_TABLE as RULES_NAME
+
+_HEAD = """# What changes from version to version
+
+```
+iceg bench --parts regression -o DIR      # the table, against the baseline; --long for every cell there is
+iceg ablation --rules -o DIR              # the same with each rule and gate switched off in turn
+python -m iceg.evaluation.regression.keep DIR ... [--as-baseline]    # writes this page from DIR
+```
+
+A cell is one run with the default settings: thirty recorded worlds with exact truth (*worlds*), the five logs of the
+benchmark (*logs*), those logs with one fault each (*faults*, see [robustness.md](robustness.md)), simulated scenes with
+lasers from 3.5 m to 80 m (*simulated*), and some of these with a robot that is carried (*carried*). Where a millimetre
+decides, a cell comes with four seeds of a millimetre of noise.
+
+*Good* is an error below 0.1 m, or below 2 % of that of the odometry; *ruined* is neither, above 0.3 m, and five times
+the error without the fault. *Said*: the run was lost, its path is broken, or it warns. *Off in silence* is what is not
+good and not said, ruined or not. *NEES* is the median over the runs of the mean NEES of their key poses (3 is right),
+*above 12* the share of runs whose standard deviations are too small by two. *Worse than odometry* counts runs that are
+not good and err by more than the odometry they were given. `iceg.evaluation.regression.verdict` holds the definitions.
+
+*p* is the probability that a version which is neither better nor worse differs by so much: the signs of the differences
+are flipped at random (McNemar's exact test where they are counts), cells that differ by their noise alone as one.
+Processor time compares only runs made at the same time on the same machine.
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Keep:
+    """Write docs/regression.md from the tables in DIR; those of rules are kept, too, one below the other."""
+
+    measured: Annotated[
+        tyro.conf.Positional[tuple[Path, ...]],
+        tyro.conf.arg(metavar="DIR ...", help="Each with a regression.csv, of which the first counts, or a rules.csv."),
+    ]
+    as_baseline: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Later versions are compared with this one.")
+    ] = False
+    page: Annotated[Path, tyro.conf.arg(metavar="FILE", help="The page.")] = Path("docs/regression.md")
+
+    def __call__(self) -> None:
+        """Keep the tables and write the page."""
+        rules = [row for folder in self.measured for row in _read_rows(folder / RULES_NAME)]
+        if rules:
+            write_csv(rules, RULES_TABLE)
+        outcomes = next((folder / OUTCOMES for folder in self.measured if (folder / OUTCOMES).exists()), BASELINE)
+        if self.as_baseline and outcomes != BASELINE:
+            shutil.copyfile(outcomes, BASELINE)
+        before, after = read_outcomes(BASELINE), read_outcomes(outcomes)
+        write_atomically(self.page, page(before, after, _read_rows(RULES_TABLE)).encode())
+
+
+def page(before: Sequence[Outcome], after: Sequence[Outcome], rules: Sequence[Row]) -> str:
+    """The text of docs/regression.md.
+
+    Args:
+        before: the baseline.
+        after: the present; the same outcomes where it is the baseline.
+        rules: of the table of rules, none where it was not made.
+    """
+    parts = [_HEAD, f"## The baseline\n\n{format_markdown(total_rows(before))}\n"]
+    if list(after) != list(before):
+        parts.append(f"## The present, against the baseline\n\n{format_markdown(compared_by_group(before, after))}\n")
+        parts.append(f"Cells that changed by a fifth, or in their verdict:\n\n{_changed(before, after)}\n")
+    if rules:
+        parts.append(f"## Without one rule\n\n{format_markdown(rules)}\n")
+        off = [name for name in dict.fromkeys(str(row["off"]) for row in rules) if name in RULES]
+        parts.append("".join(f"- *{name}*: {RULES[name].what}.\n" for name in off))
+    return "\n".join(parts)
+
+
+def _changed(before: Sequence[Outcome], after: Sequence[Outcome]) -> str:
+    rows = changed_cells(before, after)
+    return format_markdown(rows) if rows else "none"
+
+
+def _read_rows(path: Path) -> list[Row]:
+    """The rows of a table as `write_csv` wrote it; none where there is no file."""
+    if not path.exists():
+        return []
+    with path.open(newline="", encoding="utf-8") as stream:
+        return [{name: _figure(word) for name, word in row.items()} for row in csv.DictReader(stream)]
+
+
+def _figure(word: str) -> float | int | str | None:
+    for kind in (int, float):
+        try:
+            return kind(word)
+        except ValueError:
+            pass
+    return word or None
+
+
+if __name__ == "__main__":
+    tyro.cli(Keep)()

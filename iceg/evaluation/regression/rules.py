@@ -1,0 +1,270 @@
+"""Rules, gates and special cases of a run that can be switched off, one at a time, to see what each is worth.
+
+Most have no setting, and those that turn out to be worth nothing shall not get one: they go. So a rule is named by the
+function that holds it, and switched off by another in its place. A name that no longer leads anywhere is an error: the
+row of the rule goes with the rule.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field, replace
+from importlib import import_module
+from types import MappingProxyType
+from typing import Any
+from unittest.mock import patch
+
+import numpy as np
+
+from iceg.config import Config
+from iceg.evaluation.errors import EvaluationError
+from iceg.slam.broken_path.estimate import Estimate
+from iceg.slam.broken_path.path_break import LOST, Doubt
+from iceg.slam.broken_path.place_votes import Vote
+from iceg.slam.broken_path.relocalisation import relocalise
+from iceg.slam.config import LoopClosureConfig
+from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.tracking.track import Track
+
+Change = Callable[[Config], Config]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rule:
+    """Something a run does that it might as well not do.
+
+    Attributes:
+        what: it does, for a person.
+        without: what stands in place of each function or constant, by `module:name` or `module:Class.name`, the module
+            being the one that uses it.
+        config: the settings that switch it off, where there are any.
+    """
+
+    what: str
+    without: Mapping[str, Any] = field(default_factory=dict)
+    config: Change | None = None
+
+
+def _nothing(*_args: object, **_named: object) -> None:
+    return None
+
+
+def _no(*_args: object, **_named: object) -> bool:
+    return False
+
+
+def _yes(*_args: object, **_named: object) -> bool:
+    return True
+
+
+def _empty(*_args: object, **_named: object) -> list[Any]:
+    return []
+
+
+def _first(first: Any, *_args: object, **_named: object) -> Any:  # noqa: ANN401
+    """What was given, as it was."""
+    return first
+
+
+def _second(_self: object, second: Any, *_args: object, **_named: object) -> Any:  # noqa: ANN401
+    """What a method was given, as it was."""
+    return second
+
+
+def _only_after_a_loss(
+    closer: LoopCloser, track: Track, estimate: Estimate, doubts: Mapping[int, Doubt], config: LoopClosureConfig
+) -> Estimate:
+    if not any(doubt.strength >= LOST for doubt in doubts.values()):
+        return estimate
+    return relocalise(closer, track, estimate, doubts, config)
+
+
+def _with_loops(**settings: Any) -> Change:  # noqa: ANN401
+    return lambda config: replace(config, loops=replace(config.loops, **settings))
+
+
+def _without_joint_refinement(config: Config) -> Config:
+    joint = replace(config.finish.joint, enabled=False)
+    return replace(config, finish=replace(config.finish, joint=joint))
+
+
+_SLAM = "iceg.slam"
+_FRONT_END = f"{_SLAM}.tracking.front_end:FrontEnd"
+_BACK_END = f"{_SLAM}.back_end:BackEnd"
+_VOTES = f"{_SLAM}.broken_path.place_votes:PlaceVotes"
+_RELOCALISATION: dict[str, Any] = {f"{_SLAM}.back_end:relocalise": lambda _closer, _track, estimate, *_: estimate}
+_STRETCHES: dict[str, Any] = {f"{_SLAM}.back_end:long_steps": lambda _track: {}}
+
+RULES: Mapping[str, Rule] = MappingProxyType(
+    {
+        "relocalisation": Rule(what="joins parts of a broken path by places that look alike", without=_RELOCALISATION),
+        "relocalisation without a loss": Rule(
+            what="the same where something always matched: against drift, and matches that lead astray",
+            without={f"{_SLAM}.back_end:relocalise": _only_after_a_loss},
+        ),
+        "stretches": Rule(what="factors over six key scans beside those from one to the next", without=_STRETCHES),
+        "relocalisation and stretches": Rule(what="both of these", without=_RELOCALISATION | _STRETCHES),
+        "place votes": Rule(
+            what="no closure after much drift while key scans fit another place as well",
+            without={
+                f"{_VOTES}.add": _nothing,
+                f"{_VOTES}.of": lambda _self, attempt, _poses: Vote(
+                    first=attempt.key_new, last=attempt.key_new, count=1
+                ),
+            },
+        ),
+        "both ways": Rule(
+            what="covariances with room for a match and the odometry it contradicts",
+            without={f"{_SLAM}.pipeline:with_both_ways": _first},
+        ),
+        "second look": Rule(
+            what="searches wider where passes contradict each other", without={f"{_SLAM}.finish:second_look": _empty}
+        ),
+        "plausible": Rule(
+            what="a match far from odometry must explain all that is seen",
+            without={f"{_FRONT_END}._is_plausible": _yes},
+        ),
+        "goes on": Rule(what="tells a jump of the odometry from a move", without={f"{_FRONT_END}._goes_on": _no}),
+        "open ground": Rule(
+            what="posts and trunks count where little stands near", without={f"{_SLAM}.pipeline:is_open_ground": _no}
+        ),
+        "rash": Rule(what="few beams do not overrule odometry", without={f"{_FRONT_END}._rash": _nothing}),
+        "held": Rule(
+            what="a match near odometry is preferred to one that contradicts it",
+            without={f"{_FRONT_END}._held": _nothing},
+        ),
+        "believed": Rule(
+            what="odometry counts less where a match contradicts it",
+            without={f"{_BACK_END}._believed": lambda _self, motion, *_: motion.covariance},
+        ),
+        "slips": Rule(
+            what="odometry that was believed against a match counts less",
+            without={f"{_SLAM}.back_end:_with_slips": _first},
+        ),
+        "clearer": Rule(
+            what="the reference on trial may win against a glimpse of the known one",
+            without={f"{_FRONT_END}._is_clearer": _no},
+        ),
+        "fused": Rule(
+            what="odometry speaks where a match is weak",
+            without={f"{_FRONT_END}._fuse": lambda _self, match, _T_track_key: match.T_ref_cur},
+        ),
+        "covered": Rule(
+            what="scans that see nothing are not matched", without={f"{_SLAM}.tracking.front_end:is_blind": _no}
+        ),
+        "halves of scans": Rule(
+            what="matches count less where halves of scans disagree",
+            without={f"{_SLAM}.pipeline:with_measured_doubt": _first},
+        ),
+        "joint refinement": Rule(what="poses and walls refined together", config=_without_joint_refinement),
+        "calibration": Rule(
+            what="of the odometry, from the log's own matches",
+            config=lambda config: replace(config, front_end=replace(config.front_end, calibrate_odometry=False)),
+        ),
+        "delay": Rule(
+            what="odometry several scans late is put in time",
+            without={f"{_SLAM}.odometry.calibration:whole_delay": lambda *_: 0},
+        ),
+        "lasting noise": Rule(
+            what="odometry errs alike for a while",
+            without={f"{_SLAM}.odometry.calibration:lasting_noise": _first},
+        ),
+        "mount": Rule(
+            what="finds lasers that look backwards or are upside down",
+            without={f"{_SLAM}.pipeline:track_as_mounted": lambda log, follow: (log, *follow(log))},
+        ),
+        "slow odometry": Rule(
+            what="interpolates odometry that is read seldom",
+            without={f"{_SLAM}.pipeline:with_odometry_between_readings": _first},
+        ),
+        "frozen scans": Rule(
+            what="scans that repeat bit by bit show nothing", without={f"{_SLAM}.pipeline:without_frozen_scans": _first}
+        ),
+        "dead odometry": Rule(
+            what="odometry that stands while scans change says nothing",
+            without={f"{_SLAM}.tracking.log_tracking:dead_stretches": _empty},
+        ),
+        "sudden steps": Rule(
+            what="steps no robot makes are doubted",
+            without={
+                f"{_SLAM}.tracking.log_tracking:sudden_steps": lambda odometry, _stamps: np.zeros(
+                    max(len(odometry) - 1, 0), dtype=np.bool_
+                )
+            },
+        ),
+        "retied": Rule(
+            what="scans around a break go to the right side of it", without={f"{_SLAM}.pipeline:retied": _first}
+        ),
+        "let go": Rule(
+            what="odometry tells nothing across a sudden loss",
+            without={f"{_SLAM}.final_factors:let_go": lambda factors, *_: list(factors)},
+        ),
+        "believed walls": Rule(
+            what="walls know poses three times better than the graph at most",
+            without={f"{_SLAM}.joint.refinement:believed_covariances": _first},
+        ),
+        "off the path": Rule(
+            what="closures five standard deviations off the path are refused", without={f"{_BACK_END}._judge": _second}
+        ),
+        "confirmations": Rule(
+            what="closures far from the estimate wait for two more", config=_with_loops(confirmations=1)
+        ),
+        "neighbours": Rule(
+            what="neighbours of a key scan must agree with its closure", config=_with_loops(support_offsets=(0,))
+        ),
+        "looks elsewhere": Rule(
+            what="passes that hardly overlap are not matched",
+            without={f"{_SLAM}.closures.verification:ClosureVerifier._looks_elsewhere": _nothing},
+        ),
+        "contradicted closures": Rule(
+            what="closures the finished graph contradicts are dropped",
+            without={f"{_SLAM}.finish:without_contradicted": lambda attempts, loops, _poses: (attempts, loops)},
+        ),
+        "robust closures": Rule(
+            what="dynamic covariance scaling in the finish", without={f"{_SLAM}.finish:_kernel": _nothing}
+        ),
+        "known ground": Rule(
+            what="passes over known ground are searched more seldom",
+            without={f"{_SLAM}.back_end:_KNOWN_AFTER": 1_000_000},
+        ),
+    }
+)
+"""Every rule by its name."""
+
+
+@contextmanager
+def switched_off(name: str) -> Iterator[Change]:
+    """Runs within do without a rule.
+
+    Args:
+        name: of `RULES`.
+
+    Yields:
+        What the settings must become, too.
+
+    Raises:
+        EvaluationError: there is no such rule, or what it names is not there any more.
+    """
+    rule = RULES.get(name)
+    if rule is None:
+        raise EvaluationError(f"found no rule '{name}', expected one of {', '.join(RULES)}")
+    with ExitStack() as stack:
+        for path, off in rule.without.items():
+            owner, attribute = _owner(name, path)
+            stack.enter_context(patch.object(owner, attribute, off))
+        yield rule.config or _first
+
+
+def _owner(rule: str, path: str) -> tuple[Any, str]:
+    """The module or class that holds what a rule is switched off by, and its name there."""
+    module, _, names = path.partition(":")
+    *classes, attribute = names.split(".")
+    try:
+        owner: Any = import_module(module)
+        for name in classes:
+            owner = getattr(owner, name)
+        getattr(owner, attribute)
+    except (ImportError, AttributeError) as error:
+        raise EvaluationError(
+            f"rule '{rule}': found no {path}, expected what it switches off; a rule that is gone leaves the table"
+        ) from error
+    return owner, attribute
