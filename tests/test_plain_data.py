@@ -1,5 +1,6 @@
 """Plain data: arrays and tables of scans, and logs written in another format."""
 
+import json
 import math
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +15,7 @@ from frontends.logs.errors import LogError
 from frontends.logs.writers import WRITERS, write_log
 from frontends.scan import Log, ScanError
 from iceg.cli import main
+from iceg.tum import format_tum
 
 TABLES = ("log.csv", "log.csv.gz", "log.npz", "log.parquet")
 
@@ -236,6 +238,17 @@ def test_info_tells_what_a_run_would_choose(tmp_path: Path, capsys: pytest.Captu
         assert sentence in told
     assert main(["info", str(tmp_path / "log.mcap"), "--log.scan-topic", "/other"]) == 1
     assert "expected one of /scan" in capsys.readouterr().err
+
+
+def test_a_bag_that_holds_the_truth_judges_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = moving_log()
+    write_log(tmp_path / "log.bag", log)
+    (tmp_path / "trajectory.tum").write_text(format_tum(log.stamps, log.odometry))
+    assert main(["eval", str(tmp_path / "trajectory.tum"), "--truth", str(tmp_path / "log.bag"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["ate_rmse"] == pytest.approx(0.0, abs=1e-5)
+    write_log(tmp_path / "log.clf", log)
+    assert main(["eval", str(tmp_path / "trajectory.tum"), "--truth", str(tmp_path / "log.clf")]) == 1
+    assert "does not hold the true poses" in capsys.readouterr().err
 
 
 def test_settings_that_a_format_has_no_use_for(capsys: pytest.CaptureFixture[str]) -> None:
