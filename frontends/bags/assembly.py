@@ -116,7 +116,7 @@ def _assemble(path: Path, records: Records, warnings: list[str], options: BagOpt
         sweep=sweep,
         choices={
             "laser": chosen.reason,
-            "odometry": odometry_said,
+            "odometry": odometry_said + _unused_imu(records, has_odometry=has_odometry),
             "mount": mount.reason,
             **({"truth": truth_said} if truth_said else {}),
             "sweep": "not stated" if sweep is None else f"{sweep:+.4f} s from the smallest bearing to the largest",
@@ -184,6 +184,12 @@ def _odometry(
     if not has_odometry:
         return np.zeros_like(poses), False, judged, f"none: {chosen.reason} does not move"
     return poses, True, judged, f"{chosen.reason}, of '{chosen.child or base}'"
+
+
+def _unused_imu(records: Records, *, has_odometry: bool) -> str:
+    if has_odometry or not records.imus:
+        return ""
+    return f"; the turn rates of {', '.join(sorted({imu.topic for imu in records.imus}))} are not used"
 
 
 def _truth(
