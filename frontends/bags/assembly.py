@@ -89,6 +89,7 @@ def _assemble(path: Path, records: Records, warnings: list[str], options: BagOpt
     mount = find_mount(base, chosen.laser.frame, frames)
     geometry, ranges = _geometry(stacked, scans, times, mount, options)
     T_odom_robot, has_odometry, judged, odometry_said = _odometry(odometry, base, frames, ranges)
+    odometry_said = "; ".join([odometry_said, *odometry_notes, *_unused_imus(records, has_odometry=has_odometry)])
     truth, truth_said = _truth(records, times, stamps, options.odometry_topic)
     sweep = -sweep if sweep is not None and mount.is_upside_down else sweep
     return Log(
@@ -109,7 +110,6 @@ def _assemble(path: Path, records: Records, warnings: list[str], options: BagOpt
             *times.warnings,
             *(odometry.warnings if odometry else ()),
             *judged,
-            *odometry_notes,
         ),
         message_counts={f"{topic} ({kind})": n for (topic, kind), n in sorted(records.counts.items())},
         truth=truth,
@@ -184,6 +184,12 @@ def _odometry(
     if not has_odometry:
         return np.zeros_like(poses), False, judged, f"none: {chosen.reason} does not move"
     return poses, True, judged, f"{chosen.reason}, of '{chosen.child or base}'"
+
+
+def _unused_imus(records: Records, *, has_odometry: bool) -> list[str]:
+    if has_odometry or not records.imus:
+        return []
+    return [f"the turn rates of {', '.join(sorted({imu.topic for imu in records.imus}))} are not used"]
 
 
 def _truth(

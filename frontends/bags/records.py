@@ -18,7 +18,7 @@ from frontends.bags.storage import Bag, DamagedFileError
 from frontends.bags.wire import Wire
 
 _TYPES = {messages.LASER_SCAN, messages.IMU, messages.STRING, *messages.POSES, *messages.TRANSFORMS}
-_PROGRESS = 4096
+_PROGRESS = 512
 """Messages between two reports of progress."""
 
 

@@ -57,8 +57,8 @@ def read_log(
         path: the log, plain or compressed (gz, bz2, xz).
         log_format: a name out of `READERS`, or "auto" to tell it by the content.
         progress: called with how much is read and how much there is, by readers of formats whose logs are long.
-        **options: for the format's reader: `range_max`, `skip_bad_lines` and so on. One that is None is left to the
-            reader, and need not be known to it.
+        **options: for the format's reader: `range_max`, `skip_bad_lines` and so on. One that is None or
+            False is left to the reader, and need not be known to it.
 
     Raises:
         LogError: the file cannot be read, its format is unknown, or has no such option.
@@ -69,7 +69,7 @@ def read_log(
     if log_format not in READERS:
         raise LogError(f"no log format is called '{log_format}': expected 'auto' or one of {', '.join(READERS)}")
     read = READERS[log_format].read
-    given = {name: value for name, value in options.items() if value is not None}
+    given = {name: value for name, value in options.items() if value is not None and value is not False}
     unknown = sorted(given.keys() - signature(read).parameters.keys())
     if unknown:
         raise LogError(f"{path}: a log of the format {log_format} has no option {', '.join(unknown)}")

@@ -1,6 +1,8 @@
 """Tables of scans as NPZ of NumPy: arrays `ranges`, `stamps`, `odometry`, `truth`, and what holds for all."""
 
+import tokenize
 import zipfile
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +16,20 @@ from graph.atomic import replacing
 from graph.errors import reason
 
 _MAGIC = b"PK\x03\x04"
+_DAMAGE = (
+    OSError,
+    ValueError,
+    TypeError,
+    EOFError,
+    KeyError,
+    RuntimeError,
+    MemoryError,
+    SyntaxError,
+    zipfile.BadZipFile,
+    zlib.error,
+    tokenize.TokenError,
+)
+"""What NumPy and zipfile make of damage."""
 _POSES = {"odometry": ODOMETRY, "truth": TRUTH}
 
 
@@ -41,7 +57,7 @@ def read_npz(
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
-    except (OSError, ValueError, TypeError, EOFError, KeyError, zipfile.BadZipFile, NotImplementedError) as error:
+    except _DAMAGE as error:
         raise LogError(f"{path}: cannot be read as arrays of numbers ({' '.join(str(error).split())})") from error
     return log_of(path, _table(path, arrays), range_min, range_max)
 

@@ -58,8 +58,9 @@ class Eval:
     truth: Annotated[
         Path | None,
         tyro.conf.arg(
-            metavar="CSV",
-            help="True pose of every scan: t_s,x_m,y_m,theta_rad. A run folder also gets its NEES.",
+            metavar="FILE",
+            help="True pose of every scan: a CSV with t_s,x_m,y_m,theta_rad, or a log that holds it, such as a bag."
+            " A run folder also gets its NEES.",
             help_behavior_hint="",
         ),
     ] = None

@@ -71,12 +71,12 @@ def truth_report(trajectory: Path, truth: Path) -> dict[str, float]:
 
     Args:
         trajectory: a `trajectory.tum`, or the folder of a run.
-        truth: CSV `t_s,x_m,y_m,theta_rad`.
+        truth: CSV `t_s,x_m,y_m,theta_rad`, or the log itself where it holds the truth, as bags may.
 
     Raises:
         IcegError: as `relations_csv_report`.
     """
-    T_world_robot = read_truth_csv(truth)
+    T_world_robot = _true_poses(truth)
     with whole_results(trajectory):
         T_map_robot = read_poses(trajectory)
         check_one_row_per_scan(T_map_robot, T_world_robot, truth)
@@ -94,6 +94,18 @@ def _nees_report(trajectory: Path, T_world_robot: NDArray[np.float64]) -> dict[s
         return {}
     values = pose_nees(key_poses, poses_of_scans(T_world_robot, scans, covariances_file), covariances)
     return consistency_report(consistency(values))
+
+
+def _true_poses(truth: Path) -> NDArray[np.float64]:
+    """(n_scans, 3) T_world_robot, from a CSV or a log."""
+    if truth.suffix.lower() == ".csv":
+        return read_truth_csv(truth)
+    from frontends.logs import read_log
+
+    log = read_log(truth)
+    if log.truth is None:
+        raise EvaluationError(f"{truth}: the log does not hold the true poses")
+    return log.truth
 
 
 def read_poses(trajectory: Path) -> NDArray[np.float64]:

@@ -1,0 +1,264 @@
+"""Plain data: arrays and tables of scans, and logs written in another format."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import iceg
+from frontends.logs import read_log
+from frontends.logs.errors import LogError
+from frontends.logs.writers import WRITERS, write_log
+from frontends.scan import Log, ScanError
+from iceg.cli import main
+from iceg.tum import format_tum
+
+TABLES = ("log.csv", "log.csv.gz", "log.npz", "log.parquet")
+
+
+def moving_log(n_scans: int = 20, n_beams: int = 31) -> Log:
+    """A log with everything in it."""
+    random = np.random.default_rng(0)
+    ranges = random.uniform(0.5, 8.0, (n_scans, n_beams)).astype(np.float32)
+    ranges[random.uniform(size=ranges.shape) < 0.1] = np.nan
+    poses = np.cumsum(random.uniform(-0.1, 0.1, (n_scans, 3)), axis=0)
+    return Log.from_arrays(
+        ranges,
+        bearings=np.radians(-90.0 + 6.0 * np.arange(n_beams)),
+        odometry=poses,
+        truth=poses + 1.0,
+        stamps=1e9 + 0.1 * np.arange(n_scans),
+        T_robot_laser=(0.2, -0.1, 0.3),
+        sweep=-0.05,
+        range_min=0.1,
+        range_max=8.0,
+    )
+
+
+def test_a_log_from_arrays() -> None:
+    log = Log.from_arrays([[1.0, 0.0, math.inf, 2.0], [1.0, math.nan, -1.0, 5.0]], field_of_view=math.pi, range_max=5.0)
+    assert np.flatnonzero(np.isfinite(log.ranges)).tolist() == [0, 3, 4]
+    np.testing.assert_allclose(log.geometry.bearings, np.linspace(-math.pi / 2, math.pi / 2, 4))
+    assert not log.has_odometry
+    assert log.stamps.tolist() == [0.0, 1.0]
+
+
+def test_beams_from_left_to_right_are_turned_about() -> None:
+    log = Log.from_arrays([[1.0, 2.0, 3.0]], bearings=[0.5, 0.0, -0.5])
+    assert log.ranges[0].tolist() == [3.0, 2.0, 1.0]
+    assert log.geometry.bearings.tolist() == [-0.5, 0.0, 0.5]
+
+
+RANGES = np.ones((3, 4))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "found"),
+    [
+        ({"ranges": [1.0, 2.0], "field_of_view": 1.0}, r"ranges of shape \(2,\), expected 2 dimensions"),
+        ({"ranges": np.ones((3, 1)), "field_of_view": 1.0}, r"ranges of shape \(3, 1\)"),
+        ({"ranges": [["a", "b"]], "field_of_view": 1.0}, "no array of numbers"),
+        ({}, "exactly one"),
+        ({"field_of_view": 7.0}, "field of view of 7.0 rad"),
+        ({"bearings": [0.0, 1.0]}, r"bearings of shape \(2,\), expected \(4,\)"),
+        ({"bearings": [0.0, 0.2, 0.1, 0.3]}, "neither increase nor decrease"),
+        ({"bearings": [0.0, 0.1, 0.2, 2.0]}, "unevenly"),
+        ({"bearings": [-90.0, -30.0, 30.0, 90.0]}, "in radians"),
+        ({"field_of_view": 1.0, "odometry": np.zeros((2, 3))}, r"odometry of shape \(2, 3\), expected \(3, 3\)"),
+        ({"field_of_view": 1.0, "odometry": np.full((3, 3), np.nan)}, "NaN or infinity in odometry"),
+        ({"field_of_view": 1.0, "stamps": [0.0]}, r"stamps of shape \(1,\), expected \(3,\)"),
+        ({"field_of_view": 1.0, "T_robot_laser": [0.0]}, r"T_robot_laser of shape \(1,\), expected \(3,\)"),
+        ({"field_of_view": 1.0, "range_min": 3.0, "range_max": 2.0}, "range_min < range_max"),
+    ],
+)
+def test_arrays_that_are_no_log(arguments: dict[str, object], found: str) -> None:
+    with pytest.raises(ScanError, match=found):
+        Log.from_arrays(**{"ranges": RANGES, **arguments})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table_holds_all_of_a_log(tmp_path: Path, name: str) -> None:
+    log = moving_log()
+    assert write_log(tmp_path / name, log) == ()
+    again = read_log(tmp_path / name)
+    for attribute in ("ranges", "odometry", "stamps", "truth"):
+        np.testing.assert_array_equal(getattr(again, attribute), getattr(log, attribute))
+    for attribute in ("bearings", "T_robot_laser", "range_min", "range_max"):
+        np.testing.assert_array_equal(getattr(again.geometry, attribute), getattr(log.geometry, attribute))
+    assert again.sweep == log.sweep
+    assert again.warnings == ()
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_a_table_is_the_same_bytes_each_time(tmp_path: Path, name: str) -> None:
+    for folder in ("one", "two"):
+        (tmp_path / folder).mkdir()
+        write_log(tmp_path / folder / name, moving_log())
+    assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+def test_a_table_by_hand(tmp_path: Path) -> None:
+    path = tmp_path / "scans.csv"
+    path.write_text("# field_of_view_rad = 2\n# a remark\nstamp_s,range_0,range_1,range_2\n0.5,1,,3\n0.6,1,inf,3\n")
+    log = read_log(path)
+    np.testing.assert_array_equal(log.ranges, np.array([[1, np.nan, 3], [1, np.nan, 3]], np.float32))
+    assert log.geometry.bearings.tolist() == [-1.0, 0.0, 1.0]
+    assert log.stamps.tolist() == [0.5, 0.6]
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        ("range_0,range_1\n1,2\n", "no directions of the beams"),
+        ("# field_of_view_rad = x\nrange_0,range_1\n1,2\n", ":1: found 'x'"),
+        ("# field_of_view_rad = 1\nrange_0,range_2\n1,2\n", "2 columns from range_0 to range_2"),
+        ("# field_of_view_rad = 1\nrange_0,range_1,speed\n1,2\n", ":2: found the column 'speed'"),
+        ("# field_of_view_rad = 1\nrange_0,range_1\n1,2\n1\n1,2\n", ":4: found 1 fields, expected 2"),
+        ("# field_of_view_rad = 1\nrange_0,range_1\n1,2\n1,b\n1,2\n", ":4: found 'b', expected a number"),
+        ("# field_of_view_rad = 1\nrange_0,range_1\n", "no scan"),
+        ("# field_of_view_rad = 1\nodom_x_m,range_0,range_1\n1,1,2\n", "expected all of odom_x_m, odom_y_m"),
+    ],
+)
+def test_tables_with_a_mistake(tmp_path: Path, content: str, found: str) -> None:
+    path = tmp_path / "scans.csv"
+    path.write_text(content)
+    with pytest.raises(LogError, match=found):
+        read_log(path)
+
+
+def test_malformed_rows_may_be_passed_over(tmp_path: Path) -> None:
+    path = tmp_path / "scans.csv"
+    path.write_text("# field_of_view_rad = 1\nrange_0,range_1\n1,2\nbad\n1,2\n1,")
+    log = read_log(path, skip_bad_lines=True)
+    assert (len(log), log.skipped_lines) == (3, 1)
+
+
+@pytest.mark.parametrize("name", ["log.npz", "log.parquet"])
+def test_damaged_tables_are_refused_or_read(tmp_path: Path, name: str) -> None:
+    write_log(tmp_path / name, moving_log())
+    whole, random = (tmp_path / name).read_bytes(), np.random.default_rng(0)
+    copies = [whole[: len(whole) * k // 11] for k in range(1, 11)]
+    for _ in range(30):
+        flipped = bytearray(whole)
+        flipped[int(random.integers(len(whole)))] ^= 1 << int(random.integers(8))
+        copies.append(bytes(flipped))
+    refused = 0
+    for copy in copies:
+        (tmp_path / name).write_bytes(copy)
+        try:
+            read_log(tmp_path / name)
+        except LogError:
+            refused += 1
+    assert refused >= 10
+
+
+def test_an_array_that_is_missing(tmp_path: Path) -> None:
+    np.savez(tmp_path / "log.npz", scans=np.ones((2, 3)))
+    with pytest.raises(LogError, match="'ranges' is missing"):
+        read_log(tmp_path / "log.npz")
+
+
+CONVERTED = ("log.clf", "log.usarsim", "log.bag", "log.db3", "log.mcap", "log.parquet", "log.csv", "log.npz")
+
+
+@pytest.fixture(scope="module")
+def demo() -> Log:
+    """The beginning of the embedded log."""
+    return read_log(iceg.demo_log_path()).select(slice(0, 300))
+
+
+@pytest.fixture(scope="module")
+def trajectory(demo: Log) -> NDArray[np.float64]:
+    """Its trajectory."""
+    return iceg.run(demo).trajectory
+
+
+@pytest.mark.parametrize("name", CONVERTED)
+def test_a_converted_log_gives_the_same_trajectory(
+    tmp_path: Path, demo: Log, trajectory: NDArray[np.float64], name: str
+) -> None:
+    write_log(tmp_path / name, demo)
+    again = iceg.run(read_log(tmp_path / name)).trajectory
+    np.testing.assert_allclose(again, trajectory, atol=1e-4)
+
+
+@pytest.mark.parametrize("log_format", ["ros1", "ros2", "mcap"])
+def test_a_bag_carries_sweep_mount_and_truth(tmp_path: Path, log_format: str) -> None:
+    log = moving_log()
+    assert write_log(tmp_path / "log", log, log_format=log_format) == ()
+    again = read_log(tmp_path / "log")
+    np.testing.assert_array_equal(again.ranges, log.ranges)
+    assert again.sweep == pytest.approx(log.sweep)
+    for attribute in ("odometry", "truth", "stamps"):
+        np.testing.assert_allclose(getattr(again, attribute), getattr(log, attribute), atol=1e-5)
+    np.testing.assert_allclose(again.geometry.T_robot_laser, log.geometry.T_robot_laser, atol=1e-6)
+    np.testing.assert_allclose(again.geometry.bearings, log.geometry.bearings, atol=1e-6)
+
+
+def test_stamps_that_a_bag_cannot_carry_are_moved_and_told(tmp_path: Path) -> None:
+    log = replace(moving_log(), stamps=np.tile([0.0, 2.0, 1.0, 1.0], 5), truth=None, sweep=None)
+    (told,) = write_log(tmp_path / "log.bag", log)
+    assert "step back" in told
+    np.testing.assert_array_equal(read_log(tmp_path / "log.bag").ranges, log.ranges)
+
+
+def test_what_a_format_cannot_carry_is_told(tmp_path: Path) -> None:
+    (told,) = write_log(tmp_path / "log.clf", moving_log())
+    assert told == "carmen cannot carry the true poses, how long a sweep takes"
+
+
+def test_unknown_names_of_formats(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"\.bag, \.db3, \.mcap"):
+        write_log(tmp_path / "log.xyz", moving_log())
+    with pytest.raises(LogError, match=", ".join(WRITERS)):
+        write_log(tmp_path / "log", moving_log(), log_format="xyz")
+
+
+def test_convert_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_log(tmp_path / "log.npz", moving_log())
+    words = ["convert", str(tmp_path / "log.npz"), str(tmp_path / "log.clf")]
+    assert main(words) == 0
+    assert "cannot carry the true poses" in capsys.readouterr().err
+    assert main(words) == 2
+    assert main([*words, "--overwrite"]) == 0
+    assert main(["convert", str(tmp_path / "log.clf"), str(tmp_path / "bag"), "--to", "ros2"]) == 0
+    assert (tmp_path / "bag" / "metadata.yaml").exists()
+    assert len(read_log(tmp_path / "bag")) == 20
+
+
+def test_info_tells_what_a_run_would_choose(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_log(tmp_path / "log.mcap", moving_log())
+    assert main(["info", str(tmp_path / "log.mcap")]) == 0
+    told = capsys.readouterr().out
+    for sentence in ("laser: /scan", "odometry: /odom", "mount: the pose of 'laser'", "truth: /ground_truth"):
+        assert sentence in told
+    assert main(["info", str(tmp_path / "log.mcap"), "--log.scan-topic", "/other"]) == 1
+    assert "expected one of /scan" in capsys.readouterr().err
+
+
+def test_a_bag_that_holds_the_truth_judges_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = moving_log()
+    write_log(tmp_path / "log.bag", log)
+    (tmp_path / "trajectory.tum").write_text(format_tum(log.stamps, log.odometry))
+    assert main(["eval", str(tmp_path / "trajectory.tum"), "--truth", str(tmp_path / "log.bag"), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["ate_rmse"] == pytest.approx(0.0, abs=1e-5)
+    write_log(tmp_path / "log.clf", log)
+    assert main(["eval", str(tmp_path / "trajectory.tum"), "--truth", str(tmp_path / "log.clf")]) == 1
+    assert "does not hold the true poses" in capsys.readouterr().err
+
+
+def test_settings_that_a_format_has_no_use_for(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["info", str(iceg.demo_log_path()), "--log.scan-topic", "/scan"]) == 1
+    assert "carmen has no option scan_topic" in capsys.readouterr().err
+
+
+def test_a_file_that_nothing_reads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "pose.txt").write_text("hello\n")
+    assert main(["run", str(tmp_path / "pose.txt"), "-o", str(tmp_path / "out")]) == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    for word in ("carmen", "bag", "csv", "Log.from_arrays"):
+        assert word in line
