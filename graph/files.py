@@ -7,7 +7,6 @@ from pathlib import Path
 from graph.errors import IcegError, reason
 from graph.limits import LimitError, check_limit
 
-
 _LONGEST = 500  # characters of a path in a message
 
 
