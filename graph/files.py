@@ -7,6 +7,8 @@ from pathlib import Path
 from graph.errors import IcegError, reason
 from graph.limits import LimitError, check_limit
 
+_LONGEST = 500  # characters of a path in a message
+
 
 def check_file(path: Path, limit: str, error: type[IcegError], what: str) -> None:
     """Refuse what is no regular file (a folder, a device, a pipe nobody may write to) or too large.
@@ -56,4 +58,5 @@ def read_text(path: Path, limit: str, error: type[IcegError], what: str, encodin
 def shown(path: Path | str) -> str:
     """A path for messages: one that no file system has may hold anything."""
     text = os.fsdecode(path)
+    text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}…"
     return text if text.isprintable() else repr(text)[1:-1]

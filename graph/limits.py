@@ -32,7 +32,7 @@ class Limits:
     """Of a pose as recorded [rad], which may count all turns since the start."""
     stamp: float = 1e19
     """Of a message [s]; some loggers write nanoseconds."""
-    odometry_step: float = 100_000.0
+    odometry_step: float = 1000.0
     """Between two scans by odometry [m]: farther is no motion of a robot but a number gone wrong."""
     range: float = 10_000.0
     """A reading that is a return, or the limit of a laser [m]."""

@@ -149,7 +149,7 @@ class _Reader:
         here = {known.rpartition(".")[2]: known for known in self.known if known.rpartition(".")[0] == section}
         suggestion = _closest(name, here) or _closest(name, by_name)
         hint = f", did you mean '{suggestion}'?" if suggestion else f", expected one of {', '.join(here)}"
-        return ConfigError(f"{self.where}: unknown key '{key}'{hint}")
+        return ConfigError(f"{self.where}: unknown key '{key[:200]}'{hint}")
 
     def culprit(self, cls: type, values: Mapping[str, Any], prefix: str) -> str:
         """The key whose value alone the class refuses; all given keys when only their combination is refused."""

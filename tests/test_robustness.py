@@ -82,7 +82,7 @@ def test_one_scan_gives_a_map_around_the_origin(log: Log) -> None:
 
 
 def test_a_log_that_never_sees_anything_still_ends(log: Log) -> None:
-    blind = replace(log, ranges=np.full((40, log.ranges.shape[1]), np.nan, np.float32))
-    result = run(replace(blind, odometry=log.odometry[:40], stamps=log.stamps[:40]), _QUICK)
+    first = log.select(slice(40))
+    result = run(replace(first, ranges=np.full_like(first.ranges, np.nan)), _QUICK)
     assert result.summary["scans_carried_by_odometry"] == 39
     assert np.isfinite(result.trajectory).all()

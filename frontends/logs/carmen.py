@@ -134,7 +134,7 @@ def _why_no_scans(records: "Records") -> str:
     if records.ranges:
         reason = f"no {records.name} message has two beams or more, which a scan in the plane needs"
     elif records.counts:
-        found = ", ".join(f"{count} {name}" for name, count in records.counts.most_common(8))
+        found = ", ".join(f"{count} {name[:40]}" for name, count in records.counts.most_common(8))
         reason = f"no scan of the wanted laser; the log holds {found}"
     else:
         reason = "no message found, expected a CARMEN log with laser messages such as FLASER"

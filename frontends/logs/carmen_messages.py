@@ -101,7 +101,7 @@ def parse_laser(line: Line, name: str) -> LaserMessage:
         pair = np.empty(6 + layout.trailing)
         position = read_numbers(line, position, pair, "of the laser and robot pose")
         values = pair.tolist()
-        poses = (*checked_pose(values[:3]), *checked_pose(values[3:6]))
+        poses = *checked_pose(*values[:3]), *checked_pose(*values[3:6])
     stamp, logger_stamp = _stamps(line, position)
     return LaserMessage(ranges.astype(np.float32), poses, stamp, logger_stamp, beams)
 
@@ -114,7 +114,7 @@ def parse_odometry(line: Line) -> tuple[float, ...]:
     """
     values = np.empty(6)
     position = read_numbers(line, line.block.index(b"ODOM", line.start) + 4, values, "of 'x y θ tv rv acceleration'")
-    pose = checked_pose(values[:3].tolist())
+    pose = checked_pose(*values[:3].tolist())
     _stamps(line, position)
     return pose
 

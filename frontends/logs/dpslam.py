@@ -164,7 +164,7 @@ def _parse_odometry(line: Line) -> tuple[float, float, float]:
     _end(line, _numbers(line, _behind(line), pose, "of the pose 'x y θ'"), "the pose")
     from frontends.logs.number_fields import checked_pose
 
-    return checked_pose(pose.tolist())
+    return checked_pose(*pose.tolist())
 
 
 def _parse_laser(line: Line) -> NDArray[np.float32]:

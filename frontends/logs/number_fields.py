@@ -1,7 +1,5 @@
 """Numbers of a text line, exactly as `float` reads them and many times as fast."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +7,8 @@ from frontends.logs._number_kernels import scan_numbers
 from frontends.logs.errors import MalformedLineError
 from frontends.logs.text import Line
 from graph.limits import LIMITS
+
+_MOST, _MOST_HEADING = LIMITS.coordinate, LIMITS.heading
 
 
 def read_numbers(line: Line, position: int, out: NDArray[np.float64], what: str) -> int:
@@ -39,19 +39,17 @@ def read_numbers(line: Line, position: int, out: NDArray[np.float64], what: str)
     return position
 
 
-def checked_pose(pose: Sequence[float]) -> tuple[float, float, float]:
+def checked_pose(x: float, y: float, heading: float) -> tuple[float, float, float]:
     """x, y [m] and heading [rad] of a line, if they can be a pose.
 
     Raises:
         MalformedLineError: a number that is not finite or beyond the limits.
     """
-    x, y, heading = pose
-    most = LIMITS.coordinate
-    if abs(x) <= most and abs(y) <= most and abs(heading) <= LIMITS.heading:
+    if -_MOST <= x <= _MOST and -_MOST <= y <= _MOST and -_MOST_HEADING <= heading <= _MOST_HEADING:
         return x, y, heading
     raise MalformedLineError(
         f"the pose {x} {y} {heading}",
-        f"a finite pose within {most:g} m of the origin, its heading within {LIMITS.heading:g} rad",
+        f"a finite pose within {_MOST:g} m of the origin, its heading within {_MOST_HEADING:g} rad",
     )
 
 

@@ -56,7 +56,7 @@ class SensorPoses:
         after = np.minimum(after, len(own) - 1)
         at_scan = self._by_place(own, places, before)
         t_before, t_after = times[before], times[after]
-        with np.errstate(invalid="ignore", divide="ignore"):
+        with np.errstate(invalid="ignore", divide="ignore", over="ignore"):
             within = (t_before <= stamps) & (stamps <= t_after) & (t_before < t_after)
             share = np.where(within, (stamps - t_before) / (t_after - t_before), 0.0)[:, None]
         step = own[after] - own[before]

@@ -77,7 +77,7 @@ def read_usarsim(
 
 def _choose_laser(path: Path, records: Records, laser: str) -> str:
     if not records.sweeps:
-        found = ", ".join(f"{count} {name}" for name, count in records.counts.most_common(8))
+        found = ", ".join(f"{count} {name[:40]}" for name, count in records.counts.most_common(8))
         reason = f"no scan; the log holds {found}" if found else "no message found"
         raise LogError(
             "; ".join([f"{path}: {reason}, expected SEN messages of type RangeScanner", *records.troubles.told()])

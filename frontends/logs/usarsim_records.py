@@ -109,7 +109,7 @@ def _pose(message: Message) -> tuple[float, float, float]:
         x, y, heading = message.numbers("pose", 3).tolist()
     else:
         (x, y, _), (_, _, heading) = (message.numbers(key, 3).tolist() for key in ("location", "orientation"))
-    return checked_pose((x, y, heading))
+    return checked_pose(x, y, heading)
 
 
 def _mount(records: Records, sensor: Message) -> tuple[float, float, float, float]:

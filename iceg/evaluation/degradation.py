@@ -368,7 +368,8 @@ def _with_stamps(log: Log, stamps: NDArray[np.float64]) -> Degraded:
 
 def _with_beams(log: Log, beams: slice) -> Degraded:
     geometry: ScanGeometry = replace(log.geometry, bearings=log.geometry.bearings[beams])
-    return _with_ranges(replace(log, geometry=geometry), np.ascontiguousarray(log.ranges[:, beams]))
+    ranges = np.ascontiguousarray(log.ranges[:, beams])
+    return Degraded(log=replace(log, geometry=geometry, ranges=ranges), scans=np.arange(len(log)))
 
 
 def _with_odometry(log: Log, odometry: NDArray[np.float64]) -> Degraded:

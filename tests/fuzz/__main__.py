@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from tests.fuzz.mutations import mutate
+from tests.fuzz.mutations import mutate, mutate_lines
 from tests.fuzz.sandbox import run_command
 from tests.fuzz.targets import TARGETS, Target
 from tests.fuzz.trial import attempt
@@ -22,7 +22,9 @@ CORPUS = Path(__file__).parents[1] / "fuzz_corpus"
 
 _BATCH = 400
 """Inputs that one process tries, so that one that dies takes few with it."""
-_USED = 25
+_WHOLLY = 0.6
+"""Share of the logs whose every line is changed."""
+_USED = 50
 """Every so many accepted inputs are used, not only read."""
 _COMMANDS = 5000
 """Every so many inputs go through the real command line as well."""
@@ -45,7 +47,11 @@ def inputs(seed: int, names: list[str]) -> Iterator[tuple[str, bytes]]:
     rng = random.Random(seed)
     while True:
         name = rng.choice(names)
-        yield name, mutate(rng.choice(TARGETS[name].seeds), rng)
+        content = rng.choice(TARGETS[name].seeds)
+        if TARGETS[name].goes_on and rng.random() < _WHOLLY:
+            yield name, mutate_lines(content * rng.choice((1, 4, 16)), rng)
+        else:
+            yield name, mutate(content, rng)
 
 
 def minimised(target: Target, folder: Path, content: bytes, finding: str) -> bytes:
@@ -147,6 +153,7 @@ def _command(name: str, content: bytes) -> str:
 def fuzz(seed: int, names: list[str], lines: int, seconds: float, use: int = _USED) -> Tally:
     """Try inputs until there were so many lines or it took so long."""
     tally, stream, started = Tally(), inputs(seed, names), time.perf_counter()
+    _warm_up(names)
     told = started
     while tally.lines < lines and time.perf_counter() - started < seconds:
         chosen = [next(stream) for _ in range(_BATCH)]
@@ -164,6 +171,15 @@ def fuzz(seed: int, names: list[str], lines: int, seconds: float, use: int = _US
             told = time.perf_counter()
             print(f"{tally.lines} lines, {tally.inputs} inputs, {tally.accepted} accepted", flush=True)
     return tally
+
+
+def _warm_up(names: list[str]) -> None:
+    """Load and compile all that the trials need once, before there are many processes of them."""
+    with tempfile.TemporaryDirectory() as folder:
+        for target in (TARGETS[name] for name in names):
+            if target.prepare:
+                target.prepare(Path(folder))
+            attempt(target, Path(folder), target.seeds[-1])
 
 
 def _tell(tally: Tally, name: str, content: bytes, finding: str) -> None:

@@ -30,6 +30,14 @@ def mutate(content: bytes, rng: random.Random) -> bytes:
     return content
 
 
+def mutate_lines(content: bytes, rng: random.Random) -> bytes:
+    """A change to nearly every line, for readers that go on after a bad one."""
+    return b"\n".join(
+        rng.choices(_MUTATIONS, _LINE_WEIGHTS)[0](line, rng) if rng.random() < 0.9 else line
+        for line in content.split(b"\n")
+    )
+
+
 def _number(content: bytes, rng: random.Random) -> bytes:
     return _replaced(_NUMBER, content, rng, lambda _: rng.choice(NASTY))
 
@@ -123,3 +131,4 @@ def _start(content: bytes, rng: random.Random) -> int:
 
 _MUTATIONS: tuple[Mutation, ...] = (_number, _scaled, _word, _line, _bytes, _inserted, _nested, _encoded)
 _WEIGHTS = (40, 12, 12, 12, 10, 8, 5, 1)
+_LINE_WEIGHTS = (40, 15, 12, 0, 12, 8, 2, 0)

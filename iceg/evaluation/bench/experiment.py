@@ -138,7 +138,7 @@ def _method(entry: Any, where: str) -> _Named:  # noqa: ANN401
     _check_keys(table, _METHOD_KEYS, where)
     method = _text(table, "method", where)
     if method not in METHODS:
-        raise ExperimentError(f"{where}: no method '{method}', expected one of {', '.join(METHODS)}")
+        raise ExperimentError(f"{where}: no method '{method[:80]}', expected one of {', '.join(METHODS)}")
     settings = table.get("settings", {})
     if not isinstance(settings, dict):
         raise ExperimentError(f"{where}: settings: found {shown_value(settings)}, expected a table")
@@ -246,7 +246,7 @@ def _check_keys(table: Mapping[str, Any], known: tuple[str, ...], where: str) ->
         if key not in known:
             close = get_close_matches(key, known, n=1)
             hint = f", did you mean '{close[0]}'?" if close else ""
-            raise ExperimentError(f"{where}: unknown key '{key}'{hint} (expected {', '.join(known)})")
+            raise ExperimentError(f"{where}: unknown key '{key[:80]}'{hint} (expected {', '.join(known)})")
 
 
 def _shown(value: object) -> str:

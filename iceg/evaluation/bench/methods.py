@@ -12,7 +12,7 @@ from frontends.matcher import Matcher
 from frontends.matchers import MATCHERS, make_matcher
 from frontends.scan import Log
 from iceg.config import Config
-from iceg.settings_file import ConfigError, build_settings
+from iceg.settings_file import ConfigError, build_settings, shown_value
 
 DP_SLAM = "dp-slam"
 METHODS = ("ice", *MATCHERS, DP_SLAM)
@@ -22,6 +22,7 @@ _SEEDS = {"ice": ("ice.hypotheses.seed",), DP_SLAM: (f"{DP_SLAM}.seed",)}
 """Settings besides that of the pipeline which the seed of a run is for."""
 
 _DEEPEST = 20
+_LONGEST_KEY = 200
 
 Settings = Mapping[str, Any]
 """Values by dotted key. A key that begins with the name of a method is for that method alone."""
@@ -175,6 +176,10 @@ def flattened(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
     if prefix.count(".") > _DEEPEST:
         raise ConfigError(f"{prefix[:40]}…: found tables nested more than {_DEEPEST} deep")
     for key, value in table.items():
+        if len(key) > _LONGEST_KEY:
+            raise ConfigError(
+                f"{prefix}{key[:40]}…: found a key of {len(key)} characters, expected the name of a setting"
+            )
         if isinstance(value, Mapping):
             yield from flattened(value, f"{prefix}{key}.")
         else:
@@ -196,7 +201,7 @@ def nested(settings: Settings) -> dict[str, Any]:
             if not isinstance(inner, dict):
                 raise ConfigError(f"{key}: '{folder}' is a value already, expected a table")
         if isinstance(inner.get(leaf), dict):
-            raise ConfigError(f"{key}: is a table already, found the value {value!r}")
+            raise ConfigError(f"{key}: is a table already, found the value {shown_value(value)}")
         inner[leaf] = value
     return table
 

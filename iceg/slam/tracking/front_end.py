@@ -63,6 +63,8 @@ _UNKNOWN_ODOMETRY = OdometryModel(
     heading_floor=0.1,
 )
 """What a constant velocity says in a log without odometry."""
+_FASTEST = 10.0
+"""No robot moves farther from one scan to the next [m]: 180 km/h at 5 Hz."""
 
 COVERED = NoMatch(reason="the laser is covered")
 """What becomes of a scan that sees nothing."""
@@ -129,7 +131,7 @@ class FrontEnd:
             self.breaks.append(index)
             step = None
         if step is None:
-            step, noise = between(*self._newest_step), _UNKNOWN_ODOMETRY
+            step, noise = self._constant_velocity(), _UNKNOWN_ODOMETRY
             self._forget_motion()
         self._motion = noise.extend(self._motion, step)
         self._follow(scan, compose(before, step))
@@ -181,6 +183,11 @@ class FrontEnd:
             return _is_nearer(found[1], *guesses)
         best = max(found, key=lambda pose: self._evidence(scan, pose))
         return isinstance(best, NoMatch) or _is_nearer(best, *guesses)
+
+    def _constant_velocity(self) -> NDArray[np.float64]:
+        """The newest step once more; none after one that nothing drives, but that odometry took."""
+        step = between(*self._newest_step)
+        return step if math.hypot(step[0], step[1]) <= _FASTEST else np.zeros(3)
 
     def _found_after(
         self, scan: Scan, step: NDArray[np.float64], guess: NDArray[np.float64]
