@@ -82,7 +82,11 @@ def test_a_benchmark_told_to_end_leaves_no_process_and_no_folder(tmp_path: Path)
         while not any(temporary.iterdir()) and process.poll() is None:
             time.sleep(0.05)
         process.send_signal(signal.SIGTERM)
-        _, complaint = process.communicate(timeout=60)
+        try:
+            _, complaint = process.communicate(timeout=60)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            raise
     assert process.returncode == 143, complaint
     assert complaint.splitlines()[-1].startswith("iceg: interrupted, complete runs are kept in out")
     assert not any(temporary.iterdir())

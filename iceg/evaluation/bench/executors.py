@@ -31,16 +31,16 @@ def run_here(cells: Sequence[Cell], workers: int, time_limit_s: float | None = N
     Yields:
         Outcomes in the order in which they are complete.
     """
-    children = Children()
-    with ThreadPoolExecutor(workers) as pool:
+    children, pool = Children(), ThreadPoolExecutor(workers)
+    try:
         futures = {pool.submit(attempt, cell, time_limit_s, children): cell for cell in cells}
-        try:
-            for future in as_completed(futures):
-                error = future.exception()
-                yield future.result() if error is None else failed(futures[future], f"{type(error).__name__}: {error}")
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
-            children.end()
+        for future in as_completed(futures):
+            error = future.exception()
+            yield future.result() if error is None else failed(futures[future], f"{type(error).__name__}: {error}")
+    finally:  # an interrupt may come while cells are still handed in
+        pool.shutdown(wait=False, cancel_futures=True)
+        children.end()
+        pool.shutdown()
 
 
 def run_on_dask(
