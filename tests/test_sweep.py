@@ -45,7 +45,7 @@ def test_duration_and_direction_are_learned_within_their_deviation(laser: str, w
     usual = LASERS[laser]()
     true = way * usual.sweep_time / usual.period
     assert found.is_significant
-    assert abs(found.share - true) < 4.0 * found.deviation + 0.02
+    assert abs(found.share - true) < 3.0 * found.deviation
     assert found.deviation < 0.1
 
 
@@ -89,7 +89,7 @@ def test_the_summary_says_what_was_learned() -> None:
     assert found["source"] == "scans"
     assert found["applied"]
     assert found["direction"] == "clockwise"
-    assert found["duration_s"] == pytest.approx(0.1795, abs=4.0 * found["std_s"] + 0.003)
+    assert found["duration_s"] == pytest.approx(0.1795, abs=3.0 * found["std_s"])
 
 
 def test_a_log_of_an_instant_laser_is_left_as_it_is() -> None:

@@ -26,9 +26,8 @@ class MotionWithin:
 
 _OVER_FOUR = (np.array([0.2, 0.3, 0.3, 0.2]), np.array([-0.3, -0.1, 0.1, 0.3]))
 """Velocity and change from four steps, two on either side (Savitzky and Golay 1964, quadratic over five poses). Matches
-know the heading to a fraction of what a robot turns from scan to scan, but not so the position; and a robot turns
-faster than it gains speed. On simulated robots this takes a third off the error of the speed, and would
-treble the turn's."""
+know the heading to a fraction of what a robot turns from scan to scan, but not so the position, and a robot turns
+faster than it gains speed: this takes a third off the error of the speed, and would treble the turn's."""
 
 
 def motion_within(

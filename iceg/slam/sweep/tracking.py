@@ -18,7 +18,8 @@ _TELLING = 0.005
 """Root mean square from which on what a sweep moves returns by is worth another pass [m]: half of what the ranges of a
 good laser err by. At half of it the classic logs of fast lasers are tracked twice and get no better, at twice of it
 some that gain a quarter are left as they are."""
-_MOST_PASSES = 3
+_MOST_PASSES = 2
+"""What still moves after two passes are scans that match here or there; a third pass gained nothing."""
 
 Followed = tuple[Log, Track, OdometryCalibration]
 """A log as it was tracked, its track and the calibration on the way."""
@@ -69,6 +70,8 @@ def track_swept(followed: Followed, follow: Callable[[Log], Followed]) -> tuple[
         The same of the last pass, its log with all beams of a scan seen at once; and what is known of the sweep.
     """
     log = followed[0]
+    if log.geometry.n_beams < 2:
+        return followed, SweepFinding(source="nothing")
     interval = usual_interval(log.stamps)
     finding, moved = SweepFinding(source="nothing"), np.zeros((len(log), 3))
     for passes in range(_MOST_PASSES + 1):
