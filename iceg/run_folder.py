@@ -2,6 +2,7 @@
 
 import csv
 import json
+import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -195,25 +196,33 @@ def _closure_at(row: list[str], where: str) -> Closure:
             f"{where}: found {len(row)} values, expected {len(CLOSURE_COLUMNS)}: {' '.join(CLOSURE_COLUMNS)}"
         )
     try:
-        return _closure(dict(zip(CLOSURE_COLUMNS, row, strict=True)))
+        return _closure(dict(zip(CLOSURE_COLUMNS, row, strict=True)), where)
     except ValueError as err:
         raise ResultsError(f"{where}: cannot be read as a loop closure: {str(err)[:200]}") from err
 
 
-def _closure(row: dict[str, str]) -> Closure:
+def _closure(row: dict[str, str], where: str) -> Closure:
     verdict = row["verdict"]
     if verdict not in get_args(Verdict):
         raise ValueError(f"found the verdict '{verdict[:40]}', expected one of {', '.join(get_args(Verdict))}")
 
     def number(name: str, most: float, least: float = 0.0) -> float:
-        return number_in(row[name], least, most, name, ResultsError)
+        if row[name] == "nan" and verdict != "accepted":  # nothing matched
+            return math.nan
+        return number_in(row[name], least, most, name, ResultsError, where)
+
+    def whole(name: str, most: int) -> int:
+        value = number_in(row[name], 0, most, name, ResultsError, where)
+        if not value.is_integer():
+            raise ValueError(f"found '{row[name][:40]}', expected {name}, a whole number")
+        return int(value)
 
     return Closure(
-        scan_i=int(number("scan_i", LIMITS.rows)),
-        scan_j=int(number("scan_j", LIMITS.rows)),
+        scan_i=whole("scan_i", LIMITS.rows),
+        scan_j=whole("scan_j", LIMITS.rows),
         T_i_j=np.array([number(name, LIMITS.coordinate, -LIMITS.coordinate) for name in ("x_m", "y_m", "theta_rad")]),
         score=number("score", LIMITS.coordinate, -LIMITS.coordinate),
-        inliers=int(number("inliers", LIMITS.beams * LIMITS.rows)),
+        inliers=whole("inliers", LIMITS.beams * LIMITS.rows),
         overlap=number("overlap", LIMITS.coordinate),
         verdict=cast("Verdict", verdict),
         reason=row["reason"],

@@ -106,7 +106,13 @@ def test_mount_of_the_authors_robot_is_assumed_and_said(write: Write) -> None:
     [
         ("Odometry 1 2", "found the end of the line, expected number 3 of 3 of the pose 'x y θ'"),
         ("Odometry 1 2 3 4", "found '4' after the pose, expected the end of the line"),
-        ("Odometry 1 nan 3", "found the pose 1.0 nan 3.0, expected a finite pose"),
+        (
+            "Odometry 1 nan 3",
+            (
+                "found the pose 1.0 nan 3.0, expected a finite pose within 1e+07 m of the origin, its heading within "
+                "1e+06 rad"
+            ),
+        ),
         ("Laser", "found the end of the line, expected the number of readings"),
         ("Laser 1.5 2 3", "found 1.5 readings, expected a whole number from 0 to 100000"),
         ("Laser 3 1 2", "found the end of the line, expected number 3 of 3 of the readings"),

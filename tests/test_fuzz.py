@@ -13,6 +13,8 @@ from tests.fuzz.trial import attempt
 _INPUTS = 1200
 _USED = 40
 """Every so many accepted inputs are used, not only read."""
+_SECONDS = 1500.0
+"""More than the fuzzer allows: the first inputs wait for kernels to compile."""
 _FOUND = sorted(CORPUS.glob("*--*"))
 
 
@@ -21,7 +23,7 @@ def test_what_once_broke_something_no_longer_does(path: Path, tmp_path: Path) ->
     target = TARGETS[path.name.partition("--")[0]]
     if target.prepare:
         target.prepare(tmp_path)
-    assert attempt(target, tmp_path, path.read_bytes()).finding == ""
+    assert attempt(target, tmp_path, path.read_bytes(), seconds=_SECONDS).finding == ""
 
 
 @pytest.mark.parametrize("name", TARGETS)
@@ -30,7 +32,7 @@ def test_a_sound_input_is_accepted(name: str, tmp_path: Path) -> None:
     for content in target.seeds:
         if target.prepare:
             target.prepare(tmp_path)
-        trial = attempt(target, tmp_path, content)
+        trial = attempt(target, tmp_path, content, seconds=_SECONDS)
         assert trial.accepted
         assert trial.finding == ""
 
@@ -41,7 +43,7 @@ def test_changed_inputs_end_in_a_result_or_an_error(name: str, tmp_path: Path) -
     for _, content in itertools.islice(inputs(1, [name]), _INPUTS // len(TARGETS)):
         if target.prepare:
             target.prepare(tmp_path)
-        trial = attempt(target, tmp_path, content, use=accepted % _USED == _USED - 1)
+        trial = attempt(target, tmp_path, content, use=accepted % _USED == _USED - 1, seconds=_SECONDS)
         accepted += trial.accepted
         assert trial.finding == "", content[:300]
 

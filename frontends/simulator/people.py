@@ -14,7 +14,6 @@ from graph.limits import LIMITS
 
 LEG_RADIUS = 0.06
 """Of a person [m]."""
-_LEAST_PATH = 1e-9  # m
 _MOST_SPEED = 100.0  # m/s
 _STRIDE = 1.4  # m: from a step of one foot to the next step of the same
 _REACH = 0.25  # m: how far a foot gets ahead of the body
@@ -45,8 +44,8 @@ class Person:
         if not all(abs(value) <= LIMITS.coordinate for point in self.path for value in point):
             raise SimulatorError(f"a person walks within {LIMITS.coordinate:g} m of the origin, found another path")
         length = sum(math.dist(a, b) for a, b in zip(self.path, self.path[1:], strict=False))
-        if length < _LEAST_PATH:
-            raise SimulatorError(f"a person's path is at least {_LEAST_PATH} m long, found {length} m")
+        if not length > 0:
+            raise SimulatorError(f"a person needs a path of some length, found {length} m")
         if not 0 < self.speed <= _MOST_SPEED:
             raise SimulatorError(f"a person's speed must be positive, at most {_MOST_SPEED:g} m/s, found {self.speed}")
 

@@ -33,7 +33,7 @@ class TooLongError(BaseException):
     """An input that takes longer than allowed."""
 
 
-def attempt(target: Target, folder: Path, content: bytes, *, use: bool = True) -> Trial:
+def attempt(target: Target, folder: Path, content: bytes, *, use: bool = True, seconds: float = MOST_SECONDS) -> Trial:
     """Read an input, and use it.
 
     Args:
@@ -41,11 +41,12 @@ def attempt(target: Target, folder: Path, content: bytes, *, use: bool = True) -
         folder: where it is written to; what it belongs to is there.
         content: the input.
         use: whether to go on to what takes longer.
+        seconds: how long it may take.
     """
     path = target.write(folder, content)
     accepted = False
     try:
-        with _no_longer_than(MOST_SECONDS), warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):
+        with _no_longer_than(seconds), warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", DeprecationWarning)
             result = target.read(path)
@@ -55,7 +56,7 @@ def attempt(target: Target, folder: Path, content: bytes, *, use: bool = True) -
     except IcegError as error:
         return Trial(accepted=accepted, finding=_wordy(error))
     except TooLongError:
-        return Trial(accepted=accepted, finding=f"took more than {MOST_SECONDS:g} s")
+        return Trial(accepted=accepted, finding=f"took more than {seconds:g} s")
     except Exception as error:  # noqa: BLE001 (whatever it is, it is what is looked for)
         return Trial(accepted=accepted, finding=_place(error))
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
