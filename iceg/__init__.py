@@ -7,6 +7,7 @@ from iceg._shadowing import check_shadowing
 
 if TYPE_CHECKING:
     from frontends.logs import describe_log, read_log
+    from frontends.logs.writers import write_log
     from frontends.matcher import Matcher
     from frontends.scan import Log, Scan, ScanGeometry
     from graph.errors import IcegError
@@ -58,6 +59,7 @@ __all__ = [
     "read_run_folder",
     "render_grid",
     "run",
+    "write_log",
     "write_results",
 ]
 
@@ -91,6 +93,7 @@ _HOMES = {
     "read_run_folder": "iceg.run_folder",
     "render_grid": "iceg.maps.grid",
     "run": "iceg.slam.pipeline",
+    "write_log": "frontends.logs.writers",
     "write_results": "iceg.results",
 }
 
