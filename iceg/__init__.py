@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from typing import Any
 
     from frontends.logs import describe_log, read_log
+    from frontends.logs.writers import write_log
     from frontends.matcher import Matcher
     from frontends.scan import Log, Scan, ScanGeometry
     from graph.errors import IcegError
@@ -60,6 +61,7 @@ __all__ = [
     "read_run_folder",
     "render_grid",
     "run",
+    "write_log",
     "write_results",
 ]
 
@@ -93,6 +95,7 @@ _HOMES = {
     "read_run_folder": "iceg.run_folder",
     "render_grid": "iceg.maps.grid",
     "run": "iceg.slam.pipeline",
+    "write_log": "frontends.logs.writers",
     "write_results": "iceg.results",
 }
 

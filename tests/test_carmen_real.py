@@ -65,7 +65,7 @@ def test_readings_beyond_forty_metres_on_request(data_dir: Path) -> None:
 
 def test_a_format_that_is_not_known_is_refused(data_dir: Path) -> None:
     with pytest.raises(LogError, match="expected a log of one of the formats"):
-        read_log(data_dir / "ros1-laserscan.bag")
+        read_log(data_dir / "posegraph" / "intel.g2o")
 
 
 @pytest.mark.parametrize(

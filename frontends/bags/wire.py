@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from frontends.bags.errors import MalformedMessageError
 
-_LITTLE, _BIG = 1, 0
-"""Second byte of CDR's four."""
+_BYTE_ORDERS = {b"\0\1": "<", b"\0\0": ">"}
+"""By the first two bytes of CDR's four."""
 _ORDERS = {
     "<": (struct.Struct("<I"), struct.Struct("<III"), struct.Struct("<iII"), np.dtype("<f4"), np.dtype("<f8")),
     ">": (struct.Struct(">I"), struct.Struct(">III"), struct.Struct(">iII"), np.dtype(">f4"), np.dtype(">f8")),
@@ -33,17 +33,23 @@ class Wire:
         self._order = "<"
         self._at = 0
         if is_cdr:
-            if len(data) < 4 or data[0] != 0 or data[1] not in {_LITTLE, _BIG}:
+            if data[:2] not in _BYTE_ORDERS or len(data) < 4:
                 raise MalformedMessageError("found no header of CDR, expected 00 00 or 00 01")
-            self._order = "<" if data[1] == _LITTLE else ">"
+            self._order = _BYTE_ORDERS[data[:2]]
             self._at = 4
         self._counter, unsigned, signed, self._float, self._double = _ORDERS[self._order]
         self._header = signed if is_cdr else unsigned
 
     def count(self) -> int:
         """An unsigned number of 32 bits."""
-        at = self._aligned(4)
-        (value,) = self._unpack(self._counter, at)
+        at = self._at
+        if self._is_cdr:
+            at = (at + 3) & ~3
+        self._at = at + 4
+        try:
+            (value,) = self._counter.unpack_from(self._data, at)
+        except struct.error:
+            raise MalformedMessageError(f"found {len(self._data)} bytes, expected {self._at} or more") from None
         return int(value)
 
     def header(self) -> tuple[float, str]:
