@@ -10,7 +10,7 @@ from typing import Annotated
 import tyro
 
 from graph.atomic import write_atomically
-from iceg.evaluation.bench.tables import Row, format_markdown
+from iceg.evaluation.bench.tables import Row, format_markdown, write_csv
 from iceg.evaluation.regression.comparison import changed_cells
 from iceg.evaluation.regression.kept import BASELINE, RULES_TABLE
 from iceg.evaluation.regression.outcome import Outcome, read_outcomes
@@ -23,7 +23,7 @@ _HEAD = """# What changes from version to version
 ```
 iceg bench --parts regression -o DIR      # the table, against the baseline; --long for every cell there is
 iceg ablation --rules -o DIR              # the same with each rule and gate switched off in turn
-python -m iceg.evaluation.regression.keep DIR [--as-baseline]    # writes this page from DIR
+python -m iceg.evaluation.regression.keep DIR ... [--as-baseline]    # writes this page from DIR
 ```
 
 A cell is one run with the default settings: thirty recorded worlds with exact truth (*worlds*), the five logs of the
@@ -45,10 +45,11 @@ Processor time compares only runs made at the same time on the same machine.
 
 @dataclass(frozen=True, kw_only=True)
 class Keep:
-    """Write docs/regression.md from the tables in DIR; the table of rules in it is kept, too."""
+    """Write docs/regression.md from the tables in DIR; those of rules are kept, too, one below the other."""
 
     measured: Annotated[
-        tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR", help="With regression.csv, rules.csv, or both.")
+        tyro.conf.Positional[tuple[Path, ...]],
+        tyro.conf.arg(metavar="DIR ...", help="Each with a regression.csv, of which the first counts, or a rules.csv."),
     ]
     as_baseline: Annotated[
         tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Later versions are compared with this one.")
@@ -57,13 +58,13 @@ class Keep:
 
     def __call__(self) -> None:
         """Keep the tables and write the page."""
-        outcomes, rules = self.measured / OUTCOMES, self.measured / RULES_NAME
-        if rules.exists():
-            shutil.copyfile(rules, RULES_TABLE)
-        if self.as_baseline:
+        rules = [row for folder in self.measured for row in _read_rows(folder / RULES_NAME)]
+        if rules:
+            write_csv(rules, RULES_TABLE)
+        outcomes = next((folder / OUTCOMES for folder in self.measured if (folder / OUTCOMES).exists()), BASELINE)
+        if self.as_baseline and outcomes != BASELINE:
             shutil.copyfile(outcomes, BASELINE)
-        before = read_outcomes(BASELINE)
-        after = read_outcomes(outcomes) if outcomes.exists() else before
+        before, after = read_outcomes(BASELINE), read_outcomes(outcomes)
         write_atomically(self.page, page(before, after, _read_rows(RULES_TABLE)).encode())
 
 
@@ -81,9 +82,8 @@ def page(before: Sequence[Outcome], after: Sequence[Outcome], rules: Sequence[Ro
         parts.append(f"Cells that changed by a fifth, or in their verdict:\n\n{_changed(before, after)}\n")
     if rules:
         parts.append(f"## Without one rule\n\n{format_markdown(rules)}\n")
-        parts.append(
-            "".join(f"- *{row['off']}*: {RULES[str(row['off'])].what}.\n" for row in rules if row["off"] in RULES)
-        )
+        off = [name for name in dict.fromkeys(str(row["off"]) for row in rules) if name in RULES]
+        parts.append("".join(f"- *{name}*: {RULES[name].what}.\n" for name in off))
     return "\n".join(parts)
 
 

@@ -77,8 +77,9 @@ def compared(tables: dict[str, list[Outcome]]) -> list[Row]:
     before = tables[""]
     whole = Totals.of(before).row()
     del whole["CPU [s]"]
-    rows: list[Row] = [{"off": "nothing", **whole}]
-    rows += [{"off": rule, **compare(before, after).row()} for rule, after in tables.items() if rule]
+    groups = ", ".join(dict.fromkeys(one.group for one in before))
+    rows: list[Row] = [{"off": "nothing", "on": groups, **whole}]
+    rows += [{"off": rule, "on": groups, **compare(before, after).row()} for rule, after in tables.items() if rule]
     return rows
 
 
