@@ -30,7 +30,7 @@ from graph.se2 import between_jacobians
 from iceg.evaluation.consistency import Consistency, consistency
 from iceg.evaluation.errors import EvaluationError
 
-KINDS: tuple[FactorKind, ...] = ("odometry", "ice", "stretch", "closure")
+KINDS: tuple[FactorKind, ...] = ("odometry", "ice", "closure")
 _LEAST_REDUNDANCY = 1e-3
 """A factor with less is checked by nothing else."""
 FADED = 0.5
