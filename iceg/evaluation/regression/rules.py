@@ -100,6 +100,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="the same where something always matched: against drift, and matches that lead astray",
             without={f"{_SLAM}.back_end:relocalise": _only_after_a_loss},
         ),
+        "parted": Rule(
+            what="closures across a loss are taken out where they do not stand an examination",
+            without={f"{_SLAM}.broken_path.estimate:ChangingEstimate.part": _nothing},
+        ),
         "place votes": Rule(
             what="no closure after much drift while key scans fit another place as well",
             without={
