@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from graph.errors import GraphError
 from graph.noise import conditioned
 
-FactorKind = Literal["prior", "odometry", "ice", "stretch", "closure"]
+FactorKind = Literal["prior", "odometry", "ice", "closure"]
 """What a factor comes from: a pose known beforehand, wheels, a match along the way, what several of these say together,
 a place seen again."""
 
@@ -49,7 +49,7 @@ class Factor:
     """One measurement of the graph: where pose `j` lies as seen from pose `i`.
 
     Attributes:
-        kind: what it comes from; a "stretch" is what several matches say together, beyond their single steps.
+        kind: what it comes from.
         i: index of the key pose it is seen from; None for a prior, where the map itself takes its place.
         j: index of the key pose that is seen.
         T_i_j: (3,) pose of j in the frame of i (for a prior T_map_j), read-only.

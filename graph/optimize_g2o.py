@@ -109,7 +109,7 @@ def optimize_g2o(graph: G2oGraph, options: OptimizeOptions | None = None) -> Opt
         ids=graph.ids,
         poses=result.poses,
         factors=tuple(f for f, inlier in zip(considered, result.inliers, strict=True) if inlier or not settings.gnc),
-        n_odometry=sum(factor.kind in {"odometry", "ice", "stretch"} for factor in graph.factors),
+        n_odometry=sum(factor.kind in {"odometry", "ice"} for factor in graph.factors),
         n_closures=sum(factor.kind == "closure" for factor in graph.factors),
         rejected=_rejected(graph, agreeing, result, "gnc" if settings.gnc else "kernel"),
         initial_error=graph_error(plain, graph.poses),

@@ -145,10 +145,6 @@ class PoseGraph:
         """Add a match along the way, of pose j against a reference in the frame of pose i; returns its index."""
         return self._add_relative_pose("ice", i, j, match, kernel)
 
-    def add_stretch(self, i: int, j: int, match: RelativePose) -> int:
-        """Add what matches say of a stretch of several key poses beyond their single steps; returns its index."""
-        return self._add_relative_pose("stretch", i, j, match, None)
-
     def add_closure(self, i: int, j: int, match: RelativePose, kernel: RobustKernel | None) -> int:
         """Add a loop closure, pose j found again from pose i; returns its index."""
         return self._add_relative_pose("closure", i, j, match, kernel)

@@ -77,7 +77,7 @@ def test_bounds_are_those_of_the_literature() -> None:
 def test_a_simulated_run_is_judged_in_every_respect() -> None:
     (recording,) = simulated(["room"], 1)
     found = judge_run(recording)
-    assert set(found.values) == {"odometry", "ice", "stretch", "closure", POSES}
+    assert set(found.values) == {"odometry", "ice", "closure", POSES}
     assert len(found.values[POSES]) == len(found.values["odometry"]) > 50
     assert 0.3 < found.values["ice"].mean() < 8.0
     assert found.without_truth["ice"].mean() < found.values["ice"].mean()
@@ -104,7 +104,7 @@ def test_the_command_prints_and_keeps_its_tables(tmp_path: Path, capsys: pytest.
     assert "| key poses | room" in capsys.readouterr().out
     with (tmp_path / "nees.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [row["NEES of"] for row in rows] == ["odometry", "ice", "stretch", "closure", "key poses"]
+    assert [row["NEES of"] for row in rows] == ["odometry", "ice", "closure", "key poses"]
     assert (tmp_path / "nees.png").stat().st_size > 5000
     assert (tmp_path / "nees-runs.csv").read_text(encoding="utf-8").splitlines()[1].startswith(f"room,{FIRST_SEED},")
 

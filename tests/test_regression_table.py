@@ -224,7 +224,7 @@ def test_tables_are_compared_by_the_cells_they_have_in_common() -> None:
     after = [_outcome(source=str(k), error_m=0.01 if k < 6 else 0.02, cpu_s=0.5) for k in range(1, 9)]
     found = compare(before, after)
     assert found.before.cells == found.after.cells == 7
-    assert (found.better, found.worse) == (5, 0)
+    assert (found.changed, found.better, found.worse) == (5, 5, 0)
     assert found.ratio == pytest.approx(0.5 ** (5 / 7))
     assert found.error_chance == pytest.approx(2 / 2**5)
     assert found.low <= found.ratio <= found.high

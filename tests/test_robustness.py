@@ -70,7 +70,6 @@ def test_faults_of_robot_laser_and_recorder(log: Log, truth: NDArray[np.float64]
 def test_no_odometry_at_all(log: Log, truth: NDArray[np.float64]) -> None:
     result = run(replace(log, odometry=np.zeros_like(log.odometry), has_odometry=False), _QUICK)
     assert _rmse(result, truth) < 0.1
-    assert result.summary["factors"]["odometry"] < 10
 
 
 def test_one_scan_gives_a_map_around_the_origin(log: Log) -> None:

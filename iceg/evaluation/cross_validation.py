@@ -32,7 +32,7 @@ from iceg.evaluation.consistency import Consistency, consistency
 from iceg.evaluation.errors import EvaluationError
 from iceg.results import whole_results
 
-KINDS: tuple[FactorKind, ...] = ("odometry", "ice", "stretch", "closure")
+KINDS: tuple[FactorKind, ...] = ("odometry", "ice", "closure")
 _LEAST_REDUNDANCY = 1e-3
 """A factor with less is checked by nothing else."""
 FADED = 0.5

@@ -56,7 +56,7 @@ _FACTOR_LABELS = {
     "unchecked": "that nothing else checks",
     "faded": "out of force",
 }
-for _kind, _name in (("odometry", "odometry"), ("ice", "ICE"), ("stretch", "stretch"), ("closure", "closure")):
+for _kind, _name in (("odometry", "odometry"), ("ice", "ICE"), ("closure", "closure")):
     _LABELS |= {f"{_kind}_{figure}": f"{_name} factors, {label}" for figure, label in _FACTOR_LABELS.items()}
 
 

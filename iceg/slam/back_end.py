@@ -23,7 +23,6 @@ from iceg.slam.closures.attempt import PARTNER_KEYS, Attempt, is_near, say_the_s
 from iceg.slam.closures.candidates import Candidate, is_adrift
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
-from iceg.slam.long_steps import LONG_STEP, long_steps
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.tracking.track import Track
 
@@ -98,7 +97,6 @@ class BackEnd:
         self._closures_waiting = 0
         self._unmatched, self._is_led = 0, True
         self._drift = Drift(len(track.keys))
-        self._long_steps = long_steps(track)
 
     def add(self, key: int, motion: OdometryMotion | None) -> None:
         """Add one key pose with its odometry and its match, then look for loops.
@@ -121,8 +119,6 @@ class BackEnd:
         if match is not None:
             self.graph.add_match(current.anchor, key, match)
             known.append(match.covariance)
-        if (step_of_many := self._long_steps.get(key)) is not None:
-            self.graph.add_stretch(key - LONG_STEP, key, step_of_many)
         if not known:
             self.graph.add_odometry(key - 1, key, step, _UNKNOWN_MOTION)
             known.append(_UNKNOWN_MOTION)

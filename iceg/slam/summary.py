@@ -47,7 +47,7 @@ def summarise(
     """
     factors = solution.graph.factors
     matches = [key.match for key in track.keys if isinstance(key.match, RelativePose)]
-    kinds = ("prior", "odometry", "ice", "stretch", "closure")
+    kinds = ("prior", "odometry", "ice", "closure")
     return {
         "log": log.path.name,
         "scans": len(log),

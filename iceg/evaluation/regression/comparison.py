@@ -14,6 +14,8 @@ A_FIFTH = math.log(1.2)
 """A cell is told whose error changed by more than a fifth …"""
 BEYOND_SCATTER = 2.0
 """… and counted as beyond chance if by so many standard deviations of what a millimetre of noise does to it."""
+_THE_SAME = 2e-6
+"""Tables keep so many digits [m]."""
 
 Pair = tuple[Outcome, Outcome]
 
@@ -33,7 +35,8 @@ class Comparison:
         ruined_chance: … of those ruined …
         silent_chance: … and of those off in silence …
         nees_chance: … and of the change of the NEES.
-        better: cells whose error is smaller by a fifth or more …
+        changed: cells on which the change has any effect at all, to the micrometre …
+        better: … those whose error is smaller by a fifth or more …
         worse: … and larger.
         cpu_ratio: processor time after, over before; of two runs at the same time on the same machine only.
     """
@@ -48,6 +51,7 @@ class Comparison:
     ruined_chance: float
     silent_chance: float
     nees_chance: float
+    changed: int
     better: int
     worse: int
     cpu_ratio: float
@@ -56,6 +60,7 @@ class Comparison:
         """For a table: the sums after the change, and how they differ."""
         return {
             **{name: value for name, value in self.after.row().items() if name != "CPU [s]"},
+            "cells changed": self.changed,
             "a fifth better": self.better,
             "a fifth worse": self.worse,
             "error ratio": self.ratio,
@@ -112,6 +117,7 @@ def compare(before: Sequence[Outcome], after: Sequence[Outcome]) -> Comparison:
         ruined_chance=differing(lambda one: one.verdict.is_ruined),
         silent_chance=differing(lambda one: one.verdict.is_off_in_silence),
         nees_chance=chance(by_family(nees)),
+        changed=sum(_is_changed(pair) for pair in pairs),
         better=sum(log < -A_FIFTH for log in logs),
         worse=sum(log > A_FIFTH for log in logs),
         cpu_ratio=last.cpu_s / first.cpu_s,
@@ -134,6 +140,12 @@ def changed_cells(before: Sequence[Outcome], after: Sequence[Outcome]) -> list[R
     told = [pair for pair in pairs if abs(log_ratio(pair)) > A_FIFTH or _word(pair[0]) != _word(pair[1])]
     told.sort(key=lambda pair: (-abs(log_ratio(pair)), pair[0].name))
     return [_changed(pair, known.get(pair[0].family)) for pair in told]
+
+
+def _is_changed(pair: Pair) -> bool:
+    before, after = pair
+    nees = before.nees or 0.0, after.nees or 0.0
+    return abs(after.error_m - before.error_m) > _THE_SAME or abs(nees[1] - nees[0]) > _THE_SAME
 
 
 def _changed(pair: Pair, scatter_of_log: float | None) -> Row:

@@ -39,7 +39,8 @@ not good and err by more than the odometry they were given. `iceg.evaluation.reg
 
 *p* is the probability that a version which is neither better nor worse differs by so much: the signs of the differences
 are flipped at random (McNemar's exact test where they are counts), cells that differ by their noise alone as one.
-Processor time compares only runs made at the same time on the same machine.
+*Cells changed* are those on which a change has any effect at all. Processor time compares only runs made at the same
+time on the same machine.
 """
 
 

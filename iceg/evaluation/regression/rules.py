@@ -92,7 +92,6 @@ _FRONT_END = f"{_SLAM}.tracking.front_end:FrontEnd"
 _BACK_END = f"{_SLAM}.back_end:BackEnd"
 _VOTES = f"{_SLAM}.broken_path.place_votes:PlaceVotes"
 _RELOCALISATION: dict[str, Any] = {f"{_SLAM}.back_end:relocalise": lambda _closer, _track, estimate, *_: estimate}
-_STRETCHES: dict[str, Any] = {f"{_SLAM}.back_end:long_steps": lambda _track: {}}
 
 RULES: Mapping[str, Rule] = MappingProxyType(
     {
@@ -101,8 +100,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="the same where something always matched: against drift, and matches that lead astray",
             without={f"{_SLAM}.back_end:relocalise": _only_after_a_loss},
         ),
-        "stretches": Rule(what="factors over six key scans beside those from one to the next", without=_STRETCHES),
-        "relocalisation and stretches": Rule(what="both of these", without=_RELOCALISATION | _STRETCHES),
+        "parted": Rule(
+            what="closures across a loss are taken out where they do not stand an examination",
+            without={f"{_SLAM}.broken_path.estimate:ChangingEstimate.part": _nothing},
+        ),
         "place votes": Rule(
             what="no closure after much drift while key scans fit another place as well",
             without={
