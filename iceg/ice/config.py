@@ -158,6 +158,8 @@ class RefinementConfig:
     """Width at which the first, wide stage starts [m]."""
     iterations: int = 20
     """Most Gauss-Newton steps of the fine stage."""
+    tracking_prior: float = 3.0
+    """Pull of odometry on a pose between two key scans, in points."""
     credible: float = 0.75
     """The guess is taken without further hypotheses when this share of the points agrees after its polish."""
     doubtful: float = 0.6

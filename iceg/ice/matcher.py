@@ -50,8 +50,6 @@ _HOLD = 30.0
 """Pull of a guess that a match must not leave far, in points."""
 _STILL = SearchWindow(T_ref_guess=np.zeros(3), translation=0.05, rotation=0.03)
 """A guess that its polish moves by no more than this lay on an optimum already."""
-_TRACKING_PRIOR = 3.0
-"""Pull of odometry on a pose between two key scans, in points."""
 _REMEMBERED = 3000
 """Scans whose points and features are kept, so that memory does not grow with the run."""
 _Extracted = TypeVar("_Extracted")
@@ -144,7 +142,7 @@ class IceMatcher:
         config = self.config.refinement
         if config.enabled and len(scan_points) >= _FEWEST_POINTS:
             refined = refine_on_points(
-                scan_points, reference, T_ref_guess, config, wide=False, prior_weight=_TRACKING_PRIOR
+                scan_points, reference, T_ref_guess, config, wide=False, prior_weight=config.tracking_prior
             )
             if refined.inliers >= config.credible * len(scan_points) and self._is_near(
                 refined.T_ref_cur, T_ref_guess, covariance_guess
@@ -168,7 +166,7 @@ class IceMatcher:
         polish = Polish(
             scale=refinement.scale,
             iterations=refinement.iterations,
-            prior_weight=_TRACKING_PRIOR,
+            prior_weight=refinement.tracking_prior,
             facing=FACING,
             fewest=_FEWEST_POINTS,
             credible=refinement.credible,
@@ -339,7 +337,7 @@ class IceMatcher:
         refined = refine_on_points(points, reference, window.T_ref_guess, config, wide=False)
         if not window.contains(refined.T_ref_cur):
             refined = refine_on_points(
-                points, reference, window.T_ref_guess, config, wide=False, prior_weight=_TRACKING_PRIOR
+                points, reference, window.T_ref_guess, config, wide=False, prior_weight=config.tracking_prior
             )
         return refined if window.contains(refined.T_ref_cur) else None
 

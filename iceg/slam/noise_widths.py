@@ -42,7 +42,13 @@ _WIDTHS: _Widths = {
 
 def widened(config: Config, noise: float) -> Config:
     """The settings for a laser whose ranges typically err by so much beyond what the settings allow for [m]."""
-    return config if noise == 0.0 else _widened(config, _WIDTHS, noise)
+    if noise == 0.0:
+        return config
+    wider: Config = _widened(config, _WIDTHS, noise)
+    # Odometry pulls as hard as before, while each point tells less.
+    points = (wider.ice.refinement.scale / config.ice.refinement.scale) ** 2
+    refinement = replace(wider.ice.refinement, tracking_prior=points * config.ice.refinement.tracking_prior)
+    return replace(wider, ice=replace(wider.ice, refinement=refinement))
 
 
 def _widened(settings: Any, widths: _Widths, noise: float) -> Any:  # noqa: ANN401

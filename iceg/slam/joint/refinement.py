@@ -31,8 +31,8 @@ from iceg.slam.tracking.track import Track
 _LEAST_NOISE = 0.004
 """The residuals of points are never taken to be smaller than this [m]."""
 _TOLD = 1.0
-"""A point is told from other walls if a piece reaches so many of its standard deviations across; else it is left out:
-it would meet, on either side of its wall, only those that err as it does."""
+"""A point takes part where a piece of wall reaches so many of its standard deviations across; another would meet, on
+either side of its wall, only those that err as it does."""
 _LINE_ROUNDS = 3
 _APART = 1e5
 _THINNEST = 4
