@@ -65,7 +65,7 @@ def test_a_wall_seen_while_the_robot_turns_on_the_spot() -> None:
     geometry = ScanGeometry(bearings=bearings, range_min=0.05, range_max=20.0)
     turn, sweep = 0.2, 0.8
     seen_at = bearings + turn * sweep * np.linspace(-0.5, 0.5, 121)
-    log = replace(_log((3.0 / np.cos(seen_at))[None]), geometry=geometry)
+    log = _log((3.0 / np.cos(seen_at))[None], geometry)
     motion = MotionWithin(velocity=np.array([[0.0, 0.0, turn]]), change=np.zeros((1, 3)))
     straight = deskewed(log, motion, sweep).ranges[0]
     np.testing.assert_allclose(straight[1:-1], (3.0 / np.cos(bearings))[1:-1], rtol=2e-4)
@@ -127,12 +127,12 @@ def test_stamps_that_stand_still_count_scans() -> None:
     np.testing.assert_array_equal(intervals(np.zeros(5)), np.ones(4))
 
 
-def _log(ranges: NDArray[Any]) -> Log:
+def _log(ranges: NDArray[Any], geometry: ScanGeometry = ALL_AROUND) -> Log:
     return Log(
         ranges=ranges.astype(np.float32),
         odometry=np.zeros((len(ranges), 3)),
         stamps=np.arange(len(ranges), dtype=np.float64),
-        geometry=ALL_AROUND,
+        geometry=geometry,
         path=Path("swept.clf"),
     )
 

@@ -60,7 +60,7 @@ def test_a_laser_that_errs_little_leaves_everything_as_it_is() -> None:
     assert beyond_allowed(LaserNoise(constant=ALLOWED)) == PLAIN
     config = Config()
     assert widened(config, 0.0) is config
-    assert widened(config, 1e-9).ice.refinement.scale == pytest.approx(config.ice.refinement.scale)
+    assert widened(config, 1e-6).ice.refinement.scale == pytest.approx(config.ice.refinement.scale)
 
 
 def test_points_of_a_noisy_laser_move_towards_their_wall_and_keep_its_normal() -> None:
