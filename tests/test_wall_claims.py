@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from iceg.slam.joint.wall_claims import believed_covariances
+from iceg.slam.joint.wall_claims import MOST, believed_covariances
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ def test_a_direction_that_would_be_known_too_well_is_widened_and_one_known_worse
     walls[0] = graph[0]
     believed = believed_covariances(walls, graph)
     assert believed is not None
-    expected = root[1:] @ np.diag([0.5, 1.0 / 9.0, 1.0]) @ np.swapaxes(root[1:], 1, 2)
+    expected = root[1:] @ np.diag([0.5, 1.0 / MOST**2, 1.0]) @ np.swapaxes(root[1:], 1, 2)
     np.testing.assert_allclose(believed[1:], expected, rtol=1e-9, atol=1e-14)
     np.testing.assert_array_equal(believed[0], walls[0])
 
@@ -42,11 +42,11 @@ def test_a_direction_that_would_be_known_too_well_is_widened_and_one_known_worse
 def test_where_most_poses_would_be_known_too_well_nothing_is_believed(too_sure: int, is_believed: bool) -> None:
     graph = _covariances(11, 0.1)
     walls = graph / 2.0**2
-    walls[1 : 1 + too_sure] = graph[1 : 1 + too_sure] / 5.0**2
+    walls[1 : 1 + too_sure] = graph[1 : 1 + too_sure] / (2.0 * MOST) ** 2
     believed = believed_covariances(walls, graph)
     assert (believed is not None) == is_believed
     if believed is not None:
-        assert np.linalg.eigvalsh(believed[1:] - graph[1:] / 3.001**2).min() > 0.0
+        assert np.linalg.eigvalsh(believed[1:] - graph[1:] / (1.001 * MOST) ** 2).min() > 0.0
 
 
 def test_covariances_that_are_none_judge_nothing() -> None:
