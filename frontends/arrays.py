@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from frontends.logs.plausibility import judge_odometry
 from frontends.logs.usable_range import mask_no_returns, usable_range, warn_of_no_returns
 from frontends.scan import Log, ScanError, ScanGeometry
+from graph.limits import LIMITS
 from graph.se2 import wrap_angle
 
 _Number = TypeVar("_Number", np.float32, np.float64)
@@ -105,6 +106,8 @@ def _limits(range_min: float | None, range_max: float | None) -> tuple[float | N
     longest = np.inf if range_max is None else float(range_max)
     if (shortest or 0.0) < 0.0 or not longest > (shortest or 0.0):
         raise ScanError(f"found ranges from {shortest} m to {longest} m, expected 0 ≤ range_min < range_max")
+    if LIMITS.range < longest < np.inf:
+        raise ScanError(f"found a range_max of {longest:g} m, expected at most {LIMITS.range:g} m, or infinity")
     return shortest, longest
 
 
@@ -126,7 +129,8 @@ def _finite(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> NDAr
 
 def _array(name: str, values: ArrayLike | None, kind: type[_Number], *, ndim: int) -> NDArray[_Number]:
     try:
-        array = np.asarray(values, dtype=kind)
+        with np.errstate(over="ignore"):  # what no float32 can hold is no return
+            array = np.asarray(values, dtype=kind)
     except (TypeError, ValueError) as error:
         raise ScanError(f"found {name} that are no array of numbers ({error})") from error
     if array.ndim != ndim:

@@ -28,7 +28,6 @@ def recover(path: Path, types: Collection[str], see: See, tell: Tell) -> Iterato
             _of_stated_size(path) as whole,
             closing(sqlite3.connect(f"{whole.resolve().as_uri()}?mode=ro&immutable=1", uri=True)) as database,
         ):
-            database.text_factory = lambda text: text.decode("utf-8", "replace")
             channels = _channels(database)
             newest = -1
             for row in _rows(database, f"{_ROWS} ORDER BY id", tell, path):
@@ -40,7 +39,7 @@ def recover(path: Path, types: Collection[str], see: See, tell: Tell) -> Iterato
                 for message in _message(row, channels, types, see)
             ]
             yield from reversed(behind)
-    except (sqlite3.Error, OverflowError) as error:
+    except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:  # the last of a message of SQLite's
         tell(f"{path.name}: the database is damaged ({error})")
 
 
@@ -73,7 +72,7 @@ def _rows(database: sqlite3.Connection, query: str, tell: Tell, path: Path) -> I
     """Rows up to the first that cannot be read."""
     try:
         yield from database.execute(query)
-    except sqlite3.Error as error:
+    except (sqlite3.Error, UnicodeDecodeError) as error:
         tell(f"{path.name}: the database is damaged ({error}): rows are left out")
 
 

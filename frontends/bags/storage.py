@@ -117,6 +117,8 @@ def _recovered(file: BagFile, why: str, types: Collection[str], see: See, tell: 
 def _told(error: Exception) -> str:
     """What rosbags says of damage, in one line."""
     said = " ".join(str(error).split())
+    if isinstance(error, MemoryError):
+        return "it states a size that does not fit into memory"
     return f"{type(error).__name__}: {said[:200]}" if said else type(error).__name__
 
 

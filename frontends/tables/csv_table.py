@@ -130,7 +130,8 @@ def _row(text: str, names: list[str]) -> list[float]:
 
 def _table(path: Path, settings: dict[str, list[float]], names: list[str], rows: NDArray[np.float64]) -> ScanTable:
     at = {name: place for place, name in enumerate(names)}
-    ranges = rows[:, [at[name] for name in range_columns(path, names)]].astype(np.float32)
+    with np.errstate(over="ignore"):  # what no float32 can hold is no return
+        ranges = rows[:, [at[name] for name in range_columns(path, names)]].astype(np.float32)
     columns = {name: rows[:, place] for name, place in at.items() if not is_range(name)}
     return ScanTable(settings=settings, columns=columns, ranges=ranges)
 

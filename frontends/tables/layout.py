@@ -45,6 +45,10 @@ class ScanTable:
     ranges: NDArray[np.float32]
 
 
+_MOST_DIGITS = 9
+"""Of the number of a beam."""
+
+
 def is_known(column: str) -> bool:
     """Whether a column is part of the layout."""
     return column in {STAMP, *ODOMETRY, *TRUTH, *SETTINGS} or is_range(column)
@@ -52,7 +56,9 @@ def is_known(column: str) -> bool:
 
 def is_range(column: str) -> bool:
     """Whether a column holds the readings of one beam."""
-    return column.startswith(RANGE) and column.removeprefix(RANGE).isdecimal()
+    number = column.removeprefix(RANGE)
+    is_number = number.isascii() and number.isdecimal() and len(number) <= _MOST_DIGITS
+    return column.startswith(RANGE) and is_number and number == str(int(number))
 
 
 def range_columns(path: Path, columns: Sequence[str]) -> list[str]:

@@ -337,5 +337,29 @@ def _others() -> dict[str, Target]:
     }
 
 
-TARGETS: dict[str, Target] = _logs() | _packed_logs() | _others() | _run_folder_targets()
+def _converted(name: str) -> bytes:
+    """The CARMEN log in another format."""
+    import tempfile
+
+    from frontends.logs import read_log
+    from frontends.logs.writers import write_log
+
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "x.clf"
+        log.write_text(seeds.flaser_log())
+        write_log(Path(folder) / name, read_log(log))
+        return (Path(folder) / name).read_bytes()
+
+
+def _bags_and_tables() -> dict[str, Target]:
+    names = ("x.bag", "x.db3", "x.mcap", "x.npz", "x.csv")
+    return {
+        name.removeprefix("x."): Target(
+            file=name, seeds=(_converted(name),), read=_log, use=_run, words=("run", name, "-o", "out", "--overwrite")
+        )
+        for name in names
+    }
+
+
+TARGETS: dict[str, Target] = _logs() | _packed_logs() | _bags_and_tables() | _others() | _run_folder_targets()
 """By name."""
