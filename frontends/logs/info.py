@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.laser_noise import LaserNoise, learn_laser_noise
 from frontends.scan import Log
 from graph.se2 import wrap_angle
 
@@ -43,6 +44,7 @@ class LogInfo:
         warnings: what the reader noticed.
         choices: what the reader chose, and why, by its subject.
         has_truth: whether the log holds the true poses.
+        noise: how far the ranges scatter, learned from the scans; None where too few beams meet walls.
     """
 
     path: Path
@@ -67,6 +69,7 @@ class LogInfo:
     warnings: tuple[str, ...]
     choices: Mapping[str, str]
     has_truth: bool
+    noise: LaserNoise | None
 
     def __str__(self) -> str:
         x, y, heading = self.T_robot_laser
@@ -90,6 +93,7 @@ class LogInfo:
                 else "none"
             ),
             "no return": f"{100 * self.no_return_share:.1f} % of the beams, {self.empty_scans} scans without any",
+            "noise": self._told_noise(),
             "odometry": motion,
             "stamps": ", ".join([f"step back {self.stamps_stepping_back} times", *self._told_gaps()]),
             "messages": ", ".join(f"{count} {name}" for name, count in self.message_counts.items()),
@@ -99,6 +103,12 @@ class LogInfo:
         lines = [f"{name:<10}{value}" for name, value in rows.items() if value]
         chosen = [f"{'chosen':<10}{subject}: {choice}" for subject, choice in self.choices.items()]
         return "\n".join([*lines, *chosen, *(f"{'warning':<10}{warning}" for warning in self.warnings)])
+
+    def _told_noise(self) -> str:
+        if self.noise is None:
+            return ""
+        growing = f", and {100 * self.noise.per_metre:.1f} % of the range" if self.noise.per_metre > 0.0005 else ""
+        return f"ranges scatter by {1000 * self.noise.constant:.1f} mm{growing} (one standard deviation)"
 
     def _told_gaps(self) -> list[str]:
         if not self.gaps:
@@ -138,6 +148,7 @@ def describe_log(log: Log) -> LogInfo:
         warnings=log.warnings,
         choices=log.choices,
         has_truth=log.truth is not None,
+        noise=learn_laser_noise(log),
     )
 
 
