@@ -139,7 +139,8 @@ def _tracking_warnings(result: "SlamResult") -> list[RunWarning]:
     ]
     carried, n_scans = result.summary["scans_carried_by_odometry"], len(result.log)
     if carried > _MANY_CARRIED * n_scans:
-        sentence = f"{carried} of {n_scans} scans matched nothing: odometry alone tells the way there"
+        guide = "odometry alone tells" if result.log.has_odometry else "nothing but the velocity before tells"
+        sentence = f"{carried} of {n_scans} scans matched nothing: {guide} the way there"
         warnings.append(RunWarning(kind="carried", sentence=sentence))
     return warnings
 
