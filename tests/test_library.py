@@ -1,6 +1,8 @@
 """The library as the README shows it: five lines for a run, twenty for one's own matcher, parts on plain arrays."""
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -137,3 +139,9 @@ def test_plain_strings_name_files_and_folders(shown: dict[str, Any], tmp_path: P
     table = tmp_path / "closures.csv"
     table.write_text("scan_i,scan_j,x_m,y_m,theta_rad\n0,100,1,0,0\n")
     assert len(read_manual_closures(str(table))) == 1
+
+
+def test_arrays_make_a_log_before_anything_else_is_imported() -> None:
+    code = "import iceg; print(iceg.Log.from_arrays([[1.0, 2.0]], field_of_view=1.0))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stdout == "Log(arrays: 1 scans of 2 beams, no odometry)\n", done.stderr

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from frontends.laser_noise import LaserNoise
-from frontends.scan import Scan
+from frontends.scan import Log, Scan
 from frontends.simulator.laser import Laser, cast, sense, sick_lms200
 from frontends.simulator.scene import load_scene
 from frontends.simulator.simulation import simulate
@@ -92,3 +92,9 @@ def test_surfels_of_one_wall_gather_on_it() -> None:
     after = np.abs(surfels[:n, 1] - 2.0)
     assert after.mean() < 0.4 * before.mean()
     np.testing.assert_allclose(surfels[:n, 3], -1.0, atol=1e-9)
+
+
+def test_a_stated_noise_counts_where_the_log_tells_none() -> None:
+    blind = Log.from_arrays(np.full((5, 20), np.nan), field_of_view=3.0)
+    result = run(blind, Config(laser=LaserConfig(noise=0.3)))
+    assert result.summary["laser"]["noise_m"] == 0.3

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.arrays import log_from_arrays
 from frontends.logs.errors import LogError
 from frontends.scan import Log, ScanError
 
@@ -86,6 +85,8 @@ def log_of(path: Path, table: ScanTable, range_min: float | None, range_max: flo
     Raises:
         LogError: the numbers make no log.
     """
+    from frontends.arrays import log_from_arrays  # which judges odometry as the readers of logs do, this one among them
+
     settings = {name: list(values) for name, values in table.settings.items()}
     for name in SETTINGS:
         if name not in settings and len(table.columns.get(name, ())):

@@ -189,9 +189,10 @@ class _StageClock:
 def _laser_noise(log: Log, config: Config) -> LaserNoise | None:
     """As the settings say, or else the log; None where neither does."""
     learned = learn_laser_noise(log)
-    if config.laser.noise is None or learned is None:
+    if config.laser.noise is None:
         return learned
-    return replace(learned, constant=config.laser.noise, per_metre=config.laser.noise_per_metre)
+    stated = LaserNoise(constant=config.laser.noise, per_metre=config.laser.noise_per_metre)
+    return stated if learned is None else replace(learned, constant=stated.constant, per_metre=stated.per_metre)
 
 
 def _described(laser: LaserNoise | None) -> dict[str, float] | None:
