@@ -252,7 +252,8 @@ def _one_transform(name: str, v: list[float]) -> Points:
     elif name == "skewY" and len(v) == 1:
         matrix[1, 0] = math.tan(math.radians(v[0]))
     else:
-        raise SvgError(f"found the transform {name}({', '.join(f'{x:g}' for x in v)}), expected one of SVG's own")
+        found = f"{name[:20]}({', '.join(f'{x:g}' for x in v[:6])})"
+        raise SvgError(f"found the transform {found}, expected one of SVG's own")
     return matrix
 
 
@@ -281,7 +282,7 @@ def _numbers(text: str) -> list[float]:
 def _length(element: ET.Element, name: str) -> float:
     numbers = _numbers(element.get(name, "0"))
     if not numbers:
-        raise SvgError(f"found {name}='{element.get(name)}' in a {_tag(element)}, expected a number")
+        raise SvgError(f"found {name}='{str(element.get(name))[:20]}' in a {_tag(element)[:20]}, expected a number")
     return numbers[0]
 
 
