@@ -16,7 +16,7 @@ from graph.se2 import compose
 from iceg.slam.back_end import Solution
 from iceg.slam.broken_path.path_break import Break
 from iceg.slam.config import LoopClosureConfig
-from iceg.slam.odometry.contradicted_steps import with_both_ways
+from iceg.slam.odometry.contradicted_steps import other_ways, with_both_ways
 from iceg.slam.tracking.track import KeyScan, Track
 
 _N, _TURNED = 61, 30
@@ -32,7 +32,7 @@ class _Run(NamedTuple):
     track: Track
 
     def covariances(self) -> NDArray[np.float64]:
-        return with_both_ways(_KNOWN, self.solution, self.factors, self.track, LoopClosureConfig())
+        return with_both_ways(_KNOWN, other_ways(self.solution, self.factors, self.track, LoopClosureConfig()))
 
 
 def _run(*contradicted: int, score: float = 0.5) -> _Run:

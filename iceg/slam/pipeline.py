@@ -33,12 +33,14 @@ from iceg.slam.closures.manual import (
     manual_factors,
     manual_records,
 )
+from iceg.slam.distance import Distance, Sighting, measured_distance, sighting_at
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.finish import Finished, finish
+from iceg.slam.joint_covariance import JointCovariance
 from iceg.slam.noise_widths import widened
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.constant_velocity import constant_velocity
-from iceg.slam.odometry.contradicted_steps import with_both_ways
+from iceg.slam.odometry.contradicted_steps import other_ways, with_both_ways
 from iceg.slam.odometry.standstill import with_odometry_between_readings
 from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import Progress, ProgressCallback
@@ -65,6 +67,7 @@ class SlamResult:
         key_scans: (k,) which scans are key scans.
         key_poses: (k, 3) their T_map_robot.
         covariances: (k, 3, 3) their marginal covariances, tangent space at each.
+        joint: how the errors of the key poses hang together.
         graph: the factor graph; its factors are carried along with the poses by the joint refinement of poses and map.
         measured: the same factors as they were measured, in the same order, see `FinalFactors`.
         landmarks: the feature map, expired landmarks included.
@@ -80,6 +83,7 @@ class SlamResult:
     key_scans: NDArray[np.int64]
     key_poses: NDArray[np.float64]
     covariances: NDArray[np.float64]
+    joint: JointCovariance
     graph: PoseGraph
     measured: list[Factor]
     landmarks: Landmarks
@@ -95,6 +99,32 @@ class SlamResult:
             f"{len(self.measured)} factors, {accepted} of {len(self.closures)} closures accepted, "
             f"{len(self.landmarks)} landmarks, {len(self.summary['warnings'])} warnings)"
         )
+
+    def sighting(self, x: float, y: float) -> Sighting:
+        """The place (x, y) of the map [m], as the key scan saw it that saw it from closest.
+
+        Within 10 cm of a wall that is the wall: the nearest end of a beam of that scan.
+
+        Raises:
+            DistanceError: no key scan looked there.
+        """
+        return sighting_at(np.array([x, y]), self.log, self.key_scans, self.key_poses)
+
+    def distance(self, a: Sighting | tuple[float, float], b: Sighting | tuple[float, float]) -> Distance:
+        """How far two points are apart, and how well that is known.
+
+        The standard deviation is that of the joint covariance of the two poses that saw the points, and of the laser
+        where a point is the end of a beam.
+
+        Args:
+            a: a point that a scan saw, or x, y in the map [m], for which see `sighting`.
+            b: the other.
+
+        Raises:
+            DistanceError: no key scan looked there, or a scan that the log does not have.
+        """
+        a, b = (point if isinstance(point, Sighting) else self.sighting(*point) for point in (a, b))
+        return measured_distance(a, b, self.trajectory, self.key_scans, self.joint, self.log, self.summary["laser"])
 
 
 def run(
@@ -139,7 +169,8 @@ def run(
     with clock.stage("finish"):
         solution, finished = _finish(solution, track, log, matcher, config, noise, by_hand)
     with clock.stage("covariances"):
-        covariances = _covariances(finished, solution, track, config)
+        joint = _joint_covariance(finished, solution, track, config)
+        covariances = with_both_ways(joint.marginals, joint.ways)
     trajectory = track.trajectory(solution.poses)
     with clock.stage("feature_map"):
         landmarks = _landmarks(track, solution.poses, matcher, config)
@@ -155,6 +186,7 @@ def run(
         key_scans=key_scans,
         key_poses=solution.poses,
         covariances=covariances,
+        joint=joint,
         graph=solution.graph,
         measured=finished.factors.measured,
         landmarks=landmarks,
@@ -286,12 +318,18 @@ def _finish(
     return replace(solution, graph=graph, poses=finished.poses, attempts=finished.attempts), finished
 
 
-def _covariances(finished: Finished, solution: Solution, track: Track, config: Config) -> NDArray[np.float64]:
-    """(k, 3, 3) of the key poses: as the walls tell, else the graph, and wider where a match is in doubt."""
+def _joint_covariance(finished: Finished, solution: Solution, track: Track, config: Config) -> JointCovariance:
+    """Of the key poses: as the walls tell, else the graph, and with room for both ways where a match is in doubt."""
     known = finished.covariances
     if known is None:
         known = marginal_covariances(solution.graph.factors, solution.poses)
-    return with_both_ways(known, solution, finished.factors.measured, track, config.loops)
+    return JointCovariance(
+        poses=solution.poses,
+        marginals=known,
+        information=finished.information,
+        factors=solution.graph.factors,
+        ways=other_ways(solution, finished.factors.measured, track, config.loops),
+    )
 
 
 def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, config: Config) -> Landmarks:

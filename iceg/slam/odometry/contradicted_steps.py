@@ -7,6 +7,7 @@ that way, a match that does not explain its scan well, or leaves a direction ope
 odometry. The covariances have room for both.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -29,24 +30,36 @@ _ODOMETRY = 0.5
 """How probable it is that odometry was right."""
 
 
-def with_both_ways(
-    covariances: NDArray[np.float64],
-    solution: Solution,
-    factors: Sequence[Factor],
-    track: Track,
-    config: LoopClosureConfig,
-) -> NDArray[np.float64]:
+def with_both_ways(covariances: NDArray[np.float64], ways: NDArray[np.float64]) -> NDArray[np.float64]:
     """Covariances of the key poses that allow for odometry where a match that is in doubt contradicted it.
 
     Args:
         covariances: (k, 3, 3) of the key poses relative to the first, if the matches were right.
+        ways: (r, k, 3) how far the other way leads, see `other_ways`.
+
+    Returns:
+        (k, 3, 3) second moments about the poses of both ways together.
+    """
+    widened = covariances.copy()
+    for moved in ways:
+        widened += moved[:, :, None] * moved[:, None, :]
+    return widened
+
+
+def other_ways(
+    solution: Solution, factors: Sequence[Factor], track: Track, config: LoopClosureConfig
+) -> NDArray[np.float64]:
+    """Where odometry would lead that a match in doubt contradicted.
+
+    Args:
         solution: the poses, where a match contradicted odometry, and what closures made of it.
         factors: of the graph, as they were measured.
         track: key scans and their matches.
         config: on which key scans closures rest.
 
     Returns:
-        (k, 3, 3) second moments about the poses of both ways together.
+        (r, k, 3) for each such step how far it moves each of the k key poses, tangent space at it, times the square
+        root of the probability that odometry was right: 0 before the step, and one rigid motion of all behind it.
     """
     poses, amid = solution.poses, amid_the_path(track)
     across = closures_across(factors, len(poses), config)
@@ -57,19 +70,17 @@ def with_both_ways(
         for key in solution.odometry_jumps
         if amid[key] and across[key] < _SETTLED and key in claims and key not in joined
     ]
-    widened = covariances.copy()
-    for row in _in_a_row(unsettled):
-        if not any(_is_in_doubt(track.keys[key]) for key in row):
-            continue
-        # One wrong match brings the next: they are judged together.
+    # One wrong match brings the next: those in a row are judged together.
+    doubtful = [row for row in _in_a_row(unsettled) if any(_is_in_doubt(track.keys[key]) for key in row)]
+    ways = np.zeros((len(doubtful), len(poses), 3))
+    for way, row in zip(ways, doubtful, strict=True):
         claimed = np.zeros(3)
         for key in row:
             claimed = compose(claimed, claims[key])
         before, last = row[0] - 1, row[-1]
         apart = logmap(between(between(poses[before], poses[last]), claimed))
-        moved = matvec(adjoint(between(poses[row[0] :], poses[last])), apart)
-        widened[row[0] :] += _ODOMETRY * moved[:, :, None] * moved[:, None, :]
-    return widened
+        way[row[0] :] = math.sqrt(_ODOMETRY) * matvec(adjoint(between(poses[row[0] :], poses[last])), apart)
+    return ways
 
 
 def _is_in_doubt(key: KeyScan) -> bool:
