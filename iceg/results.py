@@ -40,6 +40,7 @@ RESULT_FILES = (
     "map.png",
     "features.geojson",
     "config.toml",
+    "report.html",
     "summary.json",
 )
 
@@ -87,7 +88,7 @@ def check_directory(directory: Path, *, overwrite: bool) -> None:
         raise ResultsError(f"{directory}: is not empty; choose another folder, or replace its results with --overwrite")
 
 
-def write_results(result: "SlamResult", directory: Path | str, *, overwrite: bool = False) -> None:
+def write_results(result: "SlamResult", directory: Path | str, *, overwrite: bool = False, report: bool = True) -> None:
     """Write everything a run found, all files or none.
 
     Whatever interrupts the writing, a reader finds the whole of the earlier results or of the new ones; `graph.publish`
@@ -97,12 +98,13 @@ def write_results(result: "SlamResult", directory: Path | str, *, overwrite: boo
         result: what the run found.
         directory: made when missing.
         overwrite: whether earlier results in it may be replaced.
+        report: whether to write `report.html`; an earlier one goes in any case.
 
     Raises:
         ResultsError: the folder is not empty, or cannot be written to.
     """
     directory = Path(directory)
-    writers = {name: partial(write, result) for name, write in _WRITERS.items()}
+    writers = {name: partial(write, result) for name, write in _WRITERS.items() if report or name != "report"}
     write_folder(directory, writers, result.summary, overwrite=overwrite)
 
 
@@ -305,6 +307,12 @@ def _write_config(result: "SlamResult", folder: Path) -> None:
     _write_text(folder / "config.toml", format_config(result.config))
 
 
+def _write_report(result: "SlamResult", folder: Path) -> None:
+    from iceg.report import REPORT, write_report
+
+    write_report(result, folder / REPORT)
+
+
 _WRITERS: Mapping[str, Callable[["SlamResult", Path], None]] = {
     "trajectory": _write_trajectory,
     "graph": _write_graph,
@@ -314,6 +322,7 @@ _WRITERS: Mapping[str, Callable[["SlamResult", Path], None]] = {
     "picture": _write_picture,
     "features": _write_features,
     "config": _write_config,
+    "report": _write_report,
 }
 
 

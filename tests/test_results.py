@@ -82,6 +82,7 @@ def stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
                 "graph": writer("graph.g2o"),
                 "picture": writer("map.png"),
                 "features": writer("features.geojson"),
+                "report": writer("report.html"),
             }
         ),
     )

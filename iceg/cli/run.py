@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from frontends.dp_slam.config import DpSlamConfig
-from iceg.cli.options import ConfigFile, GivenPath, Overwrite, Settings, SkipBadLines
+from iceg.cli.options import ConfigFile, GivenPath, Overwrite, Report, Settings, SkipBadLines
 from iceg.cli.run_log import run_log, tell_warnings, what_was_kept, written_at
 from iceg.config import Config
 
@@ -31,6 +31,7 @@ class RunOptions:
     ] = None
     overwrite: Overwrite = False
     skip_bad_lines: SkipBadLines = False
+    report: Report = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +49,7 @@ class Run(RunOptions):
             closures=self.closures,
             overwrite=self.overwrite,
             skip_bad_lines=self.skip_bad_lines,
+            report=self.report,
         )
 
 

@@ -28,6 +28,7 @@ def run_log(
     overwrite: bool,
     skip_bad_lines: bool,
     closures: Path | None = None,
+    report: bool = True,
 ) -> None:
     """Read a log, run, write the results, and say on the way what a person should know.
 
@@ -38,6 +39,7 @@ def run_log(
         overwrite: whether earlier results may be replaced.
         skip_bad_lines: pass over malformed lines and count them.
         closures: a file of loops closed by hand.
+        report: whether to write the page that shows the run.
 
     Raises:
         IcegError: the log cannot be read, or the results not be written.
@@ -67,14 +69,15 @@ def run_log(
                     result = run(log, config, progress, closures=by_hand)
             except GraphError as err:
                 raise GraphError(f"{path}: {err}") from err
-            write_results(result, directory, overwrite=overwrite)
+            write_results(result, directory, overwrite=overwrite, report=report)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(what_was_kept(directory, before)) from None
     told = log.warnings
     _tell_results(result, progress.matching, time.perf_counter() - started)
     _warn([warning for warning in result.log.warnings if warning not in told])
     _warn(in_short([*_tracking_warnings(result), *result.warnings], "warnings and lost_at_scans in summary.json"))
-    print(f"Results are in {directory}: map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more")
+    page = "report.html, " if report else ""
+    print(f"Results are in {directory}: {page}map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more")
 
 
 def tell_warnings(log: "Log") -> None:
