@@ -47,8 +47,15 @@ def _odometry(odometry: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         f"{odometry['translation_shift_scans']:+.2f} scans, turns {odometry['heading_shift_scans']:+.2f}",
     )
     x, y, heading = odometry["T_odometry_laser"]
-    yield "Laser on the robot", f"{100 * x:+.1f} cm ahead, {100 * y:+.1f} cm left, {math.degrees(heading):+.2f} °"
+    yield "Laser on the robot", f"{_signed(100 * x, 1)} cm ahead, {_signed(100 * y, 1)} cm left"
+    yield "… turned to the left by", f"{_signed(math.degrees(heading), 2)} °"
+
+
+def _signed(value: float, decimals: int) -> str:
+    """With its sign, but none for what rounds to zero."""
+    rounded = round(value, decimals)
+    return f"{rounded:+.{decimals}f}" if rounded else f"{0.0:.{decimals}f}"
 
 
 def _percent(scale: float) -> str:
-    return f"{100 * scale:+.2f} % to be added"
+    return f"{_signed(100 * scale, 2)} % to be added"

@@ -1,6 +1,6 @@
 // Two scans laid on each other: as they were matched, and as the final path has them.
 
-import { endsOfRow, rowOfScan } from "report/run";
+import { compose, endsOfRow, rowOfScan } from "report/run";
 import { colour } from "report/theme";
 
 const MARGIN = 14;
@@ -15,13 +15,17 @@ const moved = ([x, y, heading], ends) => {
   return out;
 };
 
-/** Paint scan i and, where it lies in its frame, scan j: [x, y, heading]. Straight ahead of scan i is up. */
+/** Paint scan i and, where it lies in its frame, scan j: [x, y, heading]. Straight ahead of scan i is right or up. */
 export function drawPair(canvas, scanI, scanJ, T_i_j) {
-  const up = [0, 0, Math.PI / 2];
   const clouds = [
-    { ends: moved(up, endsOfRow(rowOfScan(scanI))), at: [0, 0, Math.PI / 2], name: "a" },
-    { ends: moved(up, moved(T_i_j, endsOfRow(rowOfScan(scanJ)))), at: [-T_i_j[1], T_i_j[0], T_i_j[2] + Math.PI / 2], name: "b" },
+    { ends: endsOfRow(rowOfScan(scanI)), at: [0, 0, 0], name: "a" },
+    { ends: moved(T_i_j, endsOfRow(rowOfScan(scanJ))), at: T_i_j, name: "b" },
   ];
+  const [x0, y0, x1, y1] = box(clouds);
+  if (y1 - y0 > x1 - x0) {
+    const up = [0, 0, Math.PI / 2];
+    for (const cloud of clouds) [cloud.ends, cloud.at] = [moved(up, cloud.ends), compose(up, cloud.at)];
+  }
   const ratio = Math.min(2, window.devicePixelRatio || 1);
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
   [canvas.width, canvas.height] = [width * ratio, height * ratio];
@@ -30,17 +34,18 @@ export function drawPair(canvas, scanI, scanJ, T_i_j) {
   const place = fitted(clouds, width, height);
   context.globalAlpha = 0.85;
   for (const { ends, name } of clouds) {
+    const size = name === "a" ? 4 : 2.2; // what lies beneath is wider
     context.fillStyle = colour(name);
     for (let i = 0; i < ends.length; i += 2) {
       const [x, y] = place(ends[i], ends[i + 1]);
-      context.fillRect(x - 1.25, y - 1.25, 2.5, 2.5);
+      context.fillRect(x - size / 2, y - size / 2, size, size);
     }
   }
   context.globalAlpha = 1;
   for (const { at, name } of clouds) arrow(context, ...place(at[0], at[1]), -at[2], colour(name));
 }
 
-function fitted(clouds, width, height) {
+function box(clouds) {
   let [x0, y0, x1, y1] = [0, 0, 0, 0];
   for (const { ends } of clouds) {
     // What few beams see far away would make all the rest small.
@@ -49,6 +54,11 @@ function fitted(clouds, width, height) {
     [x0, y0] = [Math.min(x0, at(xs, 0.01)), Math.min(y0, at(ys, 0.01))];
     [x1, y1] = [Math.max(x1, at(xs, 0.99)), Math.max(y1, at(ys, 0.99))];
   }
+  return [x0, y0, x1, y1];
+}
+
+function fitted(clouds, width, height) {
+  const [x0, y0, x1, y1] = box(clouds);
   const scale = Math.min((width - 2 * MARGIN) / Math.max(x1 - x0, 0.1), (height - 2 * MARGIN) / Math.max(y1 - y0, 0.1));
   return (x, y) => [width / 2 + scale * (x - (x0 + x1) / 2), height / 2 - scale * (y - (y0 + y1) / 2)];
 }

@@ -114,7 +114,7 @@ function poses(context, view, state) {
   context.fill();
 }
 
-/** How many times the 3σ ellipses are enlarged, so that one sees them. */
+/** How many times the 3σ ellipses are enlarged, so that one sees them; scale in pixels a metre. */
 export function magnification(scale) {
   const widest = 3 * sureBounds[1] * scale;
   return [1, 2, 5, 10, 20, 50, 100, 200, 500].find((times) => widest * times >= 9) ?? 1000;
@@ -126,11 +126,14 @@ export function ellipses(context, view, state) {
   context.strokeStyle = colour("accent");
   context.fillStyle = colour("accent");
   context.lineWidth = 1;
+  let before = [-Infinity, -Infinity];
   for (let key = 0; key <= last; key++) {
     const [px, py, heading] = poseOfKey(key);
     const [x, y] = [view.x(px), view.y(py)];
     if (!view.holds(x, y)) continue;
     const { major, minor, turn } = ellipseOf(key);
+    if (Math.hypot(x - before[0], y - before[1]) < Math.max(6, 3 * times * major * view.scale)) continue;
+    before = [x, y];
     context.beginPath();
     context.ellipse(x, y, 3 * times * major * view.scale, 3 * times * minor * view.scale, -(heading + turn), 0, 2 * Math.PI);
     context.globalAlpha = 0.9;

@@ -56,8 +56,23 @@ function overview() {
     <p>The map of <b>${escaped(run.name)}</b>: ${count(nKeys, "key pose")}, ${count(accepted, "loop closure")} in force, ${count(run.landmarks.kinds.length, "landmark")}.</p>
     <p class="soft">Click a <b>pose</b> of the path for its scan, its covariance and what holds it; click a <b>loop closure</b> for the two scans it joins. The slider replays the run: space plays, ← and → step, Shift makes larger steps.</p>
     <p class="soft">The ruler measures between two points and says how well the distance is known.</p>
-    ${list ? `<h3>Look here</h3>${list}` : ""}
+    ${list ? `<h3>Look here</h3>${list}` : ""}${leastAgreed()}
     <div class="actions" data-for="overview"></div>`;
+}
+
+const MOST_DOUBTED = 8;
+
+/** The closures in force that the final path agrees with least. */
+function leastAgreed() {
+  const held = [...closures.factors.keys()].filter((index) => closures.factors[index] >= 0);
+  if (!held.length) return "";
+  const sigma = (index) => factors.sigmas[closures.factors[index]];
+  const worst = held.sort((a, b) => sigma(b) - sigma(a) || a - b).slice(0, MOST_DOUBTED);
+  const rows = worst.map((index) => {
+    const [i, j] = closures.scans.subarray(2 * index, 2 * index + 2);
+    return `<tr><td>${link("closure", index, `Closure ${index}`)}</td><td>${i} – ${j}</td><td>${sigma(index).toFixed(1)} σ</td></tr>`;
+  });
+  return `<h3>Closures the path agrees with least</h3><table class="list"><thead><tr><th>Closure</th><th>scans</th><th>residual</th></tr></thead><tbody>${rows.join("")}</tbody></table>`;
 }
 
 function ofMeasurement() {
@@ -118,9 +133,9 @@ function closureText(index, i, j, matched, onPath) {
   return `${head(`Closure ${index}`, walk)}
     <p><span class="badge" style="background:var(--${CLOSURE_COLOURS[verdict]})">${verdict === "rejected" ? "refused" : verdict}</span> ${escaped(inWords(closures.reasons[index]))}</p>
     <p class="legend"><span><i style="background:var(--a)"></i>${link("scan", i, `scan ${i}`)}</span><span><i style="background:var(--b)"></i>${link("scan", j, `scan ${j}`)}</span></p>
+    <dl class="facts">${facts(closureFacts(index, matched, onPath))}</dl>
     ${matched === null ? '<p class="soft">The matcher found no place where the scans agree.</p>' : picture("matched", "As matched")}
     ${picture("path", "As the final path has them")}
-    <dl class="facts">${facts(closureFacts(index, matched, onPath))}</dl>
     <p class="soft">Joins ${link("pose", keyOfScan(i), `key pose ${keyOfScan(i)}`)} and ${link("pose", keyOfScan(j), `key pose ${keyOfScan(j)}`)}.</p>
     <div class="actions" data-for="closure" data-index="${index}"></div>`;
 }
@@ -144,8 +159,9 @@ function closureFacts(index, matched, onPath) {
 
 /** What the three figures of a verdict mean, written out. */
 function inWords(reason) {
-  return reason
+  const words = reason
     .replace(/overlap (\d\.\d+)/, (_, share) => `${percent(share)} of the beams fall on the earlier pass`)
     .replace(/fit (\d\.\d+)/, (_, share) => `${percent(share)} of those agree with it`)
     .replace(/view (\d\.\d+)/, (_, share) => `${percent(share)} of what should be in view is seen`);
+  return `${words.charAt(0).toUpperCase()}${words.slice(1)}.`;
 }

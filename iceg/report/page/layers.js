@@ -64,9 +64,9 @@ export const GROUPS = [
 const isThere = (layer) => layer.n !== 0;
 
 /** Fill the panel and keep it right. */
-export function showLayerPanel(element, isWide) {
+export function showLayerPanel(element, key, isOpen) {
   for (const { layers } of GROUPS) for (const layer of layers) if (layer.shown && isThere(layer)) state.visible.add(layer.name);
-  element.innerHTML = `<details ${isWide ? "open" : ""}><summary>Layers</summary>${GROUPS.map(group).join("")}</details>`;
+  element.innerHTML = `<details ${isOpen ? "open" : ""}><summary>Layers</summary>${GROUPS.map(group).join("")}</details>`;
   const radios = element.querySelectorAll('input[type="radio"]');
   element.addEventListener("change", ({ target }) => {
     if (target.type === "radio") set("layers", { colourBy: target.value });
@@ -78,8 +78,11 @@ export function showLayerPanel(element, isWide) {
   const paint = () => {
     for (const radio of radios) radio.checked = radio.value === state.colourBy;
     const stops = [0, 0.25, 0.5, 0.75, 1].map((share) => onScale(state.colourBy, share));
-    element.querySelector(".bar").style.background = `linear-gradient(90deg, ${stops.join(",")})`;
-    element.querySelector(".ends").innerHTML = SCALES[state.colourBy]().map((end) => `<span>${end}</span>`).join("");
+    const [low, high] = SCALES[state.colourBy]();
+    key.hidden = !state.visible.has("path");
+    key.innerHTML = `<span>${low}</span><i style="background:linear-gradient(90deg, ${stops.join(",")})"></i><span>${high}</span>`;
+    if (state.visible.has("ellipses")) key.innerHTML += `<span id="enlarged"></span>`;
+    key.setAttribute("aria-label", `Colours of the path: from ${low} to ${high}`);
   };
   on("layers theme", paint);
   paint();
@@ -99,4 +102,4 @@ function row({ name, label, swatch, n, shown }) {
 const pathKey = `<div class="key" role="radiogroup" aria-label="Colour of the path">
   <label><input type="radio" name="colour" value="time" checked>Path by time</label>
   <label><input type="radio" name="colour" value="sure">Path by uncertainty, 1σ</label>
-  <div class="bar"></div><div class="ends"></div></div>`;
+</div>`;

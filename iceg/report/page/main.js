@@ -12,9 +12,9 @@ import { run } from "report/run";
 import { startTables } from "report/tables";
 import "report/theme";
 
-const isWide = matchMedia("(min-width: 1021px)").matches;
+const isWide = matchMedia("(min-width: 1500px)").matches;
 
-showLayerPanel(document.getElementById("layers"), isWide);
+showLayerPanel(document.getElementById("layers"), document.getElementById("key"), isWide);
 startPlayer();
 startMap();
 startMeasuring();

@@ -121,8 +121,11 @@ function showScale() {
     const steps = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
     const metres = steps.findLast((step) => step * pixels <= 110) ?? steps[0];
     bar.style.width = `${metres * pixels}px`;
+    const enlarged = document.getElementById("enlarged");
+    if (enlarged) enlarged.textContent = `ellipses: 3σ${draw.magnification(pixels) > 1 ? `, ${draw.magnification(pixels)}× enlarged` : ""}`;
     bar.textContent = metres < 1 ? `${Math.round(100 * metres)} cm` : `${metres} m`;
   };
   map.on("zoom move", update);
+  on("layers theme", update);
   update();
 }

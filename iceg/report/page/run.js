@@ -59,8 +59,27 @@ export function between(ab, ac) {
   return [c * x + s * y, c * y - s * x, Math.atan2(Math.sin(turn), Math.cos(turn))];
 }
 
-/** Smallest box around the map: [x_min, y_min, x_max, y_max]. */
+/** Box around the map but for the few cells that stray beams have seen far off: [x_min, y_min, x_max, y_max]. */
 export function extent() {
-  const { origin, columns, rows, resolution } = run.grid;
-  return [origin[0], origin[1], origin[0] + columns * resolution, origin[1] + rows * resolution];
+  const { origin, columns, rows, resolution, shades } = run.grid;
+  const [byColumn, byRow] = [new Float64Array(columns), new Float64Array(rows)];
+  for (let cell = 0; cell < columns * rows; cell++) {
+    if (((shades[cell >> 1] >> (4 * (cell & 1))) & 15) === 0) continue;
+    byColumn[cell % columns]++;
+    byRow[Math.floor(cell / columns)]++;
+  }
+  const [x, y] = [middle(byColumn), middle(byRow)].map((ends, axis) => ends.map((cells) => origin[axis] + cells * resolution));
+  return [x[0], y[0], x[1], y[1]];
+}
+
+const STRAY = 0.006; // share of the known cells at each end that the box may leave out
+
+function middle(counts) {
+  const total = counts.reduce((sum, n) => sum + n, 0);
+  const end = (order) => {
+    let left = STRAY * total;
+    return order.find((i) => (left -= counts[i]) < 0) ?? order[0];
+  };
+  const order = [...counts.keys()];
+  return [end(order), end([...order].reverse()) + 1];
 }
