@@ -45,7 +45,7 @@ def assemble(name: str, data: str, stages: str) -> str:
     parts = {
         "NAME": html.escape(name),
         "LICENCES": "\n".join(_text(vendor / licence) for licence in ("leaflet.LICENSE", "uPlot.LICENSE")),
-        "STYLES": "\n".join(_text(source) for source in _styles(page, vendor)),
+        "STYLES": "\n".join(_style(source) for source in _styles(page, vendor)),
         "LEAFLET": _text(vendor / "leaflet.js"),
         "UPLOT": _text(vendor / "uPlot.iife.min.js"),
         "MODULES": json.dumps({"imports": modules}, separators=(",", ":")),
@@ -62,6 +62,11 @@ def _styles(page: Traversable, vendor: Traversable) -> tuple[Traversable, ...]:
 
 def _text(source: Traversable) -> str:
     return source.read_text(encoding="utf-8")
+
+
+def _style(source: Traversable) -> str:
+    """A style sheet without the pictures of Leaflet's own buttons, which the page does not have."""
+    return re.sub(r"url\(images/[^)]*\)", "none", _text(source))
 
 
 def _data_url(script: str) -> str:

@@ -37,7 +37,7 @@ def _shades(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
     """(rows, columns) shades, linear in the log-odds between their extremes."""
     most = float(np.abs(log_odds).max(initial=0.0)) or 1.0
     middle = (_SHADES + 1) // 2
-    shades = np.clip(np.rint(middle + (middle - 1) * (log_odds / most)), 1, _SHADES).astype(np.uint8)
+    shades = middle + np.sign(log_odds) * np.ceil((middle - 1) * np.abs(log_odds) / most)
     shades[log_odds == 0.0] = _UNKNOWN
     return np.asarray(shades, dtype=np.uint8)
 

@@ -55,6 +55,7 @@ export function startPlayer() {
   document.getElementById("back").addEventListener("click", () => stepBy(-1));
   document.getElementById("forward").addEventListener("click", () => stepBy(1));
   document.addEventListener("keydown", pressed);
+  document.addEventListener("click", unfocus);
   on("scan play", show);
   document.getElementById("ticks").innerHTML = warnedScans().map((scan) => `<i style="left:${(100 * scan) / Math.max(1, nScans - 1)}%"></i>`).join("");
   goTo(nScans - 1);
@@ -70,6 +71,11 @@ function show() {
   slider.setAttribute("aria-valuetext", `scan ${state.scan} of ${nScans - 1}, ${time}`);
   play.innerHTML = state.playing ? ICONS.pause : ICONS.play;
   play.setAttribute("aria-label", state.playing ? "Pause" : "Play");
+}
+
+/** After a click with the mouse or a finger, keys are the replay's again; who tabs keeps the focus. */
+function unfocus({ target, detail }) {
+  if (detail > 0) target.closest("button, summary, input:not([type=range])")?.blur();
 }
 
 const KEYS = {
