@@ -5,9 +5,10 @@ function that holds it, and switched off by another in its place. A name that no
 row of the rule goes with the rule.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from importlib import import_module
 from types import MappingProxyType
 from typing import Any
@@ -232,12 +233,17 @@ RULES: Mapping[str, Rule] = MappingProxyType(
 """Every rule by its name."""
 
 
+def unknown_rules(names: Iterable[str]) -> list[str]:
+    """Those parts of names, each of `RULES` or several joined by " + ", that no rule has."""
+    return [part for name in names for part in _parts(name) if part not in RULES]
+
+
 @contextmanager
 def switched_off(name: str) -> Iterator[Change]:
-    """Runs within do without a rule.
+    """Runs within do without a rule, or without several.
 
     Args:
-        name: of `RULES`.
+        name: of `RULES`, or several joined by " + ".
 
     Yields:
         What the settings must become, too.
@@ -245,14 +251,20 @@ def switched_off(name: str) -> Iterator[Change]:
     Raises:
         EvaluationError: there is no such rule, or what it names is not there any more.
     """
-    rule = RULES.get(name)
-    if rule is None:
-        raise EvaluationError(f"found no rule '{name}', expected one of {', '.join(RULES)}")
+    unknown = unknown_rules([name])
+    if unknown:
+        raise EvaluationError(f"found no rule '{unknown[0]}', expected one of {', '.join(RULES)}")
+    rules = [RULES[part] for part in _parts(name)]
     with ExitStack() as stack:
-        for path, off in rule.without.items():
-            owner, attribute = _owner(name, path)
-            stack.enter_context(patch.object(owner, attribute, off))
-        yield rule.config or _first
+        for part, rule in zip(_parts(name), rules, strict=True):
+            for path, off in rule.without.items():
+                owner, attribute = _owner(part, path)
+                stack.enter_context(patch.object(owner, attribute, off))
+        yield lambda config: reduce(lambda so_far, rule: (rule.config or _first)(so_far), rules, config)
+
+
+def _parts(name: str) -> list[str]:
+    return [part.strip() for part in name.split("+")]
 
 
 def _owner(rule: str, path: str) -> tuple[Any, str]:
