@@ -19,12 +19,12 @@ import numpy as np
 from iceg.config import Config
 from iceg.evaluation.errors import EvaluationError
 from iceg.slam.broken_path.estimate import Estimate
-from iceg.slam.broken_path.path_break import LOST, Doubt
+from iceg.slam.broken_path.path_break import Doubt
 from iceg.slam.broken_path.place_votes import Vote
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 Change = Callable[[Config], Config]
 
@@ -74,7 +74,7 @@ def _second(_self: object, second: Any, *_args: object, **_named: object) -> Any
 def _only_after_a_loss(
     closer: LoopCloser, track: Track, estimate: Estimate, doubts: Mapping[int, Doubt], config: LoopClosureConfig
 ) -> Estimate:
-    if not any(doubt.strength >= LOST for doubt in doubts.values()):
+    if not any(doubt.is_lost for doubt in doubts.values()):
         return estimate
     return relocalise(closer, track, estimate, doubts, config)
 
@@ -101,10 +101,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="the same where something always matched: against drift, and matches that lead astray",
             without={f"{_SLAM}.back_end:relocalise": _only_after_a_loss},
         ),
-        "parted": Rule(
-            what="closures across a loss are taken out where they do not stand an examination",
-            without={f"{_SLAM}.broken_path.estimate:ChangingEstimate.part": _nothing},
-        ),
         "place votes": Rule(
             what="no closure after much drift while key scans fit another place as well",
             without={
@@ -113,13 +109,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
                     first=attempt.key_new, last=attempt.key_new, count=1
                 ),
             },
-        ),
-        "both ways": Rule(
-            what="covariances with room for a match and the odometry it contradicts",
-            without={f"{_SLAM}.pipeline:with_both_ways": _first},
-        ),
-        "second look": Rule(
-            what="searches wider where passes contradict each other", without={f"{_SLAM}.finish:second_look": _empty}
         ),
         "plausible": Rule(
             what="a match far from odometry must explain all that is seen",
