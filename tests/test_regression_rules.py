@@ -82,7 +82,7 @@ def test_a_study_compares_each_rule_with_nothing_switched_off(tmp_path: Path) ->
     rows = rule_rows([cell], None, ["plausible"], tmp_path, 1, lambda _rule, _outcomes: None)
     assert [row["off"] for row in rows] == ["nothing", "plausible"]
     assert rows[1]["p error"] == rows[1]["error ratio"] == 1.0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["rule-plausible.csv", "rule-nothing.csv", "rules.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["rule-nothing.csv", "rule-plausible.csv", "rules.csv"]
 
 
 @pytest.mark.parametrize(
