@@ -34,9 +34,7 @@ def _chain(n: int) -> JointCovariance:
     factors = [Factor(kind="prior", i=None, j=0, T_i_j=poses[0], covariance=1e-8 * np.eye(3))]
     factors += [Factor(kind="odometry", i=k, j=k + 1, T_i_j=step, covariance=covariance) for k in range(n - 1)]
     marginals = Problem.of(factors, n).marginal_covariances(np.array(poses))
-    return JointCovariance(
-        poses=np.array(poses), marginals=marginals, information=None, factors=factors, ways=np.zeros((0, n, 3))
-    )
+    return JointCovariance(poses=np.array(poses), marginals=marginals, information=None, factors=factors)
 
 
 def test_the_variance_of_a_figure_of_two_poses_is_that_of_their_joint_covariance() -> None:
@@ -46,17 +44,6 @@ def test_the_variance_of_a_figure_of_two_poses_is_that_of_their_joint_covariance
     gradients = np.array([[0.3, -1.0, 2.0], [0.5, 0.7, -1.1]])
     expected = gradients.ravel() @ full @ gradients.ravel()
     assert joint.variance(np.array([1, 4]), gradients) == pytest.approx(expected, rel=1e-3)
-
-
-def test_a_way_that_moves_all_alike_changes_no_distance_and_one_that_moves_half_does() -> None:
-    joint = _chain(3)
-    keys, gradients = np.array([1, 2]), np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    plain = joint.variance(keys, gradients)
-    for ways, extra in ((np.ones((1, 3, 3)), 0.0), (np.array([[[0, 0, 0], [0, 0, 0], [0.2, 0, 0]]]), 0.04)):
-        moved = JointCovariance(
-            poses=joint.poses, marginals=joint.marginals, information=None, factors=joint.factors, ways=ways
-        )
-        assert moved.variance(keys, gradients) == pytest.approx(plain + extra)
 
 
 def test_deviations_are_right_over_many_runs_against_the_truth() -> None:

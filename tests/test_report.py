@@ -52,7 +52,7 @@ def test_the_page_holds_the_run(result: SlamResult, tmp_path: Path) -> None:
     shades = unpacked(data["grid"]["shades"])
     cells = np.stack([shades & 15, shades >> 4], axis=1).ravel()[: result.grid.log_odds.size]
     np.testing.assert_array_equal(cells > 8, result.grid.log_odds.ravel() > 0.0)
-    assert len(unpacked(data["factors"]["i"])) == len(result.measured)
+    assert len(unpacked(data["factors"]["i"])) == len(result.graph.factors)
     assert len(data["closures"]["reasons"]) == len(result.closures)
     assert [setting["name"] for setting in data["settings"]] == ["grid.resolution"]
 

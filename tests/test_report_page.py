@@ -146,7 +146,7 @@ def test_a_click_on_a_pose_tells_what_holds_it(page: "Page", shown: Shown) -> No
     clicked = int(page.locator("#inspector h2").inner_text().removeprefix("Key pose "))
     apart = shown.result.key_poses[clicked, :2] - shown.result.key_poses[key, :2]
     assert float(np.hypot(*apart)) < 0.3
-    holding = [factor for factor in shown.result.measured if clicked in (factor.i, factor.j)]
+    holding = [factor for factor in shown.result.graph.factors if clicked in (factor.i, factor.j)]
     assert page.locator("#inspector tbody tr").count() == len(holding)
     page.locator("#inspector [data-do=pose]").first.click()
     assert page.locator("#inspector h2").inner_text() == f"Key pose {clicked - 1}"

@@ -37,9 +37,9 @@ class HeldBy:
     @classmethod
     def of(cls, result: "SlamResult") -> "HeldBy":
         """Of all factors of a run."""
-        problem = Problem.of(result.measured, len(result.key_poses))
+        problem = Problem.of(result.graph.factors, len(result.key_poses))
         at = problem.evaluate(result.key_poses)
-        kinds = np.array([KINDS.index(factor.kind) for factor in result.measured], dtype=np.int64)
+        kinds = np.array([KINDS.index(factor.kind) for factor in result.graph.factors], dtype=np.int64)
         return cls(kinds=kinds, i=problem.i, j=problem.j, sigmas=np.sqrt(at.squared), weights=at.weights)
 
     def mean_squares(self) -> dict[str, float]:

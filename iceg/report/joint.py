@@ -30,7 +30,6 @@ def joint_payload(joint: JointCovariance, laser: Mapping[str, float] | None) -> 
         "anchor_of": packed(joint.anchor_of, "i4"),
         "placements": packed(joint.placements[:, *_UPPER], "f4"),
         "excess": packed(joint.excess, "f4"),
-        "ways": packed(joint.ways, "f4"),
         "laser": {"noise_m": 0.0, "noise_per_metre": 0.0} if laser is None else dict(laser),
         "snap_m": SNAP,
     }

@@ -25,17 +25,15 @@ class JointCovariance:
 
     Attributes:
         poses: (k, 3) T_map_robot of the key poses.
-        marginals: (k, 3, 3) their covariances as they are believed, without the other ways.
+        marginals: (k, 3, 3) their covariances as they are believed.
         information: of points and odometry; None where the factors tell.
         factors: of the graph.
-        ways: (r, k, 3) where odometry would lead that a match in doubt contradicted, see `contradicted_steps`.
     """
 
     poses: NDArray[np.float64]
     marginals: NDArray[np.float64]
     information: PoseInformation | None
     factors: Sequence[Factor]
-    ways: NDArray[np.float64]
 
     @cached_property
     def anchors(self) -> NDArray[np.int64]:
@@ -83,5 +81,4 @@ class JointCovariance:
         np.add.at(right, anchors, carried)
         own = (gradients * dense.matvec(self.placements[keys], gradients)).sum()
         known = float((right * self.factor.solve(right)).sum() + own)
-        by_ways = (self.ways[:, keys] * gradients).sum(axis=(1, 2))
-        return known * float(self.excess[keys].max()) + float((by_ways**2).sum())
+        return known * float(self.excess[keys].max())

@@ -85,7 +85,7 @@ function ofLaser(seen, along) {
 
 /** Variance of a figure with these gradients by key poses: gᵀ Σ g = |L⁻¹ g|², and what else is known of each. */
 function ofPoses(gradients) {
-  const { anchors, anchor_of: anchorOf, row_of: rowOf, placements, excess, ways, roots } = run.joint;
+  const { anchors, anchor_of: anchorOf, row_of: rowOf, placements, excess, roots } = run.joint;
   const right = new Float64Array(roots.length / 3);
   let [own, most] = [0, 0];
   for (const [key, g] of gradients) {
@@ -99,13 +99,7 @@ function ofPoses(gradients) {
     own += quadratic(placements.subarray(6 * key, 6 * key + 6), g);
     most = Math.max(most, excess[key]);
   }
-  let apart = 0;
-  for (let way = 0; way < ways.length; way += 3 * nKeys) {
-    let moved = 0;
-    for (const [key, g] of gradients) for (let a = 0; a < 3; a++) moved += ways[way + 3 * key + a] * g[a];
-    apart += moved ** 2;
-  }
-  return (squaredNormWhitened(right) + own) * most + apart;
+  return (squaredNormWhitened(right) + own) * most;
 }
 
 const quadratic = ([xx, xy, xt, yy, yt, tt], [a, b, c]) =>
