@@ -29,6 +29,7 @@ def run_log(
     skip_bad_lines: bool,
     closures: Path | None = None,
     report: bool = True,
+    truth: Path | None = None,
 ) -> None:
     """Read a log, run, write the results, and say on the way what a person should know.
 
@@ -40,6 +41,7 @@ def run_log(
         skip_bad_lines: pass over malformed lines and count them.
         closures: a file of loops closed by hand.
         report: whether to write the page that shows the run.
+        truth: a file of the true poses, by which that page judges the run.
 
     Raises:
         IcegError: the log cannot be read, or the results not be written.
@@ -59,6 +61,8 @@ def run_log(
             with reading_bar(path) as reading:
                 log = read_log(path, skip_bad_lines=skip_bad_lines, progress=reading, **dataclasses.asdict(config.log))
             tell_warnings(log)
+            if truth is not None:
+                log = _with_truth(log, truth)
             from iceg.slam.manual_closures import check_manual_closures, read_manual_closures
             from iceg.slam.pipeline import run
 
@@ -78,6 +82,14 @@ def run_log(
     _warn(in_short([*_tracking_warnings(result), *result.warnings], "warnings and lost_at_scans in summary.json"))
     page = "report.html, " if report else ""
     print(f"Results are in {directory}: {page}map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more")
+
+
+def _with_truth(log: "Log", path: Path) -> "Log":
+    from iceg.evaluation.trajectory import check_one_row_per_scan, read_truth_csv
+
+    truth = read_truth_csv(path)
+    check_one_row_per_scan(log.odometry, truth, path)
+    return dataclasses.replace(log, truth=truth)
 
 
 def tell_warnings(log: "Log") -> None:

@@ -7,6 +7,7 @@ import { endsOfRow, keyOfScan, lastAtOrBefore, nClosures, nKeys, nLandmarks, nSc
 import { colour, onScale } from "report/theme";
 
 const BINS = 96;
+const MOST_STEPS = 20_000; // of a path that is drawn; of longer ones only every so many scans are
 const isOver = (state) => state.scan >= nScans - 1;
 
 export function ground(context, view, state) {
@@ -82,7 +83,8 @@ function colouredPath(context, view, state) {
   const bin = (scan) => Math.round(BINS * Math.min(1, Math.max(0, shareOf[state.colourBy](scan))));
   context.lineWidth = 2.2;
   let [current, x, y] = [-1, 0, 0];
-  for (let scan = 0; scan <= state.scan; scan++) {
+  const every = Math.ceil(nScans / MOST_STEPS);
+  for (let scan = 0; scan <= state.scan; scan += scan < state.scan && scan + every > state.scan ? state.scan - scan : every) {
     const [nx, ny] = [view.x(run.trajectory[3 * scan]), view.y(run.trajectory[3 * scan + 1])];
     if (scan && scan < state.scan && Math.abs(nx - x) + Math.abs(ny - y) < 1) continue;
     const next = bin(scan);
