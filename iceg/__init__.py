@@ -26,12 +26,14 @@ if TYPE_CHECKING:
     from iceg.maps.grid import OccupancyGrid, render_grid
     from iceg.results import write_results
     from iceg.run_folder import RunFolder, read_run_folder
+    from iceg.slam.distance import Distance, Sighting
     from iceg.slam.pipeline import SlamResult, run
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Config",
+    "Distance",
     "FeatureMap",
     "Features",
     "IceConfig",
@@ -49,6 +51,7 @@ __all__ = [
     "Scan",
     "ScanGeometry",
     "Segments",
+    "Sighting",
     "SlamResult",
     "__version__",
     "demo_log_path",
@@ -67,6 +70,7 @@ __all__ = [
 
 _HOMES = {
     "Config": "iceg.config",
+    "Distance": "iceg.slam.distance",
     "FeatureMap": "iceg.maps.feature_map",
     "Features": "iceg.ice.features",
     "IceConfig": "iceg.ice.config",
@@ -84,6 +88,7 @@ _HOMES = {
     "Scan": "frontends.scan",
     "ScanGeometry": "frontends.scan",
     "Segments": "iceg.ice.segments",
+    "Sighting": "iceg.slam.distance",
     "SlamResult": "iceg.slam.pipeline",
     "demo_log_path": "iceg.demo",
     "demo_truth_path": "iceg.demo",
