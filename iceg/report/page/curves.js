@@ -12,7 +12,7 @@ const scans = Array.from(keys.scans);
 const numbers = (array, factor = 1) => Array.from(array, (value) => (Number.isFinite(value) ? factor * value : null));
 const milli = (name) => numbers(curves[name], 1000);
 
-const PLOTS = [
+const PLOTS = nKeys < 2 ? [] : [ // one key pose makes no curve
   {
     title: "How well the position is known",
     note: "One standard deviation along the worst direction, relative to the first pose. Dots: loop closures in force, which pull it down.",
