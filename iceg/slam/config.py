@@ -109,8 +109,9 @@ class LoopClosureConfig:
     """Largest standard deviation of a search in heading [rad]."""
     confirmations: int = 3
     """A closure far from the estimate waits until so many say the same."""
-    max_deviations: float = 5.0
-    """A closure farther than this from the path's estimate, in standard deviations of the search, is refused."""
+    path_probability: float = 0.99999
+    """A true closure lies no farther from the path than its covariance explains with this probability; one that does is
+    refused, for most likely another place looks alike."""
     relocalise: bool = True
     """Where no closure ties what follows to what was before, look for places by what they look like, anywhere."""
     places: int = 120
@@ -136,6 +137,7 @@ class LoopClosureConfig:
             max_pieces=(0, 1000),
             places=(0, 100_000),
             places_each=(0, 1000),
+            path_probability=(0.5, 1.0 - 1e-12),
         )
 
 
