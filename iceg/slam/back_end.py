@@ -104,20 +104,22 @@ class BackEnd:
         step = between(previous.T_track_robot, current.T_track_robot)
         self._poses[key] = compose(self._poses[key - 1], step)
         self.graph.add_pose(self._poses[key])
-        known = []
+        known, searched = [], []
         match = None if isinstance(current.match, NoMatch) else current.match
         self._note_leading(key, motion, match)
         if motion is not None:
             covariance = motion.covariance if match is None else self._believed(motion, match, key)
             self.graph.add_odometry(key - 1, key, motion.T_key_robot, covariance)
             known.append(covariance)
+            searched.append(covariance * self._config.odometry_doubt**2)
         if match is not None:
             self.graph.add_match(current.anchor, key, match)
             known.append(match.covariance)
+            searched.append(match.covariance)
         if not known:
             self.graph.add_odometry(key - 1, key, step, _UNKNOWN_MOTION)
-            known.append(_UNKNOWN_MOTION)
-        self._drift.add(key, *known)
+            known, searched = [_UNKNOWN_MOTION], [_UNKNOWN_MOTION]
+        self._drift.add(key, tuple(known), tuple(searched))
         self._since_search += (current.motion.distance, current.motion.turn)
         if self._is_search_due():
             self._search(key)

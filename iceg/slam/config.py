@@ -99,6 +99,8 @@ class LoopClosureConfig:
     """Largest standard deviation of the drift taken for such a revisit [m]."""
     drift_factor: float = 1.5
     """The path's covariance since the last closure is trusted only after this factor on its standard deviations."""
+    odometry_doubt: float = 2.0
+    """A search takes the odometry's standard deviations for so much larger: a chain of them may do worse than usual."""
     drift_floor: float = 0.1
     """Smallest standard deviation of a search [m]."""
     max_drift: float = 8.0
