@@ -14,7 +14,7 @@ from graph import dense
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import squared_norm, summed_ratios
 from graph.odometry import OdometryModel
-from graph.se2 import between, compose, inverse, wrap_angle
+from graph.se2 import between, compose, expmap, inverse, logmap, wrap_angle
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.tracking.map_matcher import FollowingMatcher, MapMatcher
@@ -74,14 +74,24 @@ _IMPLAUSIBLE = NoMatch(reason="far from where odometry puts it, and contradicted
 class FrontEnd:
     """Tracks a robot scan by scan and decides which scans become key scans."""
 
-    def __init__(self, matcher: Matcher, odometry: OdometryModel | None, config: FrontEndConfig) -> None:
-        """Start with no scan yet; `odometry` is None for a log without."""
+    def __init__(
+        self,
+        matcher: Matcher,
+        odometry: OdometryModel | None,
+        config: FrontEndConfig,
+        turning: OdometryModel | None = None,
+    ) -> None:
+        """Start with no scan yet; `odometry` is None for a log without, `turning` where turns are known no other way.
+
+        What `turning` says of translation means nothing.
+        """
         self._matcher = matcher
         self._map_matcher = matcher if isinstance(matcher, MapMatcher) else None
         self._follower = matcher if isinstance(matcher, FollowingMatcher) else None
         self._track = matcher.track if isinstance(matcher, TrackingMatcher) else _tracking_by_match(matcher)
         self._has_odometry = odometry is not None
-        self._odometry = odometry or _UNKNOWN_ODOMETRY
+        self._unknown = _UNKNOWN_ODOMETRY if turning is None else _unknown_translation(turning)
+        self._odometry = odometry or self._unknown
         self._config = config
         self._limits = _limits(config)
         self._tracking_covariance = _tracking_covariance(config)
@@ -108,7 +118,13 @@ class FrontEnd:
             self._odometry = odometry
 
     def add(
-        self, index: int, scan: Scan, T_prev_cur: NDArray[np.float64] | None, *, is_sudden: bool = False
+        self,
+        index: int,
+        scan: Scan,
+        T_prev_cur: NDArray[np.float64] | None,
+        *,
+        is_sudden: bool = False,
+        turn: float | None = None,
     ) -> NDArray[np.float64]:
         """Track one more scan.
 
@@ -118,6 +134,7 @@ class FrontEnd:
             T_prev_cur: (3,) odometry since the scan before; None where there is none, and the velocity is taken as
                 constant.
             is_sudden: the step is much longer than others: perhaps the odometry jumped, and the robot did not.
+            turn: since the scan before [rad], where that is all that is known of the step.
 
         Returns:
             (3,) its pose in the front end's own frame. The scan is tied to the newest of `keys`, which may be itself.
@@ -131,7 +148,7 @@ class FrontEnd:
             self.breaks.append(index)
             step = None
         if step is None:
-            step, noise = self._constant_velocity(), _UNKNOWN_ODOMETRY
+            step, noise = self._constant_velocity(turn), self._unknown
             self._forget_motion()
         self._motion = noise.extend(self._motion, step)
         self._follow(scan, compose(before, step))
@@ -184,10 +201,11 @@ class FrontEnd:
         best = max(found, key=lambda pose: self._evidence(scan, pose))
         return isinstance(best, NoMatch) or _is_nearer(best, *guesses)
 
-    def _constant_velocity(self) -> NDArray[np.float64]:
-        """The newest step once more; none after one that nothing drives, but that odometry took."""
+    def _constant_velocity(self, turn: float | None) -> NDArray[np.float64]:
+        """The newest step once more, on the arc of a turn that is known; none after one that only odometry took."""
         step = between(*self._newest_step)
-        return step if math.hypot(step[0], step[1]) <= _FASTEST else np.zeros(3)
+        step = step if math.hypot(step[0], step[1]) <= _FASTEST else np.zeros(3)
+        return step if turn is None else expmap(np.array([*logmap(step)[:2], turn]))
 
     def _found_after(
         self, scan: Scan, step: NDArray[np.float64], guess: NDArray[np.float64]
@@ -455,6 +473,16 @@ class FrontEnd:
 def _tracking_covariance(config: FrontEndConfig) -> NDArray[np.float64]:
     """(3, 3) of a pose between two key scans [m², m², rad²]."""
     return np.asarray(np.diag((config.tracking_distance, config.tracking_distance, config.tracking_angle)) ** 2)
+
+
+def _unknown_translation(turning: OdometryModel) -> OdometryModel:
+    """What a constant velocity says whose turns are known."""
+    return replace(
+        _UNKNOWN_ODOMETRY,
+        heading_floor=turning.heading_floor,
+        heading_per_metre=turning.heading_per_metre,
+        heading_per_radian=turning.heading_per_radian,
+    )
 
 
 def _limits(config: FrontEndConfig) -> Limits:
