@@ -6,8 +6,6 @@ and walls follows whatever little the points seem to say. How well a robot keeps
 whose matches see all directions.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -57,13 +55,7 @@ def constant_velocity(
     )
     if heading is None:
         return poses, noise
-    turning = heading.lasting_noise
-    return with_headings(track, heading.headings), replace(
-        noise,
-        heading_floor=turning.heading_floor,
-        heading_per_metre=turning.heading_per_metre,
-        heading_per_radian=turning.heading_per_radian,
-    )
+    return with_headings(track, heading.headings), heading.lasting_noise.within(noise)
 
 
 def _errors(track: Track, poses: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ counts if that explains more than chance would, and foretells turns better than 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,7 +16,7 @@ from frontends.scan import Log
 from graph.measurement import NoMatch
 from graph.odometry import OdometryModel
 from graph.se2 import between, expmap, logmap, wrap_angle
-from iceg.slam.odometry.noise import Differences, lasting_noise, odometry_noise, robust_deviation
+from iceg.slam.odometry.noise import Differences, heading_noise, robust_deviation
 from iceg.slam.odometry.steps import chained
 from iceg.slam.odometry.student_fit import StudentFit, chance_of, student_fit
 from iceg.slam.run_warning import RunWarning
@@ -83,18 +83,31 @@ class GyroFinding:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class HeadingNoise:
+    """Noise of turns, whatever moves the robot ahead; the names are those of `OdometryModel`."""
+
+    heading_floor: float
+    heading_per_metre: float
+    heading_per_radian: float
+
+    def within(self, model: OdometryModel) -> OdometryModel:
+        """The model of a motion whose turns are known so well."""
+        return replace(model, **asdict(self))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class HeadingOdometry:
     """Headings that take the place of odometry's, which says nothing of translation.
 
     Attributes:
         headings: (n_scans,) at the scans, all turns counted, from 0 [rad].
-        noise: of its turns from one key scan to the next; what it says of translation means nothing.
+        noise: of its turns from one key scan to the next.
         lasting_noise: the same for a graph, see `OdometryCalibration`.
     """
 
     headings: NDArray[np.float64]
-    noise: OdometryModel
-    lasting_noise: OdometryModel
+    noise: HeadingNoise
+    lasting_noise: HeadingNoise
 
 
 def learn_gyro(track: Track, log: Log) -> tuple[HeadingOdometry | None, GyroFinding | None]:
@@ -270,7 +283,7 @@ def _unforeseen(track: Track, turns: _Turns) -> NDArray[np.float64]:
     return np.asarray(wrap_angle(turns.seen[late] - velocity * (ends - starts)), dtype=np.float64)
 
 
-def _noise(track: Track, turns: _Turns, headings: NDArray[np.float64]) -> tuple[OdometryModel, OdometryModel]:
+def _noise(track: Track, turns: _Turns, headings: NDArray[np.float64]) -> tuple[HeadingNoise, HeadingNoise]:
     """From one key scan to the next, and for a graph."""
     claims = with_headings(track, headings)
     motions = between(claims[turns.starts], claims[turns.ends])
@@ -279,5 +292,6 @@ def _noise(track: Track, turns: _Turns, headings: NDArray[np.float64]) -> tuple[
     claimed = np.zeros_like(errors)
     claimed[:, 2] = turns.claimed
     differences = Differences(errors=errors, claimed=claimed, turns=turns.seen, starts=turns.starts, ends=turns.ends)
-    noise, persistence = odometry_noise(differences, claims)
-    return noise, lasting_noise(noise, persistence, 0.0, 0.0)
+    deviations, persistence = heading_noise(differences, claims)
+    widened = {name: math.sqrt(persistence) * deviation for name, deviation in deviations.items()}
+    return HeadingNoise(**deviations), HeadingNoise(**widened)

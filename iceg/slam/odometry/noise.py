@@ -85,8 +85,7 @@ def odometry_noise(
     paths = _Paths.of(differences, odometry)
     errors, claimed = differences.errors, differences.claimed
     persistence = np.empty(3)
-    by_match, persistence[2] = _shares(errors[:, 2], errors[1:, 2], claimed[:, 2])
-    heading = _variance_fit([errors[:, 2]], [by_match], [paths.rows_heading], n_floors=1)
+    heading, persistence[2] = _heading_fit(differences, paths)
     lever, left = paths.carried_by(heading)
     own = errors[:, :2] - lever * errors[:, 2:]
     known, following = np.empty_like(own), _turned(own[1:], differences.turns[1:])
@@ -94,20 +93,55 @@ def odometry_noise(
         by_match, persistence[k] = _shares(own[:, k], following[:, k], claimed[:, k])
         known[:, k] = by_match + left[:, k]
     position = _variance_fit(list(own.T), list(known.T), [paths.rows_x, paths.rows_y], n_floors=2)
-    fits = ((paths.rows_x, position), (paths.rows_y, position), (paths.rows_heading, heading))
-    floors = [_LEAST_FLOOR**2 * float(np.median(dense.matvec(rows, fit))) for rows, fit in fits]
     variances = {
-        "along_floor": max(position[0], floors[0]),
-        "across_floor": max(position[1], floors[1]),
+        "along_floor": max(position[0], _least_floor(paths.rows_x, position)),
+        "across_floor": max(position[1], _least_floor(paths.rows_y, position)),
         "along_per_metre": position[2],
         "across_per_metre": position[3],
         "position_per_radian": position[4],
-        "heading_floor": max(heading[0], floors[2]),
-        "heading_per_metre": heading[1],
-        "heading_per_radian": heading[2],
     }
-    noise = {name: max(getattr(_LEAST, name), math.sqrt(variance)) for name, variance in variances.items()}
-    return OdometryModel(**noise), persistence
+    return OdometryModel(**_deviations(variances), **_heading_deviations(paths, heading)), persistence
+
+
+def heading_noise(differences: Differences, odometry: NDArray[np.float64]) -> tuple[dict[str, float], float]:
+    """Fit the noise of the heading alone.
+
+    Args:
+        differences: between matches and odometry; those of the position do not count.
+        odometry: (n_scans, 3).
+
+    Returns:
+        The standard deviations of the heading under their names in `OdometryModel`, and the persistence of its errors.
+    """
+    paths = _Paths.of(differences, odometry)
+    heading, persistence = _heading_fit(differences, paths)
+    return _heading_deviations(paths, heading), persistence
+
+
+def _heading_fit(differences: Differences, paths: "_Paths") -> tuple[NDArray[np.float64], float]:
+    """(3,) variances of the heading: floor, per metre, per radian; and the persistence of its errors."""
+    errors, claimed = differences.errors[:, 2], differences.claimed[:, 2]
+    by_match, persistence = _shares(errors, errors[1:], claimed)
+    return _variance_fit([errors], [by_match], [paths.rows_heading], n_floors=1), persistence
+
+
+def _heading_deviations(paths: "_Paths", heading: NDArray[np.float64]) -> dict[str, float]:
+    return _deviations(
+        {
+            "heading_floor": max(heading[0], _least_floor(paths.rows_heading, heading)),
+            "heading_per_metre": heading[1],
+            "heading_per_radian": heading[2],
+        }
+    )
+
+
+def _least_floor(rows: NDArray[np.float64], fit: NDArray[np.float64]) -> float:
+    """Least variance that a motion of no length is believed to have."""
+    return _LEAST_FLOOR**2 * float(np.median(dense.matvec(rows, fit)))
+
+
+def _deviations(variances: dict[str, float]) -> dict[str, float]:
+    return {name: max(getattr(_LEAST, name), math.sqrt(variance)) for name, variance in variances.items()}
 
 
 def lasting_noise(noise: OdometryModel, persistence: NDArray[np.float64], scale: float, unseen: float) -> OdometryModel:

@@ -17,6 +17,7 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap, inverse, logmap, wrap_angle
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.config import FrontEndConfig
+from iceg.slam.odometry.gyro import HeadingNoise
 from iceg.slam.tracking.map_matcher import FollowingMatcher, MapMatcher
 from iceg.slam.tracking.sight import (
     BLIND_RANGE,
@@ -79,18 +80,15 @@ class FrontEnd:
         matcher: Matcher,
         odometry: OdometryModel | None,
         config: FrontEndConfig,
-        turning: OdometryModel | None = None,
+        turning: HeadingNoise | None = None,
     ) -> None:
-        """Start with no scan yet; `odometry` is None for a log without, `turning` where turns are known no other way.
-
-        What `turning` says of translation means nothing.
-        """
+        """Start with no scan yet; `odometry` is None for a log without, of which `turning` says how turns are known."""
         self._matcher = matcher
         self._map_matcher = matcher if isinstance(matcher, MapMatcher) else None
         self._follower = matcher if isinstance(matcher, FollowingMatcher) else None
         self._track = matcher.track if isinstance(matcher, TrackingMatcher) else _tracking_by_match(matcher)
         self._has_odometry = odometry is not None
-        self._unknown = _UNKNOWN_ODOMETRY if turning is None else _unknown_translation(turning)
+        self._unknown = _UNKNOWN_ODOMETRY if turning is None else turning.within(_UNKNOWN_ODOMETRY)
         self._odometry = odometry or self._unknown
         self._config = config
         self._limits = _limits(config)
@@ -473,16 +471,6 @@ class FrontEnd:
 def _tracking_covariance(config: FrontEndConfig) -> NDArray[np.float64]:
     """(3, 3) of a pose between two key scans [m², m², rad²]."""
     return np.asarray(np.diag((config.tracking_distance, config.tracking_distance, config.tracking_angle)) ** 2)
-
-
-def _unknown_translation(turning: OdometryModel) -> OdometryModel:
-    """What a constant velocity says whose turns are known."""
-    return replace(
-        _UNKNOWN_ODOMETRY,
-        heading_floor=turning.heading_floor,
-        heading_per_metre=turning.heading_per_metre,
-        heading_per_radian=turning.heading_per_radian,
-    )
 
 
 def _limits(config: FrontEndConfig) -> Limits:
