@@ -91,7 +91,7 @@ def _assemble(path: Path, records: Records, warnings: list[str], options: BagOpt
     geometry, ranges = _geometry(stacked, scans, times, mount, options)
     T_odom_robot, has_odometry, judged, odometry_said = _odometry(odometry, base, frames, ranges)
     odometry_said = "; ".join([odometry_said, *odometry_notes])
-    gyro = None if has_odometry else choose_gyro(records.imus, times, stamps)
+    gyro = choose_gyro(records.imus, times, stamps, has_odometry=has_odometry)
     truth, truth_said = _truth(records, times, stamps, options.odometry_topic)
     sweep = -sweep if sweep is not None and mount.is_upside_down else sweep
     return Log(

@@ -1,7 +1,7 @@
 """The turn rates of an IMU, brought to the times of the scans."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,19 +30,27 @@ class GyroChoice:
     warnings: tuple[str, ...] = ()
 
 
-def choose_gyro(imus: Mapping[Laser, Rows], times: ScanTimes, stamps: NDArray[np.float64]) -> GyroChoice | None:
+def choose_gyro(
+    imus: Mapping[Laser, Rows], times: ScanTimes, stamps: NDArray[np.float64], *, has_odometry: bool
+) -> GyroChoice | None:
     """Pick the IMU that tells of most scans, and of these the one with most messages.
 
     Args:
         imus: turn rates and accelerations by topic and frame.
         times: of the scans, as their messages state them.
         stamps: (n,) the times its turns are wanted at [s].
+        has_odometry: whether the bag holds odometry, beside which turn rates are not asked.
 
     Returns:
         None where there is no IMU.
     """
     found = [_at_scans(imu, rows, times, stamps) for imu, rows in sorted(imus.items())]
-    return max(found, key=lambda each: each[0], default=((0.0, 0), None))[1]
+    _, best = max(found, key=lambda each: each[0], default=((0.0, 0), None))
+    if best is None or best.turned is None:
+        return best
+    if not has_odometry:
+        return replace(best, reason=f"{best.reason}: odometry of the heading, if the scans confirm it")
+    return GyroChoice(turned=best.turned, reason=f"not used, as there is odometry: {best.reason}")
 
 
 def _at_scans(
@@ -64,8 +72,7 @@ def _at_scans(
     if not float(np.abs(turned).max()) <= LIMITS.gyro:
         return worth, GyroChoice(turned=None, reason=f"not used: {name}, whose turn rates are beyond all reason")
     said = tuple(f"{imu.topic}: {warning}" for warning in warnings)
-    reason = f"{name}: its turn rate serves as odometry of the heading if the scans confirm it"
-    return worth, GyroChoice(turned=turned, reason=reason, warnings=said)
+    return worth, GyroChoice(turned=turned, reason=name, warnings=said)
 
 
 def turned_at(times: NDArray[np.float64], rates: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.float64]:

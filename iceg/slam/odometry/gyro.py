@@ -31,6 +31,8 @@ _MOST_DELAY = 3.0
 """A delay is looked for up to so many scans …"""
 _DELAY_STEPS = (0.25, 0.05, 0.01)
 """… in steps [scans] that get finer."""
+_NEARLY_ALL, _NEARLY_ALL_SIGMAS = 0.99, 3.0
+"""Nearly all steps are this share, and lie within so many standard deviations."""
 _BEFORE = 5
 """Scans whose motion tells a constant velocity."""
 
@@ -103,11 +105,22 @@ class HeadingOdometry:
         headings: (n_scans,) at the scans, all turns counted, from 0 [rad].
         noise: of its turns from one key scan to the next.
         lasting_noise: the same for a graph, see `OdometryCalibration`.
+        unforeseen: nearly all steps from scan to scan end nearer than this to where a constant velocity ends [m].
     """
 
     headings: NDArray[np.float64]
     noise: HeadingNoise
     lasting_noise: HeadingNoise
+    unforeseen: float
+
+    def step_noise(self, model: OdometryModel) -> OdometryModel:
+        """The model of a motion at constant velocity, on the arcs of the turns, at least as wide as steps demand."""
+        floor = self.unforeseen / _NEARLY_ALL_SIGMAS
+        return replace(
+            self.noise.within(model),
+            along_floor=max(model.along_floor, floor),
+            across_floor=max(model.across_floor, floor),
+        )
 
 
 def learn_gyro(track: Track, log: Log) -> tuple[HeadingOdometry | None, GyroFinding | None]:
@@ -134,7 +147,7 @@ def learn_gyro(track: Track, log: Log) -> tuple[HeadingOdometry | None, GyroFind
     scale[axes] = fit.coefficients[1:]
     headings = _read(log.gyro, clock, delay)[:, axes]
     headings = (headings * fit.coefficients[1:]).sum(axis=1) + fit.coefficients[0] * (clock - clock[0])
-    left, usual = robust_deviation(fit.residuals), robust_deviation(_unforeseen(track, turns))
+    left, usual = robust_deviation(fit.residuals), robust_deviation(_unforeseen_turns(track, turns))
     finding = GyroFinding(
         doubt=_doubt(chance, left, usual),
         chance=chance,
@@ -148,7 +161,10 @@ def learn_gyro(track: Track, log: Log) -> tuple[HeadingOdometry | None, GyroFind
     if finding.doubt:
         return None, finding
     noise, lasting = _noise(track, turns, headings)
-    return HeadingOdometry(headings=headings, noise=noise, lasting_noise=lasting), finding
+    heading = HeadingOdometry(
+        headings=headings, noise=noise, lasting_noise=lasting, unforeseen=_unforeseen_steps(track, headings)
+    )
+    return heading, finding
 
 
 def with_headings(track: Track, headings: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -274,7 +290,17 @@ def _at_best_delay(
     return shift * interval, fit, round(2.0 * _MOST_DELAY) + 1
 
 
-def _unforeseen(track: Track, turns: _Turns) -> NDArray[np.float64]:
+def _unforeseen_steps(track: Track, headings: NDArray[np.float64]) -> float:
+    """How far nearly all steps end from where the step before would, on the arc of the turn [m]."""
+    poses = track.trajectory(np.array([key.T_track_robot for key in track.keys]))
+    steps = between(poses[:-1], poses[1:])
+    expected = logmap(steps[:-1])
+    expected[:, 2] = np.diff(headings)[1:]
+    apart = steps[1:, :2] - expmap(expected)[:, :2]
+    return float(np.quantile(np.hypot(apart[:, 0], apart[:, 1]), _NEARLY_ALL))
+
+
+def _unforeseen_turns(track: Track, turns: _Turns) -> NDArray[np.float64]:
     """(m,) turns less those of the velocity before them [rad]."""
     headings = track.trajectory(np.array([key.T_track_robot for key in track.keys]))[:, 2]
     late = turns.starts >= _BEFORE

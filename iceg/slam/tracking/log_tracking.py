@@ -112,8 +112,7 @@ class _Journey:
         self._log = log
         self._progress = progress
         self._turns = None if heading is None else np.diff(heading.headings, prepend=0.0)
-        turning = None if heading is None else heading.noise
-        self._front_end = FrontEnd(matcher, noise if log.has_odometry else None, config, turning)
+        self._front_end = FrontEnd(matcher, noise if log.has_odometry else None, config, heading)
         self._sudden = sudden_steps(log.odometry, log.stamps)
         self._dead = dead_stretches(log.odometry, log.ranges) if log.has_odometry else []
         self._is_known = _known_steps(self._dead, len(log))
