@@ -39,7 +39,8 @@ from iceg.slam.noise_widths import widened
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.constant_velocity import constant_velocity
 from iceg.slam.odometry.contradicted_steps import with_both_ways
-from iceg.slam.odometry.gyro import HeadingOdometry, learn_gyro
+from iceg.slam.odometry.gyro import learn_gyro
+from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.odometry.standstill import with_odometry_between_readings
 from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import Progress, ProgressCallback

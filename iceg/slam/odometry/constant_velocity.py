@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from graph.measurement import NoMatch
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap, logmap
-from iceg.slam.odometry.gyro import HeadingOdometry, with_headings
+from iceg.slam.odometry.heading_odometry import HeadingOdometry, with_headings
 from iceg.slam.odometry.noise import robust_deviation
 from iceg.slam.tracking.track import Track
 

@@ -6,7 +6,7 @@ counts if that explains more than chance would, and foretells turns better than 
 """
 
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,10 +14,9 @@ from numpy.typing import NDArray
 
 from frontends.scan import Log
 from graph.measurement import NoMatch
-from graph.odometry import OdometryModel
-from graph.se2 import between, expmap, logmap, wrap_angle
+from graph.se2 import between, wrap_angle
+from iceg.slam.odometry.heading_odometry import HeadingNoise, HeadingOdometry, unforeseen_steps, with_headings
 from iceg.slam.odometry.noise import Differences, heading_noise, robust_deviation
-from iceg.slam.odometry.steps import chained
 from iceg.slam.odometry.student_fit import StudentFit, chance_of, student_fit
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.sweep.motion import usual_interval
@@ -29,10 +28,8 @@ _FEWEST = 10
 """Fewest turns between matched key scans that tell anything: four coefficients and their scatter."""
 _MOST_DELAY = 3.0
 """A delay is looked for up to so many scans …"""
-_DELAY_STEPS = (0.25, 0.05, 0.01)
+_DELAY_STEPS = (0.5, 0.1, 0.02)
 """… in steps [scans] that get finer."""
-_NEARLY_ALL, _NEARLY_ALL_SIGMAS = 0.99, 3.0
-"""Nearly all steps are this share, and lie within so many standard deviations."""
 _BEFORE = 5
 """Scans whose motion tells a constant velocity."""
 
@@ -84,45 +81,6 @@ class GyroFinding:
         return RunWarning(kind="gyro", sentence=f"the turn rates of the gyro are not used: {self.doubt}")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeadingNoise:
-    """Noise of turns, whatever moves the robot ahead; the names are those of `OdometryModel`."""
-
-    heading_floor: float
-    heading_per_metre: float
-    heading_per_radian: float
-
-    def within(self, model: OdometryModel) -> OdometryModel:
-        """The model of a motion whose turns are known so well."""
-        return replace(model, **asdict(self))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HeadingOdometry:
-    """Headings that take the place of odometry's, which says nothing of translation.
-
-    Attributes:
-        headings: (n_scans,) at the scans, all turns counted, from 0 [rad].
-        noise: of its turns from one key scan to the next.
-        lasting_noise: the same for a graph, see `OdometryCalibration`.
-        unforeseen: nearly all steps from scan to scan end nearer than this to where a constant velocity ends [m].
-    """
-
-    headings: NDArray[np.float64]
-    noise: HeadingNoise
-    lasting_noise: HeadingNoise
-    unforeseen: float
-
-    def step_noise(self, model: OdometryModel) -> OdometryModel:
-        """The model of a motion at constant velocity, on the arcs of the turns, at least as wide as steps demand."""
-        floor = self.unforeseen / _NEARLY_ALL_SIGMAS
-        return replace(
-            self.noise.within(model),
-            along_floor=max(model.along_floor, floor),
-            across_floor=max(model.across_floor, floor),
-        )
-
-
 def learn_gyro(track: Track, log: Log) -> tuple[HeadingOdometry | None, GyroFinding | None]:
     """Calibrate a log's gyro by the matches of a track.
 
@@ -139,48 +97,16 @@ def learn_gyro(track: Track, log: Log) -> tuple[HeadingOdometry | None, GyroFind
     turns = _Turns.of(track)
     if len(turns.seen) < _FEWEST:
         return None, GyroFinding(doubt=f"only {len(turns.seen)} turns were seen by matches, expected {_FEWEST} or more")
-    clock, interval = _clock(log)
-    spent = _over(turns, clock)[:, None]
-    without = student_fit(spent, turns.seen)
-    axes, fit, delay, chance = _fitted(turns, log.gyro, clock, interval, without)
-    scale = np.zeros(3)
-    scale[axes] = fit.coefficients[1:]
-    headings = _read(log.gyro, clock, delay)[:, axes]
-    headings = (headings * fit.coefficients[1:]).sum(axis=1) + fit.coefficients[0] * (clock - clock[0])
-    left, usual = robust_deviation(fit.residuals), robust_deviation(_unforeseen_turns(track, turns))
-    finding = GyroFinding(
-        doubt=_doubt(chance, left, usual),
-        chance=chance,
-        scale=(float(scale[0]), float(scale[1]), float(scale[2])),
-        bias=float(fit.coefficients[0]),
-        delay=delay,
-        deviation=left,
-        deviation_without=usual,
-        has_times=interval is not None,
-    )
+    if not log.gyro.any():
+        return None, GyroFinding(doubt="they are all zero")
+    fit, headings = _fitted(turns, log.gyro, *_clock(log))
+    finding = replace(fit, deviation_without=robust_deviation(_unforeseen_turns(track, turns)))
+    finding = replace(finding, doubt=_doubt(finding))
     if finding.doubt:
         return None, finding
     noise, lasting = _noise(track, turns, headings)
-    heading = HeadingOdometry(
-        headings=headings, noise=noise, lasting_noise=lasting, unforeseen=_unforeseen_steps(track, headings)
-    )
-    return heading, finding
-
-
-def with_headings(track: Track, headings: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The way of a track if it had turned otherwise.
-
-    Args:
-        track: what the front end found.
-        headings: (n_scans,) [rad].
-
-    Returns:
-        (n_scans, 3): from scan to scan as far ahead and aside as the track, on the arc of the other turn.
-    """
-    poses = track.trajectory(np.array([key.T_track_robot for key in track.keys]))
-    twists = logmap(between(poses[:-1], poses[1:]))
-    twists[:, 2] = np.diff(headings)
-    return chained(poses[0], expmap(twists))
+    steps = unforeseen_steps(track, headings)
+    return HeadingOdometry(headings=headings, noise=noise, lasting_noise=lasting, unforeseen=steps), finding
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -215,15 +141,16 @@ class _Turns:
         )
 
 
-def _doubt(chance: float, left: float, usual: float) -> str:
-    if chance > _LEVEL:
+def _doubt(finding: GyroFinding) -> str:
+    if finding.chance > _LEVEL:
         return (
-            f"the turns that the scans show may have nothing to do with them (by chance with probability {chance:.2g})"
+            "they may have nothing to do with the turns that the scans show, which chance would explain as well with a "
+            f"probability of {finding.chance:.2g}"
         )
-    if left > usual:
+    if finding.deviation > finding.deviation_without:
         return (
-            f"they miss the turns that the scans show by {math.degrees(left):.1f}°, a constant velocity only by "
-            f"{math.degrees(usual):.1f}°"
+            f"they miss the turns that the scans show by {math.degrees(finding.deviation):.1f}°, a constant velocity "
+            f"only by {math.degrees(finding.deviation_without):.1f}°"
         )
     return ""
 
@@ -246,35 +173,39 @@ def _read(gyro: NDArray[np.float64], clock: NDArray[np.float64], delay: float) -
 
 
 def _fitted(
-    turns: _Turns,
-    gyro: NDArray[np.float64],
-    clock: NDArray[np.float64],
-    interval: float | None,
-    without: StudentFit,
-) -> tuple[list[int], StudentFit, float, float]:
-    """The axes that count, the fit to them (first the bias), the delay, and how probable it is by chance.
+    turns: _Turns, gyro: NDArray[np.float64], clock: NDArray[np.float64], interval: float | None
+) -> tuple[GyroFinding, NDArray[np.float64]]:
+    """What explains the turns best, and (n_scans,) the headings by that.
 
     The axis that explains most comes first; a further one counts where it explains more than chance would.
     """
-    best: tuple[list[int], StudentFit, float] | None = None
-    for axis in range(3):
-        delay, fit, tried = _at_best_delay(turns, gyro, clock, interval or 1.0, [axis])
-        if best is None or fit.log_likelihood > best[1].log_likelihood:
-            best = [axis], fit, delay
-    assert best is not None
-    axes, fit, delay = best
-    chance = chance_of(without, fit, freedom=1, tried=3 * tried)
-    for axis in [axis for axis in range(3) if axis not in axes]:
-        further_delay, further, _ = _at_best_delay(turns, gyro, clock, interval or 1.0, [*axes, axis])
-        if chance_of(fit, further, freedom=1, tried=3) < _LEVEL:
-            axes, fit, delay = [*axes, axis], further, further_delay
-    return axes, fit, delay, chance
+    without = student_fit(_over(turns, clock)[:, None], turns.seen)
+    telling, tries = np.flatnonzero(gyro.any(axis=0)).tolist(), round(2.0 * _MOST_DELAY) + 1
+    singles = [([axis], *_at_best_delay(turns, gyro, clock, interval or 1.0, [axis])) for axis in telling]
+    axes, delay, fit = max(singles, key=lambda found: found[2].log_likelihood)
+    chance = chance_of(without, fit, freedom=1, tried=len(telling) * tries)
+    for axis in [axis for axis in telling if axis not in axes]:
+        further_delay, further = _at_best_delay(turns, gyro, clock, interval or 1.0, [*axes, axis])
+        if chance_of(fit, further, freedom=1, tried=len(telling)) < _LEVEL:
+            axes, delay, fit = [*axes, axis], further_delay, further
+    bias, scale = float(fit.coefficients[0]), np.zeros(3)
+    scale[axes] = fit.coefficients[1:]
+    headings = (_read(gyro, clock, delay) * scale).sum(axis=1) + bias * clock
+    finding = GyroFinding(
+        chance=chance,
+        scale=(float(scale[0]), float(scale[1]), float(scale[2])),
+        bias=bias,
+        delay=delay,
+        deviation=robust_deviation(fit.residuals),
+        has_times=interval is not None,
+    )
+    return finding, headings
 
 
 def _at_best_delay(
     turns: _Turns, gyro: NDArray[np.float64], clock: NDArray[np.float64], interval: float, axes: list[int]
-) -> tuple[float, StudentFit, int]:
-    """The delay that explains most, the fit there, and how many independent ones were tried."""
+) -> tuple[float, StudentFit]:
+    """The delay that explains most, and the fit there."""
 
     def at(shift: float) -> StudentFit:
         read = _over(turns, _read(gyro, clock, shift * interval)[:, axes])
@@ -287,17 +218,7 @@ def _at_best_delay(
         tries = [(shift + step * k, at(shift + step * k)) for k in range(-n, n + 1) if k]
         shift, fit = max([(shift, fit), *tries], key=lambda tried: tried[1].log_likelihood)
         width = step
-    return shift * interval, fit, round(2.0 * _MOST_DELAY) + 1
-
-
-def _unforeseen_steps(track: Track, headings: NDArray[np.float64]) -> float:
-    """How far nearly all steps end from where the step before would, on the arc of the turn [m]."""
-    poses = track.trajectory(np.array([key.T_track_robot for key in track.keys]))
-    steps = between(poses[:-1], poses[1:])
-    expected = logmap(steps[:-1])
-    expected[:, 2] = np.diff(headings)[1:]
-    apart = steps[1:, :2] - expmap(expected)[:, :2]
-    return float(np.quantile(np.hypot(apart[:, 0], apart[:, 1]), _NEARLY_ALL))
+    return shift * interval, fit
 
 
 def _unforeseen_turns(track: Track, turns: _Turns) -> NDArray[np.float64]:

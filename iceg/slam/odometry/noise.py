@@ -35,6 +35,8 @@ _LAGS = 16
 """Key scans over which errors of odometry may persist …"""
 _MOST_PERSISTENT = 4.0
 """… and by how much their variance is widened for it at most."""
+_NOTHING = 1e-300
+"""Stands for the variance of errors that are all zero: nothing of them persists."""
 _LEAST = OdometryModel(
     along_floor=0.0002,
     across_floor=0.0002,
@@ -269,13 +271,14 @@ def _shares(
     certain = usual / (usual + claimed)  # how much of a difference is not the doubt of its match
     limit = _OUTLIER * robust_deviation(errors * certain)
     e, after = np.clip(errors * certain, -limit, limit), np.clip(following * certain[1:], -limit, limit)
-    lags = [dense.vecdot(e[lag:], e[: len(e) - lag]) / len(e) for lag in range(_LAGS + 1)]
+    last = min(_LAGS, len(e) - 1)
+    lags = [dense.vecdot(e[lag:], e[: len(e) - lag]) / len(e) for lag in range(last + 1)]
     cancelling = max(0.5 * (lags[2] + lags[3]), 0.0) - dense.vecdot(e[:-1], after) / len(e)
     claim = max(float(np.mean(certain**2 * claimed)), 1e-12)
     share = min(max(cancelling / (OWN * claim), 0.0), _MOST_CLAIMED)
-    chain = lags[0] + 2.0 * sum((1.0 - lag / (_LAGS + 1.0)) * lags[lag] for lag in range(1, _LAGS + 1))
-    persistence = chain / max(lags[0] - share * claim, 0.5 * lags[0])
-    chance = 2.0 * math.sqrt(4.0 * _LAGS / (3.0 * len(e)))  # two relative standard deviations of the sum
+    chain = lags[0] + 2.0 * sum((1.0 - lag / (last + 1.0)) * lags[lag] for lag in range(1, last + 1))
+    persistence = chain / max(lags[0] - share * claim, 0.5 * lags[0], _NOTHING)
+    chance = 2.0 * math.sqrt(4.0 * last / (3.0 * len(e)))  # two relative standard deviations of the sum
     is_clear = persistence * (1.0 - chance) > 1.0
     return share * claimed, min(persistence, _MOST_PERSISTENT) if is_clear else 1.0
 

@@ -11,8 +11,9 @@ from graph.elementary import log
 
 _FREEDOM = 3.0
 """Degrees of freedom: the usual residuals count as normal ones do, a few wrong matches hardly at all."""
-_ROUNDS = 30
-"""Rounds of expectation and maximisation: what still moves then is far below the standard deviations."""
+_ROUNDS, _SETTLED = 30, 1e-6
+"""Most rounds of expectation and maximisation, and relative change of the scale at which they end: what still moves
+then is far below the standard deviations."""
 _LEAST = 1e-6
 """Least scale of residuals: of a perfect fit the likelihood has no bound."""
 _LAGS = 16
@@ -51,8 +52,10 @@ def student_fit(rows: NDArray[np.float64], values: NDArray[np.float64]) -> Stude
         weighted = (columns * weights[:, None]).T
         coefficients = dense.least_norm_solution(dense.matmul(weighted, columns), dense.matvec(weighted, values))
         residuals = values - dense.matvec(columns, coefficients)
-        scale = max(_LEAST, math.sqrt(float(np.mean(weights * residuals**2))))
+        before, scale = scale, max(_LEAST, math.sqrt(float(np.mean(weights * residuals**2))))
         weights = (_FREEDOM + 1.0) / (_FREEDOM + (residuals / scale) ** 2)
+        if abs(scale - before) < _SETTLED * scale:
+            break
     surprise = float(np.sum(log(1.0 + (residuals / scale) ** 2 / _FREEDOM)))
     return StudentFit(
         coefficients=coefficients / np.where(size > 0.0, size, 1.0),

@@ -17,7 +17,7 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap, inverse, logmap, wrap_angle
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.config import FrontEndConfig
-from iceg.slam.odometry.gyro import HeadingOdometry
+from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.tracking.map_matcher import FollowingMatcher, MapMatcher
 from iceg.slam.tracking.sight import (
     BLIND_RANGE,

@@ -12,7 +12,7 @@ from graph.odometry import OdometryModel
 from graph.se2 import between
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
-from iceg.slam.odometry.gyro import HeadingOdometry
+from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.odometry.standstill import dead_stretches
 from iceg.slam.odometry.steps import sudden_steps
 from iceg.slam.tracking.front_end import FrontEnd
