@@ -14,7 +14,7 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap, logmap
 from iceg.slam.odometry.heading_odometry import HeadingOdometry, with_headings
 from iceg.slam.odometry.noise import robust_deviation
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _BEFORE = 5
 """Scans whose motion tells the velocity."""

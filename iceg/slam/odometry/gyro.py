@@ -19,8 +19,7 @@ from iceg.slam.odometry.heading_odometry import HeadingNoise, HeadingOdometry, u
 from iceg.slam.odometry.noise import Differences, heading_noise, robust_deviation
 from iceg.slam.odometry.student_fit import StudentFit, chance_of, student_fit
 from iceg.slam.run_warning import RunWarning
-from iceg.slam.sweep.motion import usual_interval
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _LEVEL = 1e-4
 """A gyro counts, and so does a further axis of it, where chance explains as much less often than this."""
@@ -158,7 +157,7 @@ def _doubt(finding: GyroFinding) -> str:
 def _clock(log: Log) -> tuple[NDArray[np.float64], float | None]:
     """(n,) times of the scans, and the usual one between two [s]; the scans numbered where stamps do not advance."""
     if (np.diff(log.stamps) > 0.0).all():
-        return log.stamps - log.stamps[0], usual_interval(log.stamps)
+        return log.stamps - log.stamps[0], float(np.median(np.diff(log.stamps)))
     return np.arange(float(len(log))), None
 
 

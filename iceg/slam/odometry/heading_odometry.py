@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from graph.odometry import OdometryModel
 from graph.se2 import between, expmap, logmap
-from iceg.slam.odometry.steps import chained
-from iceg.slam.tracking.track import Track
+from iceg.slam.recording.steps import chained
+from iceg.slam.track import Track
 
 _NEARLY_ALL, _NEARLY_ALL_SIGMAS = 0.99, 3.0
 """Nearly all steps are this share, and lie within so many standard deviations."""

@@ -17,8 +17,9 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap, inverse, logmap, wrap_angle
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.config import FrontEndConfig
+from iceg.slam.map_matcher import FollowingMatcher, MapMatcher
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
-from iceg.slam.tracking.map_matcher import FollowingMatcher, MapMatcher
+from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan
 from iceg.slam.tracking.sight import (
     BLIND_RANGE,
     BLIND_SHARE,
@@ -27,7 +28,6 @@ from iceg.slam.tracking.sight import (
     sees_little,
     sees_next_to_nothing,
 )
-from iceg.slam.tracking.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan
 
 _ODOMETRY_SPEAKS = 4.0
 """Ratio of variances (match over odometry) from which on a direction is shared with odometry."""
