@@ -55,6 +55,8 @@ class FrontEndConfig:
     deskew: bool = True
     """Move every beam by the motion within the sweep of the laser: as long as the log says it takes, else as long as
     its scans tell. Off takes all beams of a scan as measured at once."""
+    gyro: bool = True
+    """In a log without odometry, take the turn rate of a gyro for odometry of the heading if the matches confirm it."""
     split_scans: int = 40
     """Scans whose halves are matched alone, to see whether matches are as sure as they say; 0 believes them."""
 
