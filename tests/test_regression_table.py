@@ -264,7 +264,8 @@ def test_the_command_that_keeps_writes_the_page_from_what_was_measured(
     outcomes_file, rules_file = tmp_path / "regression.csv", tmp_path / "rules.csv"
     write_outcomes([_OUTCOME], outcomes_file)
     write_csv(
-        [{"off": "nothing", "good": 3, "error ratio": None}, {"off": "near odometry", "good": 2, "error ratio": 1.5}], rules_file
+        [{"off": "nothing", "good": 3, "error ratio": None}, {"off": "near odometry", "good": 2, "error ratio": 1.5}],
+        rules_file,
     )
     keep.Keep(measured=(tmp_path,), as_baseline=True, page=tmp_path / "page.md")()
     assert read_outcomes(tmp_path / "kept-BASELINE.csv") == [_OUTCOME]

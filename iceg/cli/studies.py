@@ -70,7 +70,7 @@ class Bench:
         ),
     ] = None
     parts: Annotated[
-        tuple[Literal["runs", "recall", "consistency", "ablation", "growth", "regression"], ...],
+        tuple[Literal["runs", "recall", "consistency", "ablation", "solvers", "growth", "regression"], ...],
         tyro.conf.arg(
             help="Without FILE: which tables; left out: all but growth and regression, which take many minutes.",
             help_behavior_hint="",
