@@ -35,6 +35,7 @@ from iceg.slam.closures.manual import (
 )
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.finish import Finished, finish
+from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.noise_widths import widened
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.constant_velocity import constant_velocity
@@ -69,6 +70,7 @@ class SlamResult:
         measured: the same factors as they were measured, in the same order, see `FinalFactors`.
         landmarks: the feature map, expired landmarks included.
         grid: the occupancy grid.
+        walls: short straight pieces of wall, none where poses and map were not refined together.
         closures: every loop closure tried.
         warnings: what is doubtful about it, besides what is about the log.
         summary: counts, warnings, seconds per stage and calibration.
@@ -84,6 +86,7 @@ class SlamResult:
     measured: list[Factor]
     landmarks: Landmarks
     grid: OccupancyGrid
+    walls: WallPieces
     closures: list[Closure]
     warnings: tuple[RunWarning, ...]
     summary: dict[str, Any]
@@ -159,6 +162,7 @@ def run(
         measured=finished.factors.measured,
         landmarks=landmarks,
         grid=grid,
+        walls=finished.walls,
         closures=_closures(track, solution) + manual_records(closures, track),
         warnings=warnings,
         summary={
