@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from graph.measurement import NoMatch, RelativePose
     from graph.odometry import OdometryModel
     from graph.pose_graph import PoseGraph
+    from iceg import plot
     from iceg.config import Config, read_config
     from iceg.demo import demo_log_path, demo_truth_path
     from iceg.ice.config import IceConfig
@@ -56,6 +57,7 @@ __all__ = [
     "describe_log",
     "extract_features",
     "extract_segments",
+    "plot",
     "read_config",
     "read_log",
     "read_run_folder",
@@ -106,6 +108,8 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401
     """A public name, imported from its home on first use (PEP 562)."""
     from importlib import import_module
 
+    if name == "plot":
+        return import_module("iceg.plot")
     if name not in _HOMES:
         raise AttributeError(f"module 'iceg' has no attribute {name!r}")
     value = getattr(import_module(_HOMES[name]), name)

@@ -50,9 +50,7 @@ def write_dp_slam_results(
         from iceg.show.map_image import MapLayers
         from iceg.show.map_picture import save_map_png
 
-        layers = MapLayers(
-            grid=grid, trajectory=result.trajectory, name=log.path.name, seconds=duration(log.stamps)
-        )
+        layers = MapLayers(grid=grid, trajectory=result.trajectory, name=log.path.name, seconds=duration(log.stamps))
         save_map_png(folder / "map.png", layers)
 
     def settings(folder: Path) -> None:

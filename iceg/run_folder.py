@@ -90,7 +90,7 @@ def _read(directory: Path) -> RunFolder:
     trajectory, closures = read_tum(directory / "trajectory.tum"), read_closures(directory / "closures.csv")
     _check_scans(directory, len(trajectory), key_scans, closures)
     return RunFolder(
-        log_name=_log_name(directory),
+        log_name=log_name(directory),
         trajectory=trajectory,
         key_scans=key_scans,
         key_poses=key_poses,
@@ -100,11 +100,6 @@ def _read(directory: Path) -> RunFolder:
         closures=closures,
         walls=read_walls(directory / "walls.csv") if (directory / "walls.csv").exists() else WallPieces.none(),
     )
-
-
-def _log_name(directory: Path) -> str:
-    """What the summary names, empty without one."""
-    return str(read_summary(directory).get("log", "")) if (directory / "summary.json").exists() else ""
 
 
 def _check_scans(directory: Path, n_scans: int, key_scans: NDArray[np.int64], closures: tuple[Closure, ...]) -> None:
@@ -128,6 +123,15 @@ def is_of_dp_slam(directory: Path) -> bool:
         ResultsError: its summary cannot be read.
     """
     return (directory / "summary.json").exists() and read_summary(directory).get("method") == "dp-slam"
+
+
+def log_name(directory: Path) -> str:
+    """Name of the log that a run's summary tells, empty without one.
+
+    Raises:
+        ResultsError: the summary cannot be read.
+    """
+    return str(read_summary(directory).get("log", "")) if (directory / "summary.json").exists() else ""
 
 
 def read_ros_map(path: Path) -> OccupancyGrid:

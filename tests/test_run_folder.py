@@ -102,7 +102,7 @@ def test_everything_reads_back(tmp_path: Path, run: Any) -> None:
 def test_pictures_are_drawn_from_the_files_and_are_the_same_each_time(tmp_path: Path, run: Any) -> None:
     assert run is not None
     pictures = plot_results(tmp_path)
-    assert [path.name for path in pictures] == list(PICTURES)
+    assert [path.name for path in pictures] == [f"{name}.png" for name in PICTURES]
     first = [path.read_bytes() for path in pictures]
     assert all(content.startswith(b"\x89PNG") for content in first)
     assert [path.read_bytes() for path in plot_results(tmp_path)] == first

@@ -108,7 +108,8 @@ class Canvas:
         for top in range(0, picture.height, _TILE):
             for left in range(0, picture.width, _TILE):
                 corner = (min(left + _TILE, picture.width), min(top + _TILE, picture.height))
-                painted = self._numbers.crop(tuple(SMOOTHING * side for side in (left, top, *corner)))
+                x, y, right, bottom = (SMOOTHING * side for side in (left, top, *corner))
+                painted = self._numbers.crop((x, y, right, bottom))
                 if painted.getbbox() is not None:
                     smooth = painted.convert("RGBA").reduce(SMOOTHING)
                     picture.paste(smooth, (left, top), smooth)

@@ -76,7 +76,9 @@ def save_map_png(
     image = map_image(layers, box=box, long_side=long_side)
     map_width = image.shape[1]
     width = max(map_width, _NARROWEST)
-    below = np.asarray(_strip(width, map_width / (box[1] - box[0]), _legend_entries(layers), layers.title if title is None else title))
+    below = np.asarray(
+        _strip(width, map_width / (box[1] - box[0]), _legend_entries(layers), layers.title if title is None else title)
+    )
     left = (width - map_width) // 2
     if width > map_width:
         image = np.pad(image, ((0, 0), (left, width - map_width - left), (0, 0)), constant_values=255)
