@@ -66,7 +66,7 @@ def map(  # noqa: A001
     ax.set(xlim=box[:2], ylim=box[2:], xticks=[], yticks=[], aspect="equal")
     for spine in ax.spines.values():
         spine.set_visible(False)
-    _draw_scale_bar(ax, box)
+    draw_scale_bar(ax, box[1] - box[0])
     if key:
         _draw_key(ax, layers)
 
@@ -85,6 +85,30 @@ def path_on_grid(
     map(MapLayers(grid=grid, trajectory=trajectory), ax, box=box, line_width=0.6, key=False)
 
 
+def draw_scale_bar(ax: Axes, width: float) -> None:
+    """Draw a bar of a round length, up to a sixth of what the axes show.
+
+    Args:
+        ax: axes in metres.
+        width: of what they show [m].
+    """
+    wanted = max(width, 1e-3) / 6.0
+    power = 10.0 ** math.floor(math.log10(wanted))
+    length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted)
+    bar = AnchoredSizeBar(
+        ax.transData,
+        length,
+        f"{length:g} m",
+        "lower left",
+        frameon=False,
+        sep=2,
+        size_vertical=0.004 * wanted,
+        color=INK,
+    )
+    bar.set_zorder(4)
+    ax.add_artist(bar)
+
+
 def _draw_grid(ax: Axes, layers: MapLayers, box: Box) -> None:
     grid = layers.grid
     first_col, end_col = np.rint((np.array(box[:2]) - grid.origin[0]) / grid.resolution).astype(int)
@@ -100,25 +124,6 @@ def _draw_grid(ax: Axes, layers: MapLayers, box: Box) -> None:
     for levels, colour in (((-1.0, grid.free_below), _FREE), ((grid.occupied_above, 2.0), _WALL)):
         if (inside < levels[1]).any() and (inside > levels[0]).any():
             ax.contourf(x, y, inside, levels=levels, colors=[colour], zorder=1, antialiased=True)
-
-
-def _draw_scale_bar(ax: Axes, box: Box) -> None:
-    """About a sixth of the width, a round length."""
-    wanted = (box[1] - box[0]) / 6.0
-    power = 10.0 ** math.floor(math.log10(wanted))
-    length = max(step * power for step in (1.0, 2.0, 5.0) if step * power <= wanted)
-    bar = AnchoredSizeBar(
-        ax.transData,
-        length,
-        f"{length:g} m",
-        "lower left",
-        frameon=False,
-        sep=2,
-        size_vertical=0.004 * wanted,
-        color=INK,
-    )
-    bar.set_zorder(4)
-    ax.add_artist(bar)
 
 
 def _draw_key(ax: Axes, layers: MapLayers) -> None:
