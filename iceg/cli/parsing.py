@@ -10,6 +10,7 @@ import tyro
 from tyro.extras import subcommand_cli_from_dict
 
 from frontends.dp_slam.config import DpSlamConfig
+from iceg.cli.compare import Compare
 from iceg.cli.export import Export
 from iceg.cli.judge import Eval, Info, Plot
 from iceg.cli.run import Demo, DpSlam, Run, RunOptions
@@ -25,6 +26,7 @@ Command = (
     | Info
     | Eval
     | Plot
+    | Compare
     | Export
     | Simulate
     | Convert
@@ -49,6 +51,7 @@ _COMMANDS: dict[str, type[Command]] = {
     "info": Info,
     "eval": Eval,
     "plot": Plot,
+    "compare": Compare,
     "export": Export,
     "simulate": Simulate,
     "convert": Convert,
