@@ -39,7 +39,7 @@ def run(poses: F64 | None = None, closures: tuple[Closure, ...] = (), deviation:
     covariances[0] = 0.0
     return RunFolder(
         log_name="room.clf",
-        trajectory=Trajectory(stamps=0.1 * np.arange(len(poses)), poses=poses),
+        trajectory=Trajectory(stamps=np.arange(len(poses), dtype=np.float64) / 10, poses=poses),
         key_scans=key_scans,
         key_poses=poses[key_scans],
         covariances=covariances,
@@ -72,7 +72,8 @@ def shifted(first: int, last: int, by: float) -> F64:
 def test_a_run_is_like_itself() -> None:
     comparison = compare_runs(run(), run())
     assert comparison.largest_distance < 1e-12
-    assert comparison.stretches == comparison.lone_closures == []
+    assert not comparison.stretches
+    assert not comparison.lone_closures
     assert comparison.sigmas.max() < 1e-6
 
 

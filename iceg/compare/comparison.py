@@ -130,7 +130,8 @@ def frame_of_b(a: RunFolder, b: RunFolder) -> NDArray[np.float64]:
 
 def _sigmas(difference: NDArray[np.float64], covariances: NDArray[np.float64]) -> NDArray[np.float64]:
     whitened = dense.solve(covariances + _LEAST_VARIANCE * np.eye(3), difference[:, :, None])[:, :, 0]
-    return np.sqrt(np.maximum((difference * whitened).sum(axis=1), 0.0))
+    squares: NDArray[np.float64] = (difference * whitened).sum(axis=1)
+    return np.sqrt(np.maximum(squares, 0.0))
 
 
 def _stretches(

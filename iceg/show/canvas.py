@@ -14,7 +14,7 @@ Box = tuple[float, float, float, float]
 
 SMOOTHING = 2
 """Pixels drawn for one pixel of the picture, along each axis: 1, 2 or 4."""
-_TILE = 64
+_TILE = 96
 """Pixels of the picture, each way, that are mixed at a time; where nothing was painted nothing is mixed."""
 _WALL = 160
 """Greys up to this are walls, which stay visible under what is painted."""
@@ -102,19 +102,32 @@ class Canvas:
         Returns:
             (height, width, 3) red, green and blue.
         """
-        grey = Image.fromarray(np.ascontiguousarray(shades))
-        picture = grey.convert("RGB")
+        picture = Image.fromarray(np.ascontiguousarray(shades)).convert("RGB")
+        walls = Image.fromarray(np.where(shades <= _WALL, shades, np.uint8(255)))
         self._numbers.putpalette(self._palette(), "RGBA")
         for top in range(0, picture.height, _TILE):
             for left in range(0, picture.width, _TILE):
-                corner = (min(left + _TILE, picture.width), min(top + _TILE, picture.height))
-                x, y, right, bottom = (SMOOTHING * side for side in (left, top, *corner))
-                painted = self._numbers.crop((x, y, right, bottom))
-                if painted.getbbox() is not None:
-                    smooth = painted.convert("RGBA").reduce(SMOOTHING)
-                    picture.paste(smooth, (left, top), smooth)
-        walls = grey.point([shade if shade <= _WALL else 255 for shade in range(256)]).convert("RGB")
-        return np.asarray(ImageChops.darker(picture, walls))
+                self._mix(picture, walls, (left, top, left + _TILE, top + _TILE))
+        return np.asarray(picture)
+
+    def _mix(self, picture: Image.Image, walls: Image.Image, tile: tuple[int, int, int, int]) -> None:
+        """Lay what was painted in a tile over the picture, as far as anything was; walls are as dark as they were."""
+        left, top, right, bottom = tile
+        width, height = picture.size
+        corners = (left, top, min(right, width), min(bottom, height))
+        painted = self._numbers.crop(_times(SMOOTHING, corners)).getbbox()
+        if painted is None:
+            return
+        reach = (
+            left + painted[0] // SMOOTHING,
+            top + painted[1] // SMOOTHING,
+            left - (-painted[2] // SMOOTHING),
+            top - (-painted[3] // SMOOTHING),
+        )
+        smooth = self._numbers.crop(_times(SMOOTHING, reach)).convert("RGBA").reduce(SMOOTHING)
+        mixed = picture.crop(reach)
+        mixed.paste(smooth, (0, 0), smooth)
+        picture.paste(ImageChops.darker(mixed, walls.crop(reach).convert("RGB")), reach[:2])
 
     def _number(self, colour: str, opacity: float = 1.0) -> int:
         """The byte that stands for a colour; 0 is nothing painted."""
@@ -140,6 +153,11 @@ class Canvas:
         x = (points[..., 0] - self._corner[0]) * self._pixels_per_metre
         y = (self._corner[1] - points[..., 1]) * self._pixels_per_metre
         return np.stack([x, y], axis=-1)
+
+
+def _times(factor: int, box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
+    left, top, right, bottom = box
+    return factor * left, factor * top, factor * right, factor * bottom
 
 
 def draw_marker(
