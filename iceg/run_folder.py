@@ -205,9 +205,13 @@ def read_walls(path: Path) -> WallPieces:
         ResultsError: the file is missing or not of that form.
     """
     table = read_csv_table(path, WALL_COLUMNS, may_be_empty=True)
-    bad = np.flatnonzero((table[:, 4:] < 0.0).any(axis=1))
+    counts = table[:, [4, 6]]
+    bad = np.flatnonzero((counts < 0).any(axis=1) | (counts != np.floor(counts)).any(axis=1) | (table[:, 5] < 0))
     if len(bad):
-        raise ResultsError(f"{path}: row {bad[0] + 1}: found {table[bad[0], 4:].tolist()}, expected 0 or more")
+        raise ResultsError(
+            f"{path}: row {bad[0] + 1}: found {table[bad[0], 4:].tolist()} for points, deviation_m and key_poses, "
+            "expected 0 or more, counts as whole numbers"
+        )
     return WallPieces(
         ends=table[:, :4].reshape(-1, 2, 2),
         points=table[:, 4].astype(np.int64),

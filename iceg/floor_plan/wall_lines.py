@@ -14,6 +14,8 @@ from iceg.slam.joint.wall_pieces import WallPieces
 _SHORT = 0.15
 """The direction of shorter pieces is little known [m]."""
 _ROUNDS = 12
+_AROUND, _TURNING = 0.3, 0.15
+"""Pieces farther from the line of the first than this [m], and this share of the way along it, never join it."""
 _GAUSS = 1.0 / math.sqrt(3.0)
 """Two points so far from the middle, in half lengths, have the moments of a whole segment."""
 
@@ -110,20 +112,32 @@ def _grown(
     seed: int, pieces: WallPieces, lengths: NDArray[np.float64], free: NDArray[np.bool_], config: FloorPlanConfig
 ) -> NDArray[np.int64]:
     """The pieces of the wall that a piece is part of."""
-    members = np.array([seed])
-    limit = math.cos(config.turned), math.cos(2.0 * config.turned)
+    near = _near_line_of(seed, pieces, lengths, free, config)
+    ends, long, own = pieces.ends[near], lengths[near], int(np.searchsorted(near, seed))
+    limits = np.where(long < _SHORT, math.cos(2.0 * config.turned), math.cos(config.turned))
+    members = np.array([own])
     for _ in range(_ROUNDS):
-        line = _fitted(members, pieces)
-        along, off = line.coordinates(pieces.ends)
-        facing = (along[:, 1] - along[:, 0]) / np.maximum(lengths, 1e-9)
-        fits = free & (np.abs(off).max(axis=1) < config.off_line)
-        fits &= facing >= np.where(lengths < _SHORT, limit[1], limit[0])
-        fits[seed] = True
-        found = _without_gap(seed, np.flatnonzero(fits), along, config.gap)
+        along, off = _fitted(near[members], pieces).coordinates(ends)
+        fits = np.abs(off).max(axis=1) < config.off_line
+        fits &= along[:, 1] - along[:, 0] >= limits * long
+        fits[own] = True
+        found = _without_gap(own, np.flatnonzero(fits), along, config.gap)
         if np.array_equal(found, members):
             break
         members = found
-    return members
+    return near[members]
+
+
+def _near_line_of(
+    seed: int, pieces: WallPieces, lengths: NDArray[np.float64], free: NDArray[np.bool_], config: FloorPlanConfig
+) -> NDArray[np.int64]:
+    """Pieces near enough to the line of one to lie on the line that it will be part of; its direction may turn."""
+    along, off = _fitted(np.array([seed]), pieces).coordinates(pieces.ends)
+    reach = _AROUND + _TURNING * np.abs(along).max(axis=1)
+    faces = along[:, 1] - along[:, 0] > math.cos(3.0 * config.turned) * lengths
+    near = free & faces & (np.abs(off).max(axis=1) < reach)
+    near[seed] = True
+    return np.flatnonzero(near)
 
 
 def _without_gap(seed: int, chosen: NDArray[np.int64], along: NDArray[np.float64], gap: float) -> NDArray[np.int64]:
