@@ -97,8 +97,8 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: bool 
 
 
 def _curves(comparison: Comparison) -> str:
-    distances = 1000.0 * comparison.distances
-    return _curve(comparison.scans, distances, "distance [mm]") + _curve(
+    unit, per_metre = ("m", 1.0) if comparison.distances.max(initial=0.0) >= 1.0 else ("mm", 1000.0)
+    return _curve(comparison.scans, per_metre * comparison.distances, f"distance [{unit}]") + _curve(
         comparison.scans, comparison.sigmas, "difference [σ]", mark=BEYOND
     )
 
@@ -131,4 +131,4 @@ def _curve(scans: NDArray[np.int64], values: NDArray[np.float64], label: str, ma
 
 
 def _length(metres: float) -> str:
-    return f"{1000 * metres:.1f} mm" if metres < 1 else f"{metres:.2f} m"
+    return f"{1000 * metres:.1f} mm" if metres < 1.0 else f"{metres:.2f} m"

@@ -125,7 +125,8 @@ def _grown(
         if np.array_equal(found, members):
             break
         members = found
-    return near[members]
+    grown: NDArray[np.int64] = near[members]
+    return grown
 
 
 def _near_line_of(
