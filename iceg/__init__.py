@@ -92,6 +92,7 @@ _HOMES = {
     "describe_log": "frontends.logs",
     "extract_features": "iceg.ice.features",
     "extract_segments": "iceg.ice.segments",
+    "plot": "iceg.plot",
     "read_config": "iceg.config",
     "read_log": "frontends.logs",
     "read_run_folder": "iceg.run_folder",
@@ -108,11 +109,10 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401
     """A public name, imported from its home on first use (PEP 562)."""
     from importlib import import_module
 
-    if name == "plot":
-        return import_module("iceg.plot")
     if name not in _HOMES:
         raise AttributeError(f"module 'iceg' has no attribute {name!r}")
-    value = getattr(import_module(_HOMES[name]), name)
+    home = import_module(_HOMES[name])
+    value = home if home.__name__ == f"iceg.{name}" else getattr(home, name)
     globals()[name] = value
     return value
 

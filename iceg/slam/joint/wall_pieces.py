@@ -12,6 +12,9 @@ from iceg.slam.joint.covariance import Walls
 _ON_THE_WALL = 0.5
 """Points of at least this Cauchy weight, nearer to the line than its width, tell how far a piece reaches."""
 
+_MARKS = 4_000_000
+"""So many pairs of a piece and a key pose are marked at a time."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WallPieces:
@@ -56,8 +59,10 @@ class WallPieces:
         """
         chosen = np.flatnonzero((walls.piece_of >= 0) & (walls.weights * spreads >= _ON_THE_WALL))
         piece, n = walls.piece_of[chosen], len(walls.lines)
-        offset = walls.placed[chosen] - walls.lines[piece, :2]
-        along = offset[:, 0] * walls.lines[piece, 3] - offset[:, 1] * walls.lines[piece, 2]
+        x, y, normal_x, normal_y = walls.lines.T
+        at_middle = x * normal_y - y * normal_x
+        placed = walls.placed[chosen]
+        along = placed[:, 0] * normal_y[piece] - placed[:, 1] * normal_x[piece] - at_middle[piece]
         low, high = np.full(n, np.inf), np.full(n, -np.inf)
         np.minimum.at(low, piece, along)
         np.maximum.at(high, piece, along)
@@ -79,7 +84,14 @@ class WallPieces:
 def _key_poses(
     piece: NDArray[np.int64], points: NDArray[np.int64], key_starts: NDArray[np.int64], n: int
 ) -> NDArray[np.int64]:
-    """(n,) from how many key poses the points on each of n pieces were seen."""
+    """(n,) from how many key poses the points on each of n pieces were seen; points come key pose by key pose."""
     keys = len(key_starts) - 1
-    key = np.repeat(np.arange(keys), np.diff(key_starts))[points]
-    return np.bincount(np.unique(piece * keys + key) // keys, minlength=n)
+    borders = np.searchsorted(points, key_starts)
+    key = np.repeat(np.arange(keys), np.diff(borders))
+    counts, at_once = np.zeros(n, np.int64), max(1, _MARKS // max(n, 1))
+    for first in range(0, keys, at_once):
+        part = slice(borders[first], borders[min(first + at_once, keys)])
+        seen = np.zeros((n, at_once), np.bool_)
+        seen[piece[part], key[part] - first] = True
+        counts += np.count_nonzero(seen, axis=1)
+    return counts
