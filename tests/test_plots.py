@@ -253,6 +253,15 @@ def test_the_legend_goes_below_the_scale_bar_where_it_would_overlap_it(sheet: in
         assert all(sum(widths[row]) <= sheet or len(widths[row]) == 1 for row in rows)
 
 
+def test_a_long_name_is_cut_where_the_sheet_ends(tmp_path: Path) -> None:
+    short, long = (replace(room(), name=name) for name in ("room.clf", 400 * "room " + ".clf"))
+    for layers, name in ((short, "short.png"), (long, "long.png")):
+        save_map_png(tmp_path / name, layers)
+    first, second = (imread(tmp_path / name)[:, :, :3] for name in ("short.png", "long.png"))
+    assert first.shape[1] == second.shape[1]
+    assert (second[:, -20:] == 1.0).all(axis=2)[-60:].all()
+
+
 def test_errors_beside_what_was_claimed(ax: Axes) -> None:
     time = np.linspace(0, 10, 50)
     plot.error_over_time(time, np.sin(time), ax, np.full(50, 0.5), label="heading error [rad]")

@@ -108,6 +108,7 @@ def _legend_entries(layers: MapLayers) -> list[_Entry]:
 def _strip(width: int, pixels_per_metre: float, entries: list[_Entry], title: str) -> Image.Image:
     """The sheet's part below the map; the legend stands beside the scale bar where there is room, else below it."""
     font = ImageFont.load_default(SMOOTHING * _TEXT)
+    title = _shortened(title, font, SMOOTHING * (width - _scale_bar_end(pixels_per_metre) - 2 * _GAP))
     widths = [entry.symbol + font.getlength(entry.text) / SMOOTHING + _GAP for entry in entries]
     taken = _scale_bar_end(pixels_per_metre) + (2 * _GAP + font.getlength(title) / SMOOTHING if title else 0.0)
     rows = _rows(widths, width, taken)
@@ -123,6 +124,14 @@ def _strip(width: int, pixels_per_metre: float, entries: list[_Entry], title: st
     for line, row in enumerate(rows or ()):
         _draw_entries(draw, entries[row], widths[row], _MARGIN, _STRIP + line * _LEGEND_LINE, font)
     return strip.reduce(SMOOTHING)
+
+
+def _shortened(text: str, font: ImageFont.FreeTypeFont | ImageFont.ImageFont, room: float) -> str:
+    """A text as far as there is room for it."""
+    if font.getlength(text) <= room:
+        return text
+    kept = next((n for n in range(len(text) - 1, 0, -1) if font.getlength(f"{text[:n]}…") <= room), 0)
+    return f"{text[:kept]}…"
 
 
 def _rows(widths: list[float], sheet: float, taken: float) -> list[slice] | None:
