@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from graph.measurement import NoMatch, RelativePose
     from graph.odometry import OdometryModel
     from graph.pose_graph import PoseGraph
+    from iceg import plot
     from iceg.config import Config, read_config
     from iceg.demo import demo_log_path, demo_truth_path
     from iceg.ice.config import IceConfig
@@ -56,6 +57,7 @@ __all__ = [
     "describe_log",
     "extract_features",
     "extract_segments",
+    "plot",
     "read_config",
     "read_log",
     "read_run_folder",
@@ -90,6 +92,7 @@ _HOMES = {
     "describe_log": "frontends.logs",
     "extract_features": "iceg.ice.features",
     "extract_segments": "iceg.ice.segments",
+    "plot": "iceg.plot",
     "read_config": "iceg.config",
     "read_log": "frontends.logs",
     "read_run_folder": "iceg.run_folder",
@@ -108,7 +111,8 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401
 
     if name not in _HOMES:
         raise AttributeError(f"module 'iceg' has no attribute {name!r}")
-    value = getattr(import_module(_HOMES[name]), name)
+    home = import_module(_HOMES[name])
+    value = home if home.__name__ == f"iceg.{name}" else getattr(home, name)
     globals()[name] = value
     return value
 

@@ -35,6 +35,7 @@ RESULT_FILES = (
     "graph.g2o",
     "covariances.csv",
     "closures.csv",
+    "walls.csv",
     "map.pgm",
     "map.yaml",
     "map.png",
@@ -43,10 +44,11 @@ RESULT_FILES = (
     "summary.json",
 )
 
-_VOUCHED_FOR = ("trajectory.tum", "graph.g2o", "covariances.csv", "closures.csv", "features.geojson")
+_VOUCHED_FOR = ("trajectory.tum", "graph.g2o", "covariances.csv", "closures.csv", "walls.csv", "features.geojson")
 """Files whose digests `summary.json` holds: those that are read together. Maps and settings are there to be edited."""
 _COVARIANCE_COLUMNS = ("scan", "x_m", "y_m", "theta_rad", "xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
 CLOSURE_COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad", "score", "inliers", "overlap", "verdict", "reason")
+WALL_COLUMNS = ("x1_m", "y1_m", "x2_m", "y2_m", "points", "deviation_m", "key_poses")
 _UPPER_TRIANGLE = np.triu_indices(3)
 
 
@@ -274,6 +276,14 @@ def _write_closures(result: "SlamResult", folder: Path) -> None:
     _write_text(folder / "closures.csv", "\n".join(lines) + "\n")
 
 
+def _write_walls(result: "SlamResult", folder: Path) -> None:
+    walls = result.walls
+    table = np.column_stack([walls.ends.reshape(-1, 4), walls.points, walls.deviations, walls.key_poses])
+    line = "%.6f" + ",%.6f" * 3 + ",%d,%.6f,%d\n"
+    body = (line * len(table)) % tuple(table.ravel().tolist())
+    _write_text(folder / "walls.csv", ",".join(WALL_COLUMNS) + "\n" + body)
+
+
 def _write_map(result: "SlamResult", folder: Path) -> None:
     from iceg.maps.grid import write_ros_map
 
@@ -281,18 +291,10 @@ def _write_map(result: "SlamResult", folder: Path) -> None:
 
 
 def _write_picture(result: "SlamResult", folder: Path) -> None:
-    from iceg.show.map_image import MapLayers
+    from iceg.show.drawn_run import drawn_run
     from iceg.show.map_picture import save_map_png
-    from iceg.slam.closures.closure import joined_scans
 
-    layers = MapLayers(
-        grid=result.grid,
-        trajectory=result.trajectory,
-        key_poses=result.key_poses,
-        landmarks=result.landmarks,
-        closures=joined_scans(result.closures),
-    )
-    save_map_png(folder / "map.png", layers)
+    save_map_png(folder / "map.png", drawn_run(result).layers())
 
 
 def _write_features(result: "SlamResult", folder: Path) -> None:
@@ -310,6 +312,7 @@ _WRITERS: Mapping[str, Callable[["SlamResult", Path], None]] = {
     "graph": _write_graph,
     "covariances": _write_covariances,
     "closures": _write_closures,
+    "walls": _write_walls,
     "map": _write_map,
     "picture": _write_picture,
     "features": _write_features,

@@ -3,12 +3,21 @@
 import dataclasses
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from iceg.cli.options import SkipBadLines, UsageError
 from iceg.config import LogConfig
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from iceg.show.run_plots import PictureName
+
+_PICTURES_OF_A_RUN = "map,trajectory,uncertainty"
+"""All that are drawn unless asked otherwise; of DP-SLAM, those that it has."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,16 +128,50 @@ class Eval:
 
 @dataclass(frozen=True, kw_only=True)
 class Plot:
-    """Draw the pictures of a run again, from the files in its folder."""
+    """Draw pictures of a run from the files in its folder, into it."""
 
     results: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR", help="The folder of a run.")]
+    what: Annotated[
+        str, tyro.conf.arg(metavar="NAMES", help="Any of map, trajectory, uncertainty and closures, with commas.")
+    ] = _PICTURES_OF_A_RUN
+    format: Annotated[Literal["png", "svg", "pdf"], tyro.conf.arg(help="In svg and pdf all is drawn as vectors.")] = (
+        "png"
+    )
+    truth: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE",
+            help="True pose of every scan, as for eval: the trajectory is drawn with its errors.",
+            help_behavior_hint="",
+        ),
+    ] = None
 
     def __call__(self) -> None:
         """Read the folder, draw, name the pictures."""
         from iceg.show.run_plots import plot_results
 
-        for path in plot_results(self.results):
+        for path in plot_results(self.results, self._names(), self.format, self._truth()):
             print(path)
+
+    def _names(self) -> "list[PictureName] | None":
+        if self.what == _PICTURES_OF_A_RUN:
+            return None
+        names = [name.strip() for name in self.what.split(",")]
+        known: tuple[PictureName, ...] = ("map", "trajectory", "uncertainty", "closures")
+        wrong = next((name for name in names if name not in known), None)
+        if wrong is not None:
+            raise UsageError(f"--what: found '{wrong[:40]}', expected any of {', '.join(known)}")
+        return [name for name in known if name in names]
+
+    def _truth(self) -> "NDArray[np.float64] | None":
+        if self.truth is None:
+            return None
+        from iceg.evaluation.judge import read_poses, true_poses
+        from iceg.evaluation.trajectory import check_one_row_per_scan
+
+        truth = true_poses(self.truth)
+        check_one_row_per_scan(read_poses(self.results), truth, self.truth)
+        return truth
 
 
 def _is_csv(path: Path) -> bool:

@@ -10,6 +10,8 @@ import tyro
 from tyro.extras import subcommand_cli_from_dict
 
 from frontends.dp_slam.config import DpSlamConfig
+from iceg.cli.compare import Compare
+from iceg.cli.export import Export
 from iceg.cli.judge import Eval, Info, Plot
 from iceg.cli.run import Demo, DpSlam, Run, RunOptions
 from iceg.cli.studies import Ablation, Bench, Nees
@@ -18,7 +20,21 @@ from iceg.config import Config
 from iceg.settings_file import read_settings
 
 Command = (
-    Run | DpSlam | Demo | Info | Eval | Plot | Simulate | Convert | Optimize | Bench | Ablation | Nees | PrintConfig
+    Run
+    | DpSlam
+    | Demo
+    | Info
+    | Eval
+    | Plot
+    | Compare
+    | Export
+    | Simulate
+    | Convert
+    | Optimize
+    | Bench
+    | Ablation
+    | Nees
+    | PrintConfig
 )
 Kind = TypeVar("Kind", bound=Command | RunOptions)
 Settings = TypeVar("Settings", Config, DpSlamConfig)
@@ -35,6 +51,8 @@ _COMMANDS: dict[str, type[Command]] = {
     "info": Info,
     "eval": Eval,
     "plot": Plot,
+    "compare": Compare,
+    "export": Export,
     "simulate": Simulate,
     "convert": Convert,
     "optimize": Optimize,

@@ -76,7 +76,7 @@ def truth_report(trajectory: Path, truth: Path) -> dict[str, float]:
     Raises:
         IcegError: as `relations_csv_report`.
     """
-    T_world_robot = _true_poses(truth)
+    T_world_robot = true_poses(truth)
     with whole_results(trajectory):
         T_map_robot = read_poses(trajectory)
         check_one_row_per_scan(T_map_robot, T_world_robot, truth)
@@ -96,8 +96,12 @@ def _nees_report(trajectory: Path, T_world_robot: NDArray[np.float64]) -> dict[s
     return consistency_report(consistency(values))
 
 
-def _true_poses(truth: Path) -> NDArray[np.float64]:
-    """(n_scans, 3) T_world_robot, from a CSV or a log."""
+def true_poses(truth: Path) -> NDArray[np.float64]:
+    """(n_scans, 3) T_world_robot, from a CSV or a log that holds it.
+
+    Raises:
+        IcegError: the file cannot be read, or holds no truth.
+    """
     if truth.suffix.lower() == ".csv":
         return read_truth_csv(truth)
     from frontends.logs import read_log

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -22,6 +22,7 @@ from iceg.slam.closures.record import with_earlier, without_contradicted
 from iceg.slam.config import FinishConfig, LoopClosureConfig
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.joint.refinement import JointRefinement, key_clouds, refine_jointly
+from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.rematch import match_again
 from iceg.slam.track import Track
@@ -72,6 +73,7 @@ class Finished:
         attempts: the record of all closures tried.
         rounds: one entry for each.
         covariances: (k, 3, 3) marginal covariances of the poses, None where only the graph knows them.
+        walls: the pieces of wall that the joint refinement ended with, none without it.
     """
 
     poses: NDArray[np.float64]
@@ -79,6 +81,7 @@ class Finished:
     attempts: list[Attempt]
     rounds: list[Round]
     covariances: NDArray[np.float64] | None = None
+    walls: WallPieces = field(default_factory=WallPieces.none)
 
 
 def finish(
@@ -126,15 +129,17 @@ def finish(
         if largest < config.tolerance:
             break
     attempts, loops = without_contradicted(graph.attempts, graph.loops, graph.poses)
-    poses, covariances = graph.poses, None
+    poses, covariances, walls = graph.poses, None, WallPieces.none()
     factors = FinalFactors.of([*graph.chain, *loops], solution.breaks, track)
     if config.joint.enabled:
         if isinstance(matcher, IceMatcher):  # what halves of scans say of ICE they say of the points
             config = _doubting(config, track.match_doubt)
         refined, done = _joint(factors, poses, track, config, scan_of, noise, parts, clock)
-        poses, covariances = refined.poses, refined.covariances
+        poses, covariances, walls = refined.poses, refined.covariances, refined.walls
         rounds.append(replace(done, closures=len(loops)))
-    return Finished(poses=poses, factors=factors, attempts=attempts, rounds=rounds, covariances=covariances)
+    return Finished(
+        poses=poses, factors=factors, attempts=attempts, rounds=rounds, covariances=covariances, walls=walls
+    )
 
 
 _BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)

@@ -28,6 +28,7 @@ from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.closures.closure import Closure
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.finish import Finished, finish
+from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.manual_closures import (
     ManualClosure,
     add_by_hand,
@@ -68,6 +69,7 @@ class SlamResult:
             quite the optimum of the factors alone.
         landmarks: the feature map, expired landmarks included.
         grid: the occupancy grid.
+        walls: short straight pieces of wall, none where poses and map were not refined together.
         closures: every loop closure tried.
         warnings: what is doubtful about it, besides what is about the log.
         summary: counts, warnings, seconds per stage and calibration.
@@ -82,6 +84,7 @@ class SlamResult:
     graph: PoseGraph
     landmarks: Landmarks
     grid: OccupancyGrid
+    walls: WallPieces
     closures: list[Closure]
     warnings: tuple[RunWarning, ...]
     summary: dict[str, Any]
@@ -157,6 +160,7 @@ def run(
         graph=solution.graph,
         landmarks=landmarks,
         grid=grid,
+        walls=finished.walls,
         closures=_closures(track, solution) + manual_records(closures, track),
         warnings=warnings,
         summary={

@@ -186,7 +186,7 @@ def settings() -> str:
 
 
 def run_folder(folder: Path, n: int = 6) -> None:
-    """The files of a run that `iceg plot` reads."""
+    """The files of a run that `iceg plot` and `iceg export` read."""
     folder.mkdir()
     (folder / "trajectory.tum").write_text(trajectory(n))
     head = "scan,x_m,y_m,theta_rad,xx,xy,xtheta,yy,ytheta,thetatheta\n"
@@ -194,6 +194,8 @@ def run_folder(folder: Path, n: int = 6) -> None:
     (folder / "covariances.csv").write_text(head + rows)
     head = "scan_i,scan_j,x_m,y_m,theta_rad,score,inliers,overlap,verdict,reason\n"
     (folder / "closures.csv").write_text(f"{head}0,4,0.4,0,0,0.9,100,0.8,accepted,\n")
+    walls = "".join(f"{x},0,{x + 0.4:.1f},0,90,0.005,7\n0,{x},0,{x + 0.4:.1f},90,0.005,7\n" for x in (0.1, 0.5, 0.9))
+    (folder / "walls.csv").write_text("x1_m,y1_m,x2_m,y2_m,points,deviation_m,key_poses\n" + walls)
     (folder / "map.yaml").write_text("image: map.pgm\nresolution: 0.05\norigin: [-1, -1, 0]\n")
     (folder / "map.pgm").write_bytes(b"P5\n40 40\n255\n" + bytes([0, 254, 205, 254] * 400))
     (folder / "features.geojson").write_text(
