@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iceg.evaluation.consistency import DEGREES_OF_FREEDOM, Consistency
+from iceg.evaluation.relative_error import RelativeError, path_lengths, relative_error
 from iceg.evaluation.relations import Relations, error_statistics, relation_errors
 from iceg.evaluation.trajectory import TrajectoryErrors
 
@@ -39,6 +40,7 @@ _LABELS = {
     "x_var": "x, variance of the error [m²]",
     "y_var": "y, variance of the error [m²]",
     "rot_rmse_deg": "heading, rmse [°]",
+    "matched": "share of the poses paired",
     "nees_n": "key poses with a covariance",
     "nees_mean": f"NEES, mean ({DEGREES_OF_FREEDOM} is right)",
     "nees_median": "NEES, median (2.37 is right)",
@@ -56,6 +58,15 @@ _FACTOR_LABELS = {
     "unchecked": "that nothing else checks",
     "faded": "out of force",
 }
+RELATIVE_METRES = (1.0, 10.0)
+RELATIVE_SECONDS = (1.0, 10.0)
+"""What relative errors are told over."""
+for _separation in (*(f"{metres:g}m" for metres in RELATIVE_METRES), *(f"{s:g}s" for s in RELATIVE_SECONDS)):
+    _shown = f"over {_separation[:-1]} {_separation[-1]}"
+    _LABELS |= {
+        f"rpe_{_separation}_trans_rmse": f"relative error {_shown}, rmse [m]",
+        f"rpe_{_separation}_rot_rmse_deg": f"relative error {_shown}, heading, rmse [°]",
+    }
 for _kind, _name in (("odometry", "odometry"), ("ice", "ICE"), ("closure", "closure")):
     _LABELS |= {f"{_kind}_{figure}": f"{_name} factors, {label}" for figure, label in _FACTOR_LABELS.items()}
 
@@ -106,6 +117,37 @@ def trajectory_report(errors: TrajectoryErrors) -> dict[str, float]:
         "x_var": errors.x_var,
         "y_var": errors.y_var,
         "rot_rmse_deg": math.degrees(errors.rot_rmse),
+    }
+
+
+def relative_report(
+    T_map_robot: NDArray[np.float64], T_world_robot: NDArray[np.float64], stamps: NDArray[np.float64]
+) -> dict[str, float]:
+    """Relative pose errors over metres of the true path and over seconds, angles in degrees.
+
+    Args:
+        T_map_robot: (n, 3) the estimate.
+        T_world_robot: (n, 3) the truth of the same moments.
+        stamps: (n,) [s], increasing where the poses follow each other.
+
+    Returns:
+        NaN where the poses do not reach so far.
+    """
+    order = np.argsort(stamps, kind="stable")
+    estimated, true, seconds = T_map_robot[order], T_world_robot[order], stamps[order]
+    metres = path_lengths(true)
+    report: dict[str, float] = {}
+    for along, unit, separations in ((metres, "m", RELATIVE_METRES), (seconds, "s", RELATIVE_SECONDS)):
+        for separation in separations:
+            error = relative_error(estimated, true, along, separation)
+            report |= _relative_figures(f"rpe_{separation:g}{unit}", error)
+    return report
+
+
+def _relative_figures(name: str, error: RelativeError) -> dict[str, float]:
+    return {
+        f"{name}_trans_rmse": error.translation_rmse,
+        f"{name}_rot_rmse_deg": math.degrees(error.rotation_rmse),
     }
 
 
