@@ -8,9 +8,10 @@ import bisect
 import numpy as np
 from numpy.typing import NDArray
 
-_TICK = 1e-6
-"""Files hold stamps to a microsecond [s]; no two repaired stamps lie closer."""
-_WHOLE_TICKS = 2.0**52
+_PER_SECOND = 1_000_000
+"""Files hold stamps to a microsecond; no two repaired stamps lie closer."""
+_LATEST = 2.0**31
+"""Up to here [s] float64 tells microseconds apart."""
 
 
 def steps_back(stamps: NDArray[np.float64]) -> int:
@@ -33,8 +34,11 @@ def repaired_stamps(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     if len(stamps) == 0:
         return np.array(stamps, dtype=np.float64)
-    tick = max(_TICK, 2.0 * float(np.abs(stamps).max()) / _WHOLE_TICKS)
-    ticks = np.round(stamps / tick).astype(np.int64)
+    latest = float(np.abs(stamps).max())
+    if latest > _LATEST:
+        return repaired_stamps(stamps * (_LATEST / latest)) * (latest / _LATEST)
+    whole = np.floor(stamps)
+    ticks = whole.astype(np.int64) * _PER_SECOND + np.round((stamps - whole) * _PER_SECOND).astype(np.int64)
     places = np.arange(len(ticks))
     kept = _longest_non_decreasing(ticks - places)
     step = max(1, int(np.median(np.diff(ticks[kept]) // np.diff(kept)))) if len(kept) > 1 else 1
@@ -43,7 +47,7 @@ def repaired_stamps(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
         rise, run = int(ticks[last] - ticks[first]), last - first
         repaired[first:last] = ticks[first] + rise * np.arange(run) // run
     repaired[kept[-1] :] = ticks[kept[-1]] + step * (places[kept[-1] :] - kept[-1])
-    return np.where((repaired == ticks) & (tick == _TICK), stamps, repaired * tick)
+    return np.where(repaired == ticks, stamps, repaired // _PER_SECOND + (repaired % _PER_SECOND) / _PER_SECOND)
 
 
 def _longest_non_decreasing(values: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -54,10 +54,10 @@ def pair(trajectory: Trajectory, truth: Truth, by: By | None = None) -> Pairing:
     scans, rows = nearest_by_stamp(trajectory.stamps, truth.stamps)
     if len(scans) < 2:
         raise EvaluationError(
-            f"{truth.path}: {len(scans)} of its {len(truth)} poses have stamps of the trajectory's {len(trajectory)}, "
-            f"expected at least 2 within {_TOLERANCE_S:g} s: its stamps run from {truth.stamps.min():.3f} to "
-            f"{truth.stamps.max():.3f}, the trajectory's from {trajectory.stamps.min():.3f} to "
-            f"{trajectory.stamps.max():.3f}; expected one row per scan otherwise"
+            f"{truth.path}: holds {len(truth)} poses, the trajectory {len(trajectory)}; {len(scans)} have stamps "
+            f"within {_TOLERANCE_S:g} s of each other, expected at least 2, or one row per scan; the stamps run "
+            f"from {truth.stamps.min():.3f} to {truth.stamps.max():.3f}, the trajectory's from "
+            f"{trajectory.stamps.min():.3f} to {trajectory.stamps.max():.3f}"
         )
     matched = len(scans) / min(len(truth), len(trajectory))
     return Pairing(by="stamp", scans=scans, T_world_robot=truth.poses[rows], matched=matched)
@@ -83,9 +83,7 @@ def nearest_by_stamp(
     return _nearest(stamps, true_stamps)
 
 
-def _nearest(
-    queries: NDArray[np.float64], stamps: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _nearest(queries: NDArray[np.float64], stamps: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Indices of the queries that have a partner, and of their partners."""
     order = np.argsort(stamps, kind="stable")
     ordered = np.concatenate([[-np.inf], stamps[order], [np.inf]])

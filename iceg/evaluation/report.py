@@ -8,12 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from iceg.evaluation.consistency import DEGREES_OF_FREEDOM, Consistency
-from iceg.evaluation.relative_error import RelativeError, path_lengths, relative_error
 from iceg.evaluation.relations import Relations, error_statistics, relation_errors
+from iceg.evaluation.relative_error import RelativeError, path_lengths, relative_error
 from iceg.evaluation.trajectory import TrajectoryErrors
 
 _DECIMALS = 5
 _SMALL = 1e-4  # figures below this get three digits, whatever their size
+
+_JSON_ONLY = {"nees_low", "nees_high"}
+"""Bounds for independent errors, which those along one path are not: the verdict in words says what can be said."""
 
 _LABELS = {
     "n": "compared",
@@ -45,8 +48,6 @@ _LABELS = {
     "nees_mean": f"NEES, mean ({DEGREES_OF_FREEDOM} is right)",
     "nees_median": "NEES, median (2.37 is right)",
     "nees_share_95": "share inside the 95 % region (0.95 is right)",
-    "nees_low": "95 % interval of the mean if independent, low",
-    "nees_high": "95 % interval of the mean if independent, high",
 }
 _FACTOR_LABELS = {
     "n": "judged",
@@ -163,18 +164,23 @@ def consistency_report(summary: Consistency) -> dict[str, float]:
     }
 
 
-def format_json(report: Mapping[str, float]) -> str:
+def format_json(report: Mapping[str, float | str]) -> str:
     """One JSON object, five decimals or three digits; what is not defined (the deviation of one value) is null."""
-    rounded = {name: _rounded(value) if math.isfinite(value) else None for name, value in report.items()}
-    return json.dumps(rounded, allow_nan=False)
+    return json.dumps({name: _plain(value) for name, value in report.items()}, allow_nan=False, ensure_ascii=False)
 
 
 def format_table(report: Mapping[str, float], title: str) -> str:
-    """Lines of label and figure under a title."""
-    labels = {name: _LABELS.get(name, name) for name in report}
+    """Lines of label and figure under a title; figures that only their JSON needs are left out."""
+    labels = {name: _LABELS.get(name, name) for name in report if name not in _JSON_ONLY}
     width = max(len(label) for label in labels.values())
-    lines = [f"  {labels[name]:<{width}}  {_format_figure(value):>12}" for name, value in report.items()]
+    lines = [f"  {label:<{width}}  {_format_figure(report[name]):>12}" for name, label in labels.items()]
     return "\n".join([title, *lines])
+
+
+def _plain(value: float | str) -> float | str | None:
+    if isinstance(value, str):
+        return value
+    return _rounded(value) if math.isfinite(value) else None
 
 
 def _format_figure(value: float) -> str:

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from graph.errors import reason
 from graph.files import check_file
+from iceg.euroc import is_euroc_header, read_euroc
 from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.trajectory import REFERENCE_COLUMNS, TRUTH_COLUMNS, read_reference_csv, read_stamped_csv
 from iceg.tables import read_blank_separated_table
-from iceg.euroc import is_euroc_header, read_euroc
 from iceg.tum import read_tum
 
 _SNIFFED = 65536  # bytes that tell the format

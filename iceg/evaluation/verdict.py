@@ -7,6 +7,7 @@ from iceg.evaluation.consistency import DEGREES_OF_FREEDOM
 _RIGHT = 0.1
 """Standard deviations that are off by no more than this share pass for right: errors along one path go together, and
 tell it no better."""
+_MANY = 100.0
 
 
 def nees_verdict(mean: float) -> str:
@@ -33,4 +34,6 @@ def nees_verdict(mean: float) -> str:
 
 
 def _times(ratio: float) -> str:
+    if ratio > _MANY:
+        return f"more than {_MANY:.0f} times"
     return f"{ratio:.1f} times" if ratio >= 2.0 else f"{100 * (ratio - 1.0):.0f} %"
