@@ -38,7 +38,7 @@ def test_stamps_that_increase_stay(steps: list[int], start: float) -> None:
 
 def test_as_many_recorded_stamps_as_can_be_are_kept() -> None:
     stamps = np.array([0.0, 1.0, 2.0, 1.5, 1.6, 5.0, 99.0, 6.0, 7.0, 3.0])
-    np.testing.assert_allclose(repaired_stamps(stamps), [0, 1, 1.25, 1.5, 1.6, 5, 5.5, 6, 7, 7.5], atol=1e-6)
+    np.testing.assert_allclose(repaired_stamps(stamps), [0, 1, 1.25, 1.5, 1.6, 5, 5.5, 6, 7, 7.75], atol=1e-6)
     assert steps_back(stamps) == 3
     assert steps_back(repaired_stamps(stamps)) == 0
 

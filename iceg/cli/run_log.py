@@ -109,14 +109,13 @@ def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, te
     from iceg.show.progress import real_time_factor
     from iceg.slam.closures.closure import joined_scans
 
-    n_expired = int((result.landmarks.expired_at >= 0).sum())
-    n_landmarks, n_closures = len(result.landmarks) - n_expired, len(joined_scans(result.closures))
+    n_landmarks, n_closures = len(result.landmarks.settled()), len(joined_scans(result.closures))
     factor = real_time_factor(result.log.stamps, seconds)
     speed = f", {factor:.0f}x real time" if factor else ""
     telling.say(f"{_counted(len(result.log), 'scan')} in {seconds:.1f} s{speed}, everything included")
     share = progress.accepted / progress.tried if progress.tried else None
     matched = "" if share is None else f", {100 * share:.1f} % of the matches accepted"
-    landmarks = f"{_counted(n_landmarks, 'landmark')} ({n_expired} more expired)"
+    landmarks = f"{_counted(n_landmarks, 'landmark')} ({len(result.landmarks)} with those seen rarely or expired)"
     telling.say(f"{_counted(len(result.key_scans), 'key pose')}, {landmarks}{matched}")
     telling.say(f"{_counted(n_closures, 'loop closure')} of {len(result.closures)} tried hold{_moved(result)}")
     telling.keep(
@@ -126,7 +125,7 @@ def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, te
         real_time_factor=factor,
         key_poses=len(result.key_scans),
         landmarks=n_landmarks,
-        expired_landmarks=n_expired,
+        landmarks_in_all=len(result.landmarks),
         matches_accepted=share,
         closures=n_closures,
         closures_tried=len(result.closures),

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import beyond_allowed
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
+from iceg.result_tables import RunTables, TableName
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.closures.closure import Closure
 from iceg.slam.closures.manual import (
@@ -42,6 +43,7 @@ from iceg.slam.odometry.contradicted_steps import with_both_ways
 from iceg.slam.odometry.standstill import with_odometry_between_readings
 from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import Progress, ProgressCallback
+from iceg.slam.run_summary import LaserSummary, RunSummary
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.summary import run_warnings, summarise
 from iceg.slam.sweep.tracking import Followed, SweepFinding, track_swept
@@ -52,6 +54,9 @@ from iceg.slam.tracking.open_ground import is_open_ground
 from iceg.slam.tracking.repeated_scans import without_frozen_scans
 from iceg.slam.tracking.split_half import with_measured_doubt
 from iceg.slam.tracking.track import Track
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -86,15 +91,51 @@ class SlamResult:
     grid: OccupancyGrid
     closures: list[Closure]
     warnings: tuple[RunWarning, ...]
-    summary: dict[str, Any]
+    summary: RunSummary
 
     def __repr__(self) -> str:
         accepted = sum(closure.verdict == "accepted" for closure in self.closures)
         return (
             f"SlamResult({self.log.path.name}: {len(self.trajectory)} scans, {len(self.key_scans)} key poses, "
             f"{len(self.measured)} factors, {accepted} of {len(self.closures)} closures accepted, "
-            f"{len(self.landmarks)} landmarks, {len(self.summary['warnings'])} warnings)"
+            f"{len(self.landmarks.settled())} landmarks, {len(self.summary['warnings'])} warnings)"
         )
+
+    def _repr_html_(self) -> str:
+        """A small map and the figures, for notebooks."""
+        from iceg.show.result_html import result_html
+
+        return result_html(self)
+
+    def tables(self) -> RunTables:
+        """The result as tables of plain columns, for pandas, CSV and Parquet."""
+        tracking = (self.config.front_end.tracking_distance, self.config.front_end.tracking_angle)
+        return RunTables(
+            stamps=self.log.stamps,
+            trajectory=self.trajectory,
+            key_scans=self.key_scans,
+            key_poses=self.key_poses,
+            covariances=self.covariances,
+            tracking=tracking,
+            closures=self.closures,
+            landmarks=self.landmarks,
+            factors=self.graph.factors,
+        )
+
+    def to_frame(self, name: TableName) -> "pd.DataFrame":
+        """One table of the result for pandas.
+
+        Args:
+            name: "trajectory", "key_poses", "closures", "landmarks" or "factors".
+
+        Raises:
+            TableExportError: there is no such table, or no pandas.
+        """
+        return self.tables().frame(name)
+
+    def scan_covariances(self) -> NDArray[np.float64]:
+        """(n_scans, 3, 3) covariance of every scan's pose, see `iceg.slam.scan_covariances`."""
+        return self.tables().scan_covariances()
 
 
 def run(
@@ -195,7 +236,7 @@ def _laser_noise(log: Log, config: Config) -> LaserNoise | None:
     return stated if learned is None else replace(learned, constant=stated.constant, per_metre=stated.per_metre)
 
 
-def _described(laser: LaserNoise | None) -> dict[str, float] | None:
+def _described(laser: LaserNoise | None) -> LaserSummary | None:
     """The noise of the laser under the names of `summary.json`, None where too few beams meet walls."""
     if laser is None:
         return None
