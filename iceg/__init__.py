@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from iceg.config import Config, read_config
     from iceg.demo import demo_log_path, demo_truth_path
     from iceg.evaluation.judge import judge_trajectory
+    from iceg.export.formats import export_results
     from iceg.folder_tables import read_run_tables
     from iceg.ice.config import IceConfig
     from iceg.ice.features import Features, extract_features
@@ -74,6 +75,7 @@ __all__ = [
     "demo_log_path",
     "demo_truth_path",
     "describe_log",
+    "export_results",
     "extract_features",
     "extract_segments",
     "judge_trajectory",
@@ -124,6 +126,7 @@ _HOMES = {
     "demo_log_path": "iceg.demo",
     "demo_truth_path": "iceg.demo",
     "describe_log": "frontends.logs",
+    "export_results": "iceg.export.formats",
     "extract_features": "iceg.ice.features",
     "extract_segments": "iceg.ice.segments",
     "judge_trajectory": "iceg.evaluation.judge",

@@ -10,7 +10,10 @@ from iceg.run_folder import read_run_folder
 
 
 def read_run_tables(directory: Path | str) -> RunTables:
-    """Read all that `SlamResult.tables` has from the folder of a run; `distance_m` of landmarks is not in it (NaN).
+    """Read all that `SlamResult.tables` has from the folder of a run.
+
+    What `features.geojson` has no room for is not in it: `distance_m` of landmarks is NaN, and a lone wall direction
+    stands first, on whichever side the wall is.
 
     Args:
         directory: of the results.

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from frontends.dp_slam.config import DpSlamConfig
+from iceg.cli.export import Export
 from iceg.cli.judge import Eval, Info, Plot
 from iceg.cli.run import Demo, DpSlam, Run
 from iceg.cli.studies import Ablation, Bench, Nees
@@ -10,7 +11,20 @@ from iceg.cli.tools import Convert, Optimize, PrintConfig, Simulate
 from iceg.config import Config, LogConfig
 
 Command = (
-    Run | DpSlam | Demo | Info | Eval | Plot | Simulate | Convert | Optimize | Bench | Ablation | Nees | PrintConfig
+    Run
+    | DpSlam
+    | Demo
+    | Info
+    | Eval
+    | Plot
+    | Export
+    | Simulate
+    | Convert
+    | Optimize
+    | Bench
+    | Ablation
+    | Nees
+    | PrintConfig
 )
 
 
@@ -49,6 +63,7 @@ COMMANDS: dict[str, Entry] = {
     "config": Entry(kind=PrintConfig, group=_RUNS, settings=Config, common=("matcher", "seed")),
     "eval": Entry(kind=Eval, group=_JUDGES),
     "plot": Entry(kind=Plot, group=_JUDGES),
+    "export": Entry(kind=Export, group=_JUDGES),
     "convert": Entry(
         kind=Convert, group=_FILES, settings=LogConfig, prefix="log.", common=("laser", "range_max", "scan_topic")
     ),

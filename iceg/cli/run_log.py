@@ -117,7 +117,10 @@ def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, te
     matched = "" if share is None else f", {100 * share:.1f} % of the matches accepted"
     landmarks = f"{_counted(n_landmarks, 'landmark')} ({len(result.landmarks)} with those seen rarely or expired)"
     telling.say(f"{_counted(len(result.key_scans), 'key pose')}, {landmarks}{matched}")
-    telling.say(f"{_counted(n_closures, 'loop closure')} of {len(result.closures)} tried hold{_moved(result)}")
+    closures = (
+        f"{n_closures} of {len(result.closures)} loop closures tried hold" if result.closures else "no loop closed"
+    )
+    telling.say(f"{closures}{_moved(result)}")
     telling.keep(
         log=result.log.path.name,
         scans=len(result.log),
