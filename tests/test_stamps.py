@@ -14,6 +14,7 @@ import iceg
 from frontends.scan import Log
 from graph.se2 import compose
 from iceg.cli import main
+from iceg.evaluation.trajectory import read_reference_csv
 from iceg.stamps import repaired_stamps, steps_back
 from iceg.tum import format_tum, read_tum
 
@@ -86,6 +87,26 @@ def test_evo_and_eval_agree_on_repaired_stamps_and_not_on_recorded_ones(
     assert (repaired["paired_by"], repaired["n"]) == ("stamp", 400)
     assert repaired["ate_rmse"] == by_scan["ate_rmse"]
     assert round(evo_ape(tmp_path / "repaired-true.tum", tmp_path / "repaired.tum"), 5) == repaired["ate_rmse"]
+
+
+def test_evo_and_eval_agree_on_a_public_log_whose_stamps_step_back(
+    data_dir: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = iceg.read_log(data_dir / "intel.clf.gz")
+    reference = data_dir / "intel.reference.csv"
+    scans, known = read_reference_csv(reference)
+    evo = {}
+    for name, used in (("recorded", log.stamps), ("repaired", repaired_stamps(log.stamps))):
+        estimate, true = tmp_path / f"{name}.tum", tmp_path / f"{name}-true.tum"
+        estimate.write_text(format_tum(used, log.odometry))
+        true.write_text(format_tum(used[scans], known))
+        evo[name] = round(evo_ape(true, estimate), 5)
+    found = figures(capsys, tmp_path / "repaired.tum", "--truth", tmp_path / "repaired-true.tum")
+    by_scan = figures(capsys, tmp_path / "recorded.tum", "--truth", reference)
+    assert steps_back(log.stamps) > 1000
+    assert (found["paired_by"], found["n"]) == ("stamp", len(scans))
+    assert evo["repaired"] == found["ate_rmse"] == by_scan["ate_rmse"]
+    assert evo["recorded"] != evo["repaired"]
 
 
 @pytest.fixture(scope="module")
