@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from iceg.show.map_picture import save_map_png
     from iceg.show.run_plots import plot_results
     from iceg.slam.closures.closure import Closure
-    from iceg.slam.closures.manual import ManualClosure, read_manual_closures
+    from iceg.slam.manual_closures import ManualClosure, read_manual_closures
     from iceg.slam.pipeline import SlamResult, run
     from iceg.slam.run_summary import RunSummary
     from iceg.stamps import repaired_stamps
@@ -107,7 +107,7 @@ _HOMES = {
     "IcegError": "graph.errors",
     "Landmarks": "iceg.maps.feature_map",
     "Log": "frontends.scan",
-    "ManualClosure": "iceg.slam.closures.manual",
+    "ManualClosure": "iceg.slam.manual_closures",
     "MapLayers": "iceg.show.map_image",
     "Matcher": "frontends.matcher",
     "NoMatch": "graph.measurement",
@@ -133,7 +133,7 @@ _HOMES = {
     "plot_results": "iceg.show.run_plots",
     "read_config": "iceg.config",
     "read_log": "frontends.logs",
-    "read_manual_closures": "iceg.slam.closures.manual",
+    "read_manual_closures": "iceg.slam.manual_closures",
     "read_run_folder": "iceg.run_folder",
     "read_run_tables": "iceg.folder_tables",
     "read_tum": "iceg.tum",

@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_type_hints
 
 import numpy as np
 import pandas as pd
@@ -20,6 +21,7 @@ from iceg.evaluation.consistency import pose_nees
 from iceg.evaluation.truth import read_truth
 from iceg.result_tables import TABLES, TableExportError, TableName, write_csv_table, write_parquet_table
 from iceg.slam.pipeline import SlamResult
+from iceg.slam.run_summary import LaserSummary, OdometrySummary, RoundSummary, RunSummary
 from iceg.slam.scan_covariances import scan_covariances, tracking_covariances
 
 N_SCANS = 300
@@ -161,3 +163,12 @@ def test_every_public_name_is_there() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout == "all\n", done.stderr
     assert {"ManualClosure", "Closure", "read_run_tables", "to_gtsam_graph"} <= set(iceg.__all__)
+
+
+def test_the_summary_holds_what_its_type_says(result: SlamResult) -> None:
+    assert set(result.summary) == set(get_type_hints(RunSummary))
+    for done in result.summary["finish"]:
+        assert set(done) == set(get_type_hints(RoundSummary))
+    assert set(result.summary["odometry"]) == set(get_type_hints(OdometrySummary))
+    assert result.summary["laser"] is not None
+    assert set(result.summary["laser"]) == set(get_type_hints(LaserSummary))

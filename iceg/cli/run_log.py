@@ -60,7 +60,7 @@ def run_log(
             with reading_bar(path) as reading:
                 log = read_log(path, skip_bad_lines=skip_bad_lines, progress=reading, **dataclasses.asdict(config.log))
             tell_warnings(log)
-            from iceg.slam.closures.manual import check_manual_closures, read_manual_closures
+            from iceg.slam.manual_closures import check_manual_closures, read_manual_closures
             from iceg.slam.pipeline import run
 
             by_hand = read_manual_closures(closures) if closures else []

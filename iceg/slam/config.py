@@ -218,25 +218,15 @@ class FinishConfig:
     """Standard deviation in heading of the search around the optimum [rad]."""
     kernel_width: float = 5.0
     """Φ of dynamic covariance scaling on closures (squared standard deviations)."""
-    doubt_overlap: float = 0.5
-    """Passes whose views overlap by this share and yet do not match are in doubt and searched more widely."""
-    doubt_distance: float = 1.0
-    """Standard deviation in position of the search of passes in doubt [m]."""
-    doubt_angle: Radians = 0.15
-    """Standard deviation in heading of the search of passes in doubt [rad]."""
-    doubts: int = 120
-    """Most passes in doubt that are searched."""
     joint: JointRefinementConfig = field(default_factory=JointRefinementConfig)
     """In the end, poses and map together."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("kernel_width", "doubts"))
+        check_numbers(self, SlamConfigError, positive=("kernel_width",))
         check_between(
             self,
             SlamConfigError,
             rounds=(0, 1000),
             max_passes=(0, 1000),
-            doubts=(1, 100_000),
             search_distance=(0.0, 100.0),
-            doubt_distance=(0.0, 100.0),
         )

@@ -23,8 +23,8 @@ from iceg.slam.config import FinishConfig, LoopClosureConfig
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.joint.refinement import JointRefinement, key_clouds, refine_jointly
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.rematch import match_again, second_look
-from iceg.slam.tracking.track import Track
+from iceg.slam.rematch import match_again
+from iceg.slam.track import Track
 
 Stage = Literal["solve", "rematch", "joint"]
 
@@ -132,7 +132,6 @@ def finish(
         if isinstance(matcher, IceMatcher):  # what halves of scans say of ICE they say of the points
             config = _doubting(config, track.match_doubt)
         refined, done = _joint(factors, poses, track, config, scan_of, noise, parts, clock)
-        factors = factors.moved(poses, refined.poses)
         poses, covariances = refined.poses, refined.covariances
         rounds.append(replace(done, closures=len(loops)))
     return Finished(poses=poses, factors=factors, attempts=attempts, rounds=rounds, covariances=covariances)
@@ -202,15 +201,6 @@ def _kernel(config: FinishConfig) -> RobustKernel:
 def _rematched(graph: _Graph, closer: LoopCloser, track: Track, config: FinishConfig) -> _Graph:
     """The graph with closures where none tied two passes, and with those in doubt tried again."""
     sure, doubtful = graph.judged()
-    tried = match_again(closer, track, graph.poses, sure, doubtful, config)
-    graph = graph.with_tried(sure, tried, config)
-    found = second_look(closer, tried, graph.poses, config)
-    if not found:
-        return graph
-    # Without a kernel first: they are far off, and a robust kernel would let the graph ignore them.
-    pull = [closure_factor(attempt) for attempt in found]
-    graph = replace(graph, poses=optimize([*graph.chain, *graph.loops, *pull], graph.poses, _BATCH).poses)
-    sure, doubtful = graph.with_tried(graph.loops, found, config).judged()
     tried = match_again(closer, track, graph.poses, sure, doubtful, config)
     return graph.with_tried(sure, tried, config)
 

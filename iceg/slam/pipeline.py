@@ -27,33 +27,32 @@ from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.result_tables import RunTables, TableName
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.closures.closure import Closure
-from iceg.slam.closures.manual import (
+from iceg.slam.final_factors import FinalFactors
+from iceg.slam.finish import Finished, finish
+from iceg.slam.manual_closures import (
     ManualClosure,
     add_by_hand,
     check_manual_closures,
     manual_factors,
     manual_records,
 )
-from iceg.slam.final_factors import FinalFactors
-from iceg.slam.finish import Finished, finish
 from iceg.slam.noise_widths import widened
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.constant_velocity import constant_velocity
-from iceg.slam.odometry.contradicted_steps import with_both_ways
-from iceg.slam.odometry.standstill import with_odometry_between_readings
 from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import Progress, ProgressCallback
+from iceg.slam.recording.repeated_scans import without_frozen_scans
+from iceg.slam.recording.standstill import with_odometry_between_readings
 from iceg.slam.run_summary import LaserSummary, RunSummary
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.summary import run_warnings, summarise
 from iceg.slam.sweep.tracking import Followed, SweepFinding, track_swept
+from iceg.slam.track import Track
 from iceg.slam.tracking.broken_track import retied
 from iceg.slam.tracking.laser_orientation import track_as_mounted
 from iceg.slam.tracking.log_tracking import track_calibrating
 from iceg.slam.tracking.open_ground import is_open_ground
-from iceg.slam.tracking.repeated_scans import without_frozen_scans
 from iceg.slam.tracking.split_half import with_measured_doubt
-from iceg.slam.tracking.track import Track
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,8 +69,8 @@ class SlamResult:
         key_scans: (k,) which scans are key scans.
         key_poses: (k, 3) their T_map_robot.
         covariances: (k, 3, 3) their marginal covariances, tangent space at each.
-        graph: the factor graph; its factors are carried along with the poses by the joint refinement of poses and map.
-        measured: the same factors as they were measured, in the same order, see `FinalFactors`.
+        graph: the factors as they were measured. The key poses rest on the walls that scans share, too, and are not
+            quite the optimum of the factors alone.
         landmarks: the feature map, expired landmarks included.
         grid: the occupancy grid.
         closures: every loop closure tried.
@@ -86,7 +85,6 @@ class SlamResult:
     key_poses: NDArray[np.float64]
     covariances: NDArray[np.float64]
     graph: PoseGraph
-    measured: list[Factor]
     landmarks: Landmarks
     grid: OccupancyGrid
     closures: list[Closure]
@@ -97,7 +95,7 @@ class SlamResult:
         accepted = sum(closure.verdict == "accepted" for closure in self.closures)
         return (
             f"SlamResult({self.log.path.name}: {len(self.trajectory)} scans, {len(self.key_scans)} key poses, "
-            f"{len(self.measured)} factors, {accepted} of {len(self.closures)} closures accepted, "
+            f"{len(self.graph.factors)} factors, {accepted} of {len(self.closures)} closures accepted, "
             f"{len(self.landmarks.settled())} landmarks, {len(self.summary['warnings'])} warnings)"
         )
 
@@ -180,7 +178,7 @@ def run(
     with clock.stage("finish"):
         solution, finished = _finish(solution, track, log, matcher, config, noise, by_hand)
     with clock.stage("covariances"):
-        covariances = _covariances(finished, solution, track, config)
+        covariances = _covariances(finished, solution)
     trajectory = track.trajectory(solution.poses)
     with clock.stage("feature_map"):
         landmarks = _landmarks(track, solution.poses, matcher, config)
@@ -197,7 +195,6 @@ def run(
         key_poses=solution.poses,
         covariances=covariances,
         graph=solution.graph,
-        measured=finished.factors.measured,
         landmarks=landmarks,
         grid=grid,
         closures=_closures(track, solution) + manual_records(closures, track),
@@ -323,16 +320,15 @@ def _finish(
         finished = Finished(poses=solution.poses, factors=factors, attempts=solution.attempts, rounds=[])
         if factors.are_all_believed:
             return solution, finished
-    graph = PoseGraph.from_factors(finished.factors.carried, finished.poses, config.graph)
+    graph = PoseGraph.from_factors(finished.factors.measured, finished.poses, config.graph)
     return replace(solution, graph=graph, poses=finished.poses, attempts=finished.attempts), finished
 
 
-def _covariances(finished: Finished, solution: Solution, track: Track, config: Config) -> NDArray[np.float64]:
-    """(k, 3, 3) of the key poses: as the walls tell, else the graph, and wider where a match is in doubt."""
-    known = finished.covariances
-    if known is None:
-        known = marginal_covariances(solution.graph.factors, solution.poses)
-    return with_both_ways(known, solution, finished.factors.measured, track, config.loops)
+def _covariances(finished: Finished, solution: Solution) -> NDArray[np.float64]:
+    """(k, 3, 3) of the key poses: as the walls tell, else the graph."""
+    if finished.covariances is not None:
+        return finished.covariances
+    return marginal_covariances(solution.graph.factors, solution.poses)
 
 
 def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, config: Config) -> Landmarks:

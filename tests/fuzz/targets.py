@@ -175,7 +175,7 @@ def _judged(name: str) -> Callable[[Path], Any]:
 
 
 def _closures(path: Path) -> Any:
-    from iceg.slam.closures.manual import check_manual_closures, read_manual_closures
+    from iceg.slam.manual_closures import check_manual_closures, read_manual_closures
 
     closures = read_manual_closures(path)
     check_manual_closures(closures, 8)

@@ -18,7 +18,7 @@ from graph.pose_graph import PoseGraph
 from graph.se2 import adjoint, compose, inverse
 from iceg.slam.back_end import Solution
 from iceg.slam.closures.closure import Closure
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 from iceg.tables import TableError, check_row, open_table, parse_numbers
 
 _COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad")
