@@ -85,6 +85,11 @@ def test_evo_and_eval_agree_on_repaired_stamps_and_not_on_recorded_ones(
     by_scan = figures(capsys, tmp_path / "recorded.tum", "--truth", tmp_path / "recorded-true.tum")
     repaired = figures(capsys, tmp_path / "repaired.tum", "--truth", tmp_path / "repaired-true.tum", "--by", "stamp")
     assert (repaired["paired_by"], repaired["n"]) == ("stamp", 400)
+    assert main(["eval", str(tmp_path / "recorded.tum"), "--truth", str(tmp_path / "recorded-true.tum")]) == 0
+    assert capsys.readouterr().err == ""
+    words = ["eval", str(tmp_path / "recorded.tum"), "--truth", str(tmp_path / "recorded-true.tum"), "--by", "stamp"]
+    assert main(words) == 0
+    assert f"{steps_back(stamps)} of the trajectory's 400 stamps are not later" in capsys.readouterr().err
     assert repaired["ate_rmse"] == by_scan["ate_rmse"]
     assert round(evo_ape(tmp_path / "repaired-true.tum", tmp_path / "repaired.tum"), 5) == repaired["ate_rmse"]
 

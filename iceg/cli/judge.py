@@ -1,6 +1,7 @@
 """Commands that tell what is in a log, and how good a result is."""
 
 import dataclasses
+import sys
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -135,6 +136,8 @@ def tell_judgement(trajectory: Path, judgement: "Judgement", *, as_json: bool) -
     from iceg.evaluation.report import format_json, format_table
 
     truth, pairing = judgement.truth, judgement.pairing
+    if judgement.warning:
+        print(f"warning: {judgement.warning}", file=sys.stderr)
     if as_json:
         told = {"truth_format": truth.form, "paired_by": pairing.by, "verdict": judgement.verdict}
         print(format_json({**judgement.figures, **told}))

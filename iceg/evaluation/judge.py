@@ -14,7 +14,7 @@ from iceg.evaluation.trajectory import trajectory_errors
 from iceg.evaluation.truth import Truth, read_truth
 from iceg.evaluation.verdict import nees_verdict
 from iceg.results import read_covariances, whole_results
-from iceg.stamps import repaired_stamps
+from iceg.stamps import repaired_stamps, steps_back
 from iceg.tum import Trajectory, read_tum
 
 
@@ -65,12 +65,14 @@ class Judgement:
         figures: by their published names.
         truth: what it was compared with.
         pairing: how the poses were paired.
+        warning: what is doubtful about the pairing, empty for nothing.
         verdict: what the NEES says, in words; why there is none in a folder of a run that has none; empty of a file.
     """
 
     figures: dict[str, float]
     truth: Truth
     pairing: Pairing
+    warning: str
     verdict: str
 
 
@@ -95,7 +97,18 @@ def judge_trajectory(trajectory: Path, truth: Path, by: By | None = None) -> Jud
     if pairing.by == "stamp":
         figures["matched"] = pairing.matched
     figures |= relative_report(poses, pairing.T_world_robot, repaired_stamps(estimated.stamps)[pairing.scans])
-    return Judgement(figures=figures | nees, truth=true, pairing=pairing, verdict=verdict)
+    warning = _warning(estimated) if pairing.by == "stamp" else ""
+    return Judgement(figures=figures | nees, truth=true, pairing=pairing, warning=warning, verdict=verdict)
+
+
+def _warning(trajectory: Trajectory) -> str:
+    n = steps_back(trajectory.stamps)
+    if not n:
+        return ""
+    return (
+        f"{n} of the trajectory's {len(trajectory)} stamps are not later than the one before, so that some poses may "
+        "be paired with the truth of another scan: pair by scan, or repair the stamps"
+    )
 
 
 def _nees(trajectory: Path, pairing: Pairing) -> tuple[dict[str, float], str]:

@@ -132,7 +132,7 @@ def relative_report(
         stamps: (n,) [s], increasing where the poses follow each other.
 
     Returns:
-        NaN where the poses do not reach so far.
+        Nothing of separations that no two of the poses have.
     """
     order = np.argsort(stamps, kind="stable")
     estimated, true, seconds = T_map_robot[order], T_world_robot[order], stamps[order]
@@ -141,7 +141,7 @@ def relative_report(
     for along, unit, separations in ((metres, "m", RELATIVE_METRES), (seconds, "s", RELATIVE_SECONDS)):
         for separation in separations:
             error = relative_error(estimated, true, along, separation)
-            report |= _relative_figures(f"rpe_{separation:g}{unit}", error)
+            report |= _relative_figures(f"rpe_{separation:g}{unit}", error) if error.n else {}
     return report
 
 

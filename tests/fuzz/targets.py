@@ -324,15 +324,15 @@ def _others() -> dict[str, Target]:
     } | {
         name: Target(
             file="x.csv",
-            seeds=(text.encode(),),
+            seeds=tuple(text.encode() for text in texts),
             read=_judged(name),
             prepare=_beside_trajectory,
             words=("eval", "t.tum", f"--{name}", "x.csv"),
         )
-        for name, text in (
-            ("relations", seeds.relations()),
-            ("reference", seeds.reference()),
-            ("truth", seeds.truth()),
+        for name, texts in (
+            ("relations", (seeds.relations(),)),
+            ("reference", (seeds.reference(),)),
+            ("truth", (seeds.truth(), seeds.trajectory(), seeds.euroc())),
         )
     }
 
