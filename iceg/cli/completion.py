@@ -28,7 +28,8 @@ _iceg() {
         esac
         return
     fi
-    mapfile -t COMPREPLY < <(compgen -f -- "$current")
+    local IFS=$'\\n'
+    COMPREPLY=($(compgen -f -- "$current"))
 }
 complete -o filenames -F _iceg iceg
 """

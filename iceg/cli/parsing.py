@@ -7,7 +7,7 @@ import typing
 from collections.abc import Sequence
 from itertools import zip_longest
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 import tyro
 
@@ -47,20 +47,26 @@ def _parsed(entry: Entry, words: Sequence[str], name: str) -> Command:
     settings = _settings(entry.settings, words)
     everything = list(setting_names(entry.settings))
     if _HELP_ALL in words:
-        words, names = ["--help"], everything
-    elif any(word in _HELP for word in words):
-        listed = listed_flags_of(settings, entry.common)
+        _tell(entry, name, flags_of(settings, everything))
+    if any(word in _HELP for word in words):
         more = f" 'iceg {name} --help-all' shows {len(everything) - len(entry.common)} more settings."
-        tyro.cli(_with_flags_of(entry, listed), args=words, prog=f"iceg {name}", description=_told(entry) + more)
-    else:
-        # To ask about each of the settings takes longer than to read the log.
-        named = named_settings(words, entry.settings, entry.prefix, _own_flags(entry.kind))
-        names = everything if named is None else [setting for setting in everything if setting in named]
-    kind = _with_flags_of(entry, flags_of(settings, names) if names else None)
-    parsed: Any = tyro.cli(kind, args=words, prog=f"iceg {name}", description=_told(entry))
+        _tell(entry, name, listed_flags_of(settings, entry.common), more)
+    # To ask about each of the settings takes longer than to read the log.
+    named = named_settings(words, entry.settings, entry.prefix, _own_flags(entry.kind))
+    names = everything if named is None else named
+    parsed: Any = tyro.cli(
+        _with_flags_of(entry, flags_of(settings, names) if names else None), args=words, prog=f"iceg {name}"
+    )
     own = {field.name: getattr(parsed, field.name) for field in _own_fields(entry.kind)}
     chosen = with_flags(settings, parsed.flags) if names else settings
     return entry.kind(**{**own, "settings": chosen})
+
+
+def _tell(entry: Entry, name: str, flags: object, more: str = "") -> NoReturn:
+    """Print the help of a command with flags of settings, and end."""
+    told = (entry.kind.__doc__ or "").partition("\n\n")[0]
+    tyro.cli(_with_flags_of(entry, flags), args=["--help"], prog=f"iceg {name}", description=told + more)
+    sys.exit(0)
 
 
 def _with_flags_of(entry: Entry, flags: object | None) -> Any:  # noqa: ANN401
@@ -77,10 +83,6 @@ def _with_flags_of(entry: Entry, flags: object | None) -> Any:  # noqa: ANN401
 
 def _own_fields(kind: type) -> list["dataclasses.Field[Any]"]:
     return [field for field in dataclasses.fields(kind) if field.name != "settings"]
-
-
-def _told(entry: Entry) -> str:
-    return (entry.kind.__doc__ or "").partition("\n\n")[0]
 
 
 def _own_flags(kind: type) -> set[str]:
