@@ -124,7 +124,7 @@ def test_bash_completes_commands_flags_choices_and_files(tmp_path: Path, capsys:
     assert completed(script, "e") == ["eval", "export"]
     assert completed(script, "run", "--grid.res") == ["--grid.resolution"]
     assert completed(script, "run", "--matcher", "q") == ["qwsm"]
-    assert completed(script, "eval", "x", "--by", "") == ["scan", "stamp"]
+    assert completed(script, "eval", "x", "--by", "s") == ["scan", "stamp"]
     (tmp_path / "a log.clf").touch()
     assert completed(script, "info", f"{tmp_path}/a") == [f"{tmp_path}/a log.clf"]
 

@@ -44,22 +44,11 @@ class Info:
 
 @dataclass(frozen=True, kw_only=True)
 class Eval:
-    """Judge a trajectory by benchmark relations, a reference trajectory or the truth."""
+    """Judge a trajectory against the truth or by benchmark relations, or a run's factors by each other."""
 
     trajectory: Annotated[
         tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRAJECTORY", help="A trajectory.tum or the folder of a run.")
     ]
-    relations: Annotated[
-        Path | None,
-        tyro.conf.arg(
-            metavar="FILE",
-            help="Relative poses known: a CSV by scan, or the benchmark's .relations by stamp (needs --log).",
-            help_behavior_hint="",
-        ),
-    ] = None
-    log: Annotated[
-        Path | None, tyro.conf.arg(metavar="LOG", help="The log, to tie stamps to scans.", help_behavior_hint="")
-    ] = None
     truth: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -70,11 +59,21 @@ class Eval:
         ),
     ] = None
     by: Annotated[
-        Literal["scan", "stamp"] | None,
+        Literal["auto", "scan", "stamp"],
         tyro.conf.arg(
-            help="How poses are paired with the truth; left out: by scan where there are as many, else by stamp.",
+            help="How poses are paired with the truth; auto: by scan where there are as many, else by stamp."
+        ),
+    ] = "auto"
+    relations: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            metavar="FILE",
+            help="Relative poses known: a CSV by scan, or the benchmark's .relations by stamp (needs --log).",
             help_behavior_hint="",
         ),
+    ] = None
+    log: Annotated[
+        Path | None, tyro.conf.arg(metavar="LOG", help="The log, to tie stamps to scans.", help_behavior_hint="")
     ] = None
     reference: Annotated[
         Path | None, tyro.conf.arg(metavar="FILE", help="The same as --truth.", help_behavior_hint="")
@@ -91,7 +90,11 @@ class Eval:
         if truth is not None:
             from iceg.evaluation.judge import judge_trajectory
 
-            tell_judgement(self.trajectory, judge_trajectory(self.trajectory, truth, self.by), as_json=self.json)
+            tell_judgement(
+                self.trajectory,
+                judge_trajectory(self.trajectory, truth, None if self.by == "auto" else self.by),
+                as_json=self.json,
+            )
             return
         from iceg.evaluation.report import format_json, format_table
 
@@ -109,7 +112,7 @@ class Eval:
         if self.log is not None and (self.relations is None or _is_csv(self.relations)):
             raise UsageError("--log is only needed with relations by stamp")
         truth = self.truth or self.reference
-        if self.by is not None and truth is None:
+        if self.by != "auto" and truth is None:
             raise UsageError("--by needs --truth")
         return truth
 
