@@ -39,18 +39,18 @@ from iceg.slam.manual_closures import (
 from iceg.slam.noise_widths import widened
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.constant_velocity import constant_velocity
+from iceg.slam.odometry.gyro import learn_gyro
+from iceg.slam.odometry.heading_odometry import HeadingOdometry
+from iceg.slam.passes import track_with_gyro, track_with_sweep
 from iceg.slam.path_uncertainty import least_known
-from iceg.slam.progress import Progress, ProgressCallback
+from iceg.slam.progress import ProgressCallback
 from iceg.slam.recording.repeated_scans import without_frozen_scans
 from iceg.slam.recording.standstill import with_odometry_between_readings
 from iceg.slam.run_summary import LaserSummary, RunSummary
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.summary import run_warnings, summarise
-from iceg.slam.sweep.tracking import Followed, SweepFinding, track_swept
 from iceg.slam.track import Track
 from iceg.slam.tracking.broken_track import retied
-from iceg.slam.tracking.laser_orientation import track_as_mounted
-from iceg.slam.tracking.log_tracking import track_calibrating
 from iceg.slam.tracking.open_ground import is_open_ground
 from iceg.slam.tracking.split_half import with_measured_doubt
 
@@ -165,14 +165,15 @@ def run(
         config = widened(given, sqrt(noise.typical))
         matcher = matcher or _matcher(log, config, noise)
         log = with_odometry_between_readings(without_frozen_scans(log))
-        log, track, first = _track(log, matcher, config, progress)
+        (log, track, first), heading = track_with_gyro(log, matcher, config, progress)
     with clock.stage("sweep"):
-        (log, track, first), sweep = _track_swept((log, track, first), matcher, config, progress)
+        (log, track, first), sweep = track_with_sweep((log, track, first), matcher, config, progress, heading)
     with clock.stage("graph"):
         track = with_measured_doubt(track, matcher, config.front_end.split_scans)
         calibration = _recalibrate(track, log, first, config)
         by_hand = manual_factors(closures, track)
-        solution = _solve(track, log, matcher, calibration, config)
+        heading, gyro = learn_gyro(track, log) if config.front_end.gyro else (None, None)
+        solution = _solve(track, log, matcher, calibration, heading, config)
         solution = add_by_hand(solution, by_hand, config.graph)
         track = _retied(track, solution, log, matcher)
     with clock.stage("finish"):
@@ -186,7 +187,16 @@ def run(
         grid, doubt = render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
     worst = least_known(key_scans, covariances)
-    warnings = run_warnings(track, solution, finished.rounds, worst, doubt)
+    warnings = run_warnings(track, solution, finished.rounds, worst, doubt, gyro)
+    summary: RunSummary = {
+        **summarise(log, track, solution, calibration, finished.rounds, worst, warnings),
+        "laser": _described(laser),
+        "sweep": sweep.record(),
+        "seconds": clock.seconds,
+        "cpu_seconds": clock.cpu_seconds,
+    }
+    if gyro is not None:
+        summary["gyro"] = gyro.record()
     return SlamResult(
         log=log,
         config=given,
@@ -199,13 +209,7 @@ def run(
         grid=grid,
         closures=_closures(track, solution) + manual_records(closures, track),
         warnings=warnings,
-        summary={
-            **summarise(log, track, solution, calibration, finished.rounds, worst, warnings),
-            "laser": _described(laser),
-            "sweep": sweep.record(),
-            "seconds": clock.seconds,
-            "cpu_seconds": clock.cpu_seconds,
-        },
+        summary=summary,
     )
 
 
@@ -260,33 +264,18 @@ def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Con
     return calibrate_odometry(track, log.odometry)
 
 
-def _track(
-    log: Log, matcher: Matcher, config: Config, progress: ProgressCallback | None
-) -> tuple[Log, Track, OdometryCalibration]:
-    def report(scans: int, failures: int) -> None:
-        if progress is not None:
-            progress(Progress(scans=scans, tried=scans - 1, accepted=scans - 1 - failures))
-
-    def follow(log: Log) -> tuple[Track, OdometryCalibration]:
-        return track_calibrating(log, matcher, config.odometry, config.front_end, report)
-
-    return track_as_mounted(log, follow)
-
-
-def _track_swept(
-    followed: Followed, matcher: Matcher, config: Config, progress: ProgressCallback | None
-) -> tuple[Followed, SweepFinding]:
-    """The same of a log whose beams are moved by the motion within each sweep, where that is known and asked for."""
-    if not config.front_end.deskew:
-        return followed, SweepFinding(source="nothing")
-    return track_swept(followed, lambda log: _track(log, matcher, config, progress))
-
-
-def _solve(track: Track, log: Log, matcher: Matcher, calibration: OdometryCalibration, config: Config) -> Solution:
+def _solve(
+    track: Track,
+    log: Log,
+    matcher: Matcher,
+    calibration: OdometryCalibration,
+    heading: HeadingOdometry | None,
+    config: Config,
+) -> Solution:
     if log.has_odometry:
         odometry, noise = calibration.apply(log.odometry), calibration.lasting_noise
         return solve_track(track, odometry, noise, matcher, config.graph, config.loops)
-    poses, noise = constant_velocity(track) or (None, calibration.lasting_noise)
+    poses, noise = constant_velocity(track, heading) or (None, calibration.lasting_noise)
     return solve_track(track, poses, noise, matcher, config.graph, config.loops)
 
 

@@ -1,6 +1,6 @@
 """What `result.summary` and `summary.json` hold, by name and type; lengths in metres, angles in radians."""
 
-from typing import Any, Literal, TypedDict
+from typing import Any, Literal, NotRequired, TypedDict
 
 
 class BreakSummary(TypedDict):
@@ -84,6 +84,7 @@ class RunCounts(TypedDict):
     finish: list[RoundSummary]
     odometry: OdometrySummary
     least_known: LeastKnownSummary
+    gyro: NotRequired[dict[str, Any]]
 
 
 class RunSummary(RunCounts):

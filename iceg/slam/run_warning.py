@@ -17,6 +17,7 @@ Kind = Literal[
     "coarse grid",
     "covariances",
     "carried",
+    "gyro",
 ]
 
 _MANY: dict[Kind, str] = {
