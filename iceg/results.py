@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 import os
 import platform
 import sys
@@ -19,11 +18,12 @@ from numpy.typing import NDArray
 
 from graph.deferred_signals import signals_deferred
 from graph.errors import IcegError, reason
-from graph.file_names import readable
 from graph.files import read_text
 from graph.publish import check_replaceable, publishing, settle
 from iceg.config import format_config
 from iceg.memory import peak_memory_mb
+from iceg.plain_json import format_json
+from iceg.stamps import repaired_stamps, steps_back
 from iceg.tables import TableError, read_csv_table
 from iceg.tum import format_tum
 
@@ -105,7 +105,21 @@ def write_results(result: "SlamResult", directory: Path | str, *, overwrite: boo
     """
     directory = Path(directory)
     writers = {name: partial(write, result) for name, write in _WRITERS.items()}
-    write_folder(directory, writers, result.summary, overwrite=overwrite)
+    warning = stamps_warning(result)
+    more = {"warnings": [*result.summary["warnings"], warning]} if warning else {}
+    write_folder(directory, writers, {**result.summary, **more}, overwrite=overwrite)
+
+
+def stamps_warning(result: "SlamResult") -> str | None:
+    """What whoever pairs the poses of `trajectory.tum` by their stamps should know; None where they increase."""
+    n = 0 if result.config.stamps == "repaired" else steps_back(result.log.stamps)
+    if not n:
+        return None
+    return (
+        f"the stamps in trajectory.tum are those recorded, in file order, and {n} of {len(result.log)} are not later "
+        "than the one before: tools that sort poses by their stamps, as evo does, mix them up; --stamps repaired "
+        "writes stamps that increase"
+    )
 
 
 def write_folder(
@@ -247,7 +261,9 @@ def _try_to_write(folder: Path) -> None:
 
 
 def _write_trajectory(result: "SlamResult", folder: Path) -> None:
-    _write_text(folder / "trajectory.tum", format_tum(result.log.stamps, result.trajectory))
+    stamps = result.log.stamps
+    written = repaired_stamps(stamps) if result.config.stamps == "repaired" else stamps
+    _write_text(folder / "trajectory.tum", format_tum(written, result.trajectory))
 
 
 def _write_graph(result: "SlamResult", folder: Path) -> None:
@@ -337,22 +353,7 @@ def _version(name: str) -> str:
 
 
 def _format_summary(summary: Mapping[str, Any]) -> str:
-    return json.dumps(_plain(summary), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401
-    """The value in JSON's own types; what is not finite becomes null."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, int | float | bool | None):
-        return value
-    return readable(str(value))
+    return format_json(summary, indent=2) + "\n"
 
 
 def _write_text(path: Path, text: str) -> None:

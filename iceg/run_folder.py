@@ -63,7 +63,7 @@ class RunFolder:
         accepted = sum(closure.verdict == "accepted" for closure in self.closures)
         return (
             f"RunFolder({len(self.trajectory)} scans, {len(self.key_scans)} key poses, "
-            f"{accepted} of {len(self.closures)} closures accepted, {len(self.landmarks)} landmarks)"
+            f"{accepted} of {len(self.closures)} closures accepted, {len(self.landmarks.settled())} landmarks)"
         )
 
 

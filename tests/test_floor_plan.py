@@ -16,7 +16,7 @@ from graph.se2 import transform_points
 from iceg.cli import main
 from iceg.evaluation.floor_plan import FloorPlanErrors, floor_plan_errors, true_hits
 from iceg.evaluation.trajectory import align
-from iceg.export.formats import FORMATS, export
+from iceg.export.formats import FORMATS, export_results
 from iceg.floor_plan.plan import FloorPlan, floor_plan
 from iceg.results import write_results
 from iceg.run_folder import read_run_folder
@@ -147,20 +147,20 @@ def test_the_walls_of_a_simulated_home_are_found_where_they_are(home: tuple[Path
 def test_every_format_holds_the_same_walls_in_metres(home: tuple[Path, FloorPlanErrors], tmp_path: Path) -> None:
     run = read_run_folder(home[0])
     plan = floor_plan(run.walls, name=run.log_name)
-    drawing = ET.parse(export(home[0], "floorplan.svg", tmp_path / "plan.svg")).getroot()
+    drawing = ET.parse(export_results(home[0], "floorplan.svg", tmp_path / "plan.svg")).getroot()
     layers = {group.get("id"): len(group) for group in drawing.iter("{http://www.w3.org/2000/svg}g")}
     assert (layers["walls"], layers["walls-in-doubt"]) == (len(plan.sure), len(plan.doubtful))
-    document = ezdxf.readfile(export(home[0], "floorplan.dxf", tmp_path / "plan.dxf"))
+    document = ezdxf.readfile(export_results(home[0], "floorplan.dxf", tmp_path / "plan.dxf"))
     assert document.units == 6  # metres
     lines = [line for line in document.modelspace().query("LINE") if line.dxf.layer == "WALLS"]
     drawn = np.array([[line.dxf.start.vec2, line.dxf.end.vec2] for line in lines])
     np.testing.assert_allclose(drawn, plan.sure, atol=1e-6)
-    assert export(home[0], "floorplan.pdf", tmp_path / "plan.pdf").read_bytes().startswith(b"%PDF")
+    assert export_results(home[0], "floorplan.pdf", tmp_path / "plan.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_a_plan_is_the_same_bytes_each_time(home: tuple[Path, FloorPlanErrors], tmp_path: Path) -> None:
-    for name in FORMATS:
-        first, second = (export(home[0], name, tmp_path / f"{turn}-{name}").read_bytes() for turn in "ab")
+    for name in (name for name in FORMATS if name.startswith("floorplan")):
+        first, second = (export_results(home[0], name, tmp_path / f"{turn}-{name}").read_bytes() for turn in "ab")
         assert first == second, name
 
 

@@ -1,67 +1,78 @@
-"""What a run can be exported to: a writer for each name."""
+"""What a run can be exported to: a row for each format."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
-from iceg.floor_plan.config import FloorPlanError
-from iceg.floor_plan.plan import FloorPlan, floor_plan
-from iceg.run_folder import read_run_folder
+from iceg.export.options import ExportError, ExportOptions
+from iceg.results import ResultsError
 
-Writer = Callable[[Path, Path], None]
-"""Writes what the run in a folder has to a file."""
+Writer = Callable[[Path, Path, ExportOptions], None]
+"""Writes what the run in a folder has to a file or folder."""
 
 
-def export(directory: Path, name: str, path: Path | None = None) -> Path:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Format:
+    """One format.
+
+    Attributes:
+        writer: module in `iceg.export` and function, loaded when needed.
+        name: of the file or folder, in that of the run, unless another is given.
+        is_folder: whether it is several files in a folder.
+    """
+
+    writer: str
+    name: str
+    is_folder: bool = False
+
+
+FORMATS: Mapping[str, Format] = {
+    "tum": Format(writer="trajectories.write_tum", name="exported.tum"),
+    "euroc": Format(writer="trajectories.write_euroc", name="trajectory.euroc.csv"),
+    "kitti": Format(writer="trajectories.write_kitti", name="trajectory.kitti.txt"),
+    "carmen": Format(writer="corrected_log.write_corrected_carmen", name="corrected.clf"),
+    "g2o": Format(writer="graphs.write_plain_g2o", name="exported.g2o"),
+    "gtsam": Format(writer="graphs.write_gtsam", name="gtsam", is_folder=True),
+    "csv": Format(writer="tables.write_csv_tables", name="csv", is_folder=True),
+    "floorplan.svg": Format(writer="floor_plans.write_floor_plan_svg", name="floorplan.svg"),
+    "floorplan.pdf": Format(writer="floor_plans.write_floor_plan_pdf", name="floorplan.pdf"),
+    "floorplan.dxf": Format(writer="floor_plans.write_floor_plan_dxf", name="floorplan.dxf"),
+    "parquet": Format(writer="tables.write_parquet_tables", name="parquet", is_folder=True),
+}
+"""By the name that asks for it."""
+
+
+def export_results(
+    directory: Path | str, to: str, path: Path | str | None = None, options: ExportOptions | None = None
+) -> Path:
     """Write a run's results as another program reads them.
 
     Args:
         directory: of the run.
-        name: one of `FORMATS`.
-        path: the file, replaced if it exists; named like the format in the run's folder when left out.
+        to: one of `FORMATS`.
+        path: the file, or the folder of several, replaced if it is there; in the run's folder when left out.
+        options: what some formats need.
 
     Returns:
-        The file.
+        The file or folder.
 
     Raises:
         IcegError: the folder is none of a run, or lacks what the format holds.
     """
-    path = directory / name if path is None else path
-    FORMATS[name](directory, path)
-    return path
-
-
-def _floor_plan_svg(directory: Path, path: Path) -> None:
-    from iceg.floor_plan.svg import write_svg
-
-    write_svg(_plan(directory), path)
-
-
-def _floor_plan_pdf(directory: Path, path: Path) -> None:
-    from iceg.floor_plan.pdf import write_pdf
-
-    write_pdf(_plan(directory), path)
-
-
-def _floor_plan_dxf(directory: Path, path: Path) -> None:
-    from iceg.floor_plan.dxf import write_dxf
-
-    write_dxf(_plan(directory), path)
-
-
-def _plan(directory: Path) -> FloorPlan:
-    run = read_run_folder(directory)
-    plan = floor_plan(run.walls, name=run.log_name)
-    if not len(plan.walls):
-        raise FloorPlanError(
-            f"{directory / 'walls.csv'}: tells of no walls, expected those of a run that has refined poses and map "
-            "together (finish.joint.enabled): run the log again"
-        )
-    return plan
-
-
-FORMATS: Mapping[str, Writer] = {
-    "floorplan.svg": _floor_plan_svg,
-    "floorplan.pdf": _floor_plan_pdf,
-    "floorplan.dxf": _floor_plan_dxf,
-}
-"""By name, which ends as the file does."""
+    directory = Path(directory)
+    if to not in FORMATS:
+        raise ExportError(f"found the format '{to[:40]}', expected one of {', '.join(FORMATS)}")
+    if not directory.is_dir():
+        raise ResultsError(f"{directory}: is no folder, expected one that a run has written")
+    form = FORMATS[to]
+    target = directory / form.name if path is None else Path(path)
+    if target.exists() and target.is_dir() != form.is_folder:
+        found, expected = ("a folder", "a file") if target.is_dir() else ("a file", "a folder")
+        raise ExportError(f"{target}: is {found}, expected {expected} for {to}")
+    if target.resolve() == directory.resolve():
+        raise ExportError(f"{target}: is the folder of the run, expected another one for {to}")
+    module, _, function = form.writer.partition(".")
+    writer: Writer = getattr(import_module(f"iceg.export.{module}"), function)
+    writer(directory, target, options or ExportOptions())
+    return target

@@ -61,8 +61,7 @@ class MapLayers:
         """Without landmarks that have expired or were seen less often than `min_seen` times."""
         if self.landmarks is None:
             return self
-        is_settled = (self.landmarks.seen >= min_seen) & (self.landmarks.expired_at < 0)
-        return replace(self, landmarks=self.landmarks[is_settled])
+        return replace(self, landmarks=self.landmarks.settled(min_seen))
 
 
 def map_image(layers: MapLayers, *, box: Box, long_side: int = 2000, line_width: float = 2.4) -> NDArray[np.uint8]:

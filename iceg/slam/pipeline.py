@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import beyond_allowed
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
+from iceg.result_tables import RunTables, TableName
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.closures.closure import Closure
 from iceg.slam.final_factors import FinalFactors
@@ -46,12 +47,16 @@ from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import ProgressCallback
 from iceg.slam.recording.repeated_scans import without_frozen_scans
 from iceg.slam.recording.standstill import with_odometry_between_readings
+from iceg.slam.run_summary import LaserSummary, RunSummary
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.summary import run_warnings, summarise
 from iceg.slam.track import Track
 from iceg.slam.tracking.broken_track import retied
 from iceg.slam.tracking.open_ground import is_open_ground
 from iceg.slam.tracking.split_half import with_measured_doubt
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,15 +92,51 @@ class SlamResult:
     walls: WallPieces
     closures: list[Closure]
     warnings: tuple[RunWarning, ...]
-    summary: dict[str, Any]
+    summary: RunSummary
 
     def __repr__(self) -> str:
         accepted = sum(closure.verdict == "accepted" for closure in self.closures)
         return (
             f"SlamResult({self.log.path.name}: {len(self.trajectory)} scans, {len(self.key_scans)} key poses, "
             f"{len(self.graph.factors)} factors, {accepted} of {len(self.closures)} closures accepted, "
-            f"{len(self.landmarks)} landmarks, {len(self.summary['warnings'])} warnings)"
+            f"{len(self.landmarks.settled())} landmarks, {len(self.summary['warnings'])} warnings)"
         )
+
+    def _repr_html_(self) -> str:
+        """A small map and the figures, for notebooks."""
+        from iceg.show.result_html import result_html
+
+        return result_html(self)
+
+    def tables(self) -> RunTables:
+        """The result as tables of plain columns, for pandas, CSV and Parquet."""
+        tracking = (self.config.front_end.tracking_distance, self.config.front_end.tracking_angle)
+        return RunTables(
+            stamps=self.log.stamps,
+            trajectory=self.trajectory,
+            key_scans=self.key_scans,
+            key_poses=self.key_poses,
+            covariances=self.covariances,
+            tracking=tracking,
+            closures=self.closures,
+            landmarks=self.landmarks,
+            factors=self.graph.factors,
+        )
+
+    def to_frame(self, name: TableName) -> "pd.DataFrame":
+        """One table of the result for pandas.
+
+        Args:
+            name: "trajectory", "key_poses", "closures", "landmarks" or "factors".
+
+        Raises:
+            TableExportError: there is no such table, or no pandas.
+        """
+        return self.tables().frame(name)
+
+    def scan_covariances(self) -> NDArray[np.float64]:
+        """(n_scans, 3, 3) covariance of every scan's pose, see `iceg.slam.scan_covariances`."""
+        return self.tables().scan_covariances()
 
 
 def run(
@@ -150,6 +191,15 @@ def run(
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
     worst = least_known(key_scans, covariances)
     warnings = run_warnings(track, solution, finished.rounds, worst, doubt, gyro)
+    summary: RunSummary = {
+        **summarise(log, track, solution, calibration, finished.rounds, worst, warnings),
+        "laser": _described(laser),
+        "sweep": sweep.record(),
+        "seconds": clock.seconds,
+        "cpu_seconds": clock.cpu_seconds,
+    }
+    if gyro is not None:
+        summary["gyro"] = gyro.record()
     return SlamResult(
         log=log,
         config=given,
@@ -163,14 +213,7 @@ def run(
         walls=finished.walls,
         closures=_closures(track, solution) + manual_records(closures, track),
         warnings=warnings,
-        summary={
-            **summarise(log, track, solution, calibration, finished.rounds, worst, warnings),
-            "laser": _described(laser),
-            "sweep": sweep.record(),
-            **({} if gyro is None else {"gyro": gyro.record()}),
-            "seconds": clock.seconds,
-            "cpu_seconds": clock.cpu_seconds,
-        },
+        summary=summary,
     )
 
 
@@ -198,7 +241,7 @@ def _laser_noise(log: Log, config: Config) -> LaserNoise | None:
     return stated if learned is None else replace(learned, constant=stated.constant, per_metre=stated.per_metre)
 
 
-def _described(laser: LaserNoise | None) -> dict[str, float] | None:
+def _described(laser: LaserNoise | None) -> LaserSummary | None:
     """The noise of the laser under the names of `summary.json`, None where too few beams meet walls."""
     if laser is None:
         return None

@@ -163,6 +163,12 @@ def truth(n: int = 8) -> str:
     return "t_s,x_m,y_m,theta_rad\n" + "".join(f"{0.2 * k},{0.1 * k},0.0,0.0\n" for k in range(n))
 
 
+def euroc(n: int = 8) -> str:
+    """The same as a EuRoC table."""
+    header = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n"
+    return header + "".join(f"{200_000_000 * k},{0.1 * k},0.0,0.0,1.0,0.0,0.0,0.0\n" for k in range(n))
+
+
 def closures() -> str:
     """Closures by hand."""
     return "scan_i,scan_j,x_m,y_m,theta_rad,sigma_m,sigma_rad\n0,7,0.7,0.0,0.0,0.1,0.05\n1,6,0.5,0.0,0.0,0.1,0.05\n"

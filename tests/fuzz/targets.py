@@ -196,9 +196,9 @@ def _draw(folder: Any) -> None:
 
 
 def _draw_plan(folder: Any) -> None:
-    from iceg.export.formats import export
+    from iceg.export.formats import export_results
 
-    export(folder, "floorplan.svg")
+    export_results(folder, "floorplan.svg")
 
 
 def _beside_trajectory(folder: Path) -> None:
@@ -339,15 +339,15 @@ def _others() -> dict[str, Target]:
     } | {
         name: Target(
             file="x.csv",
-            seeds=(text.encode(),),
+            seeds=tuple(text.encode() for text in texts),
             read=_judged(name),
             prepare=_beside_trajectory,
             words=("eval", "t.tum", f"--{name}", "x.csv"),
         )
-        for name, text in (
-            ("relations", seeds.relations()),
-            ("reference", seeds.reference()),
-            ("truth", seeds.truth()),
+        for name, texts in (
+            ("relations", (seeds.relations(),)),
+            ("reference", (seeds.reference(),)),
+            ("truth", (seeds.truth(), seeds.trajectory(), seeds.euroc())),
         )
     }
 

@@ -38,7 +38,7 @@ def solver_rows(log: BenchLog) -> list[Row]:
     plain = [replace(f, kernel=None) for f in factors]
     poses = optimize(plain, result.key_poses).poses
     start = compose(poses, np.random.default_rng(0).normal(0.0, _OFF, poses.shape))
-    size = {"log": log.name, "poses": len(poses), "factors": len(factors)}
+    size: Row = {"log": log.name, "poses": len(poses), "factors": len(factors)}
     least_squares = _row(lambda: optimize(plain, start).poses, lambda: _by_gtsam(plain, start), _farthest)
     robust = _row(lambda: optimize(factors, start).poses, lambda: _by_gtsam(factors, start), _farthest)
     gnc = _row(lambda: optimize(plain, start, BatchConfig(gnc=True)).poses, lambda: _gnc(plain, start), _farthest)
