@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from graph.errors import GraphError
 from graph.ranges import check_magnitudes
 from graph.se2 import compose_covariance, inverse
+from graph.units import Radians
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,7 +49,8 @@ class OdometryModel:
         heading_per_metre: standard deviation of the heading after 1 m [rad/√m].
         heading_per_radian: standard deviation of the heading after turning by 1 rad [rad/√rad].
         along_floor: standard deviation of the position straight ahead without any motion [m]; above 0.
-        across_floor: the same to the side; smaller where it stems from clocks, for the robot drives ahead.
+        across_floor: standard deviation of the position to the side without any motion [m]; smaller than ahead
+            where it stems from clocks, for the robot drives ahead.
         heading_floor: standard deviation of the heading without any motion [rad]; above 0.
     """
 
@@ -59,7 +61,7 @@ class OdometryModel:
     heading_per_radian: float = 0.10
     along_floor: float = 0.01
     across_floor: float = 0.01
-    heading_floor: float = 0.01
+    heading_floor: Radians = 0.01
 
     def __post_init__(self) -> None:
         for setting in fields(self):

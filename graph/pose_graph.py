@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -72,6 +73,11 @@ class PoseGraph:
             raise GraphError(f"first guesses are finite numbers, found {guesses[~np.isfinite(guesses).all(axis=1)][0]}")
         graph._waiting, graph._factors = list(guesses), list(factors)
         return graph
+
+    def __repr__(self) -> str:
+        counts = Counter(factor.kind for factor in self.factors)
+        factors = ", ".join(f"{count} {kind}" for kind, count in sorted(counts.items()))
+        return f"PoseGraph({len(self)} poses; factors: {factors or 'none'})"
 
     def __len__(self) -> int:
         """Number of key poses."""

@@ -13,27 +13,43 @@ if TYPE_CHECKING:
     from frontends.matcher import Matcher
     from frontends.scan import Log, Scan, ScanGeometry
     from graph.errors import IcegError
+    from graph.factors import Factor
+    from graph.gtsam_bridge import to_gtsam_graph, to_gtsam_values
     from graph.measurement import NoMatch, RelativePose
     from graph.odometry import OdometryModel
     from graph.pose_graph import PoseGraph
+    from iceg import plot
     from iceg.config import Config, read_config
     from iceg.demo import demo_log_path, demo_truth_path
+    from iceg.evaluation.judge import judge_trajectory
+    from iceg.export.formats import export_results
+    from iceg.folder_tables import read_run_tables
     from iceg.ice.config import IceConfig
     from iceg.ice.features import Features, extract_features
     from iceg.ice.matcher import IceMatcher
     from iceg.ice.segments import Segments, extract_segments
     from iceg.maps.feature_map import FeatureMap, Landmarks
     from iceg.maps.grid import OccupancyGrid, render_grid
+    from iceg.result_tables import RunTables
     from iceg.results import write_results
     from iceg.run_folder import RunFolder, read_run_folder
+    from iceg.show.map_image import MapLayers
+    from iceg.show.map_picture import save_map_png
+    from iceg.slam.closures.closure import Closure
     from iceg.slam.distance import Distance, Sighting
+    from iceg.slam.manual_closures import ManualClosure, read_manual_closures
     from iceg.slam.pipeline import SlamResult, run
+    from iceg.slam.run_summary import RunSummary
+    from iceg.stamps import repaired_stamps
+    from iceg.tum import Trajectory, read_tum
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Closure",
     "Config",
     "Distance",
+    "Factor",
     "FeatureMap",
     "Features",
     "IceConfig",
@@ -41,6 +57,8 @@ __all__ = [
     "IcegError",
     "Landmarks",
     "Log",
+    "ManualClosure",
+    "MapLayers",
     "Matcher",
     "NoMatch",
     "OccupancyGrid",
@@ -48,29 +66,44 @@ __all__ = [
     "PoseGraph",
     "RelativePose",
     "RunFolder",
+    "RunSummary",
+    "RunTables",
     "Scan",
     "ScanGeometry",
     "Segments",
     "Sighting",
     "SlamResult",
+    "Trajectory",
     "__version__",
     "demo_log_path",
     "demo_truth_path",
     "describe_log",
+    "export_results",
     "extract_features",
     "extract_segments",
+    "judge_trajectory",
+    "plot",
     "read_config",
     "read_log",
+    "read_manual_closures",
     "read_run_folder",
+    "read_run_tables",
+    "read_tum",
     "render_grid",
+    "repaired_stamps",
     "run",
+    "save_map_png",
+    "to_gtsam_graph",
+    "to_gtsam_values",
     "write_log",
     "write_results",
 ]
 
 _HOMES = {
+    "Closure": "iceg.slam.closures.closure",
     "Config": "iceg.config",
     "Distance": "iceg.slam.distance",
+    "Factor": "graph.factors",
     "FeatureMap": "iceg.maps.feature_map",
     "Features": "iceg.ice.features",
     "IceConfig": "iceg.ice.config",
@@ -78,6 +111,8 @@ _HOMES = {
     "IcegError": "graph.errors",
     "Landmarks": "iceg.maps.feature_map",
     "Log": "frontends.scan",
+    "ManualClosure": "iceg.slam.manual_closures",
+    "MapLayers": "iceg.show.map_image",
     "Matcher": "frontends.matcher",
     "NoMatch": "graph.measurement",
     "OccupancyGrid": "iceg.maps.grid",
@@ -85,21 +120,34 @@ _HOMES = {
     "PoseGraph": "graph.pose_graph",
     "RelativePose": "graph.measurement",
     "RunFolder": "iceg.run_folder",
+    "RunSummary": "iceg.slam.run_summary",
+    "RunTables": "iceg.result_tables",
     "Scan": "frontends.scan",
     "ScanGeometry": "frontends.scan",
     "Segments": "iceg.ice.segments",
     "Sighting": "iceg.slam.distance",
     "SlamResult": "iceg.slam.pipeline",
+    "Trajectory": "iceg.tum",
     "demo_log_path": "iceg.demo",
     "demo_truth_path": "iceg.demo",
     "describe_log": "frontends.logs",
+    "export_results": "iceg.export.formats",
     "extract_features": "iceg.ice.features",
     "extract_segments": "iceg.ice.segments",
+    "judge_trajectory": "iceg.evaluation.judge",
+    "plot": "iceg.plot",
     "read_config": "iceg.config",
     "read_log": "frontends.logs",
+    "read_manual_closures": "iceg.slam.manual_closures",
     "read_run_folder": "iceg.run_folder",
+    "read_run_tables": "iceg.folder_tables",
+    "read_tum": "iceg.tum",
     "render_grid": "iceg.maps.grid",
+    "repaired_stamps": "iceg.stamps",
     "run": "iceg.slam.pipeline",
+    "save_map_png": "iceg.show.map_picture",
+    "to_gtsam_graph": "graph.gtsam_bridge",
+    "to_gtsam_values": "graph.gtsam_bridge",
     "write_log": "frontends.logs.writers",
     "write_results": "iceg.results",
 }
@@ -113,7 +161,8 @@ def __getattr__(name: str) -> Any:  # noqa: ANN401
 
     if name not in _HOMES:
         raise AttributeError(f"module 'iceg' has no attribute {name!r}")
-    value = getattr(import_module(_HOMES[name]), name)
+    home = import_module(_HOMES[name])
+    value = home if home.__name__ == f"iceg.{name}" else getattr(home, name)
     globals()[name] = value
     return value
 

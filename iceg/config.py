@@ -15,6 +15,8 @@ from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 
 __all__ = ["Config", "ConfigError", "MatcherName", "format_config", "parse_config", "read_config"]
 
+StampsWritten = Literal["recorded", "repaired"]
+
 MatcherName = Literal["ice", "icp", "plicp", "idc", "mbicp", "wsm", "qwsm", "ndt", "csm"]
 """ICE, and the keys of `frontends.matchers.MATCHERS`."""
 
@@ -58,7 +60,7 @@ class LaserConfig:
     noise: float | None = None
     """Standard deviation of a short range [m]; left out: both learned from the log."""
     noise_per_metre: float = 0.0
-    """What grows with the range, where `noise` is given."""
+    """How much that grows per metre of range, where `noise` is given."""
 
     def __post_init__(self) -> None:
         if not ((self.noise is None or self.noise >= 0) and self.noise_per_metre >= 0):
@@ -74,6 +76,7 @@ class Config:
     Attributes:
         seed: start of every random number drawn; the same log, settings and version give the same bytes.
         matcher: what matches the scans: ice, or one of the literature's with its defaults.
+        stamps: of trajectory.tum: as recorded, or repaired so that they increase from scan to scan.
         log: how the log is read.
         laser: its noise.
         ice: ICE matching.
@@ -88,6 +91,7 @@ class Config:
 
     seed: int = 0
     matcher: MatcherName = "ice"
+    stamps: StampsWritten = "recorded"
     log: LogConfig = field(default_factory=LogConfig)
     laser: LaserConfig = field(default_factory=LaserConfig)
     ice: IceConfig = field(default_factory=IceConfig)

@@ -46,10 +46,12 @@ def write_dp_slam_results(
         write_ros_map(grid, folder)
 
     def picture(folder: Path) -> None:
+        from iceg.show.drawn_run import duration
         from iceg.show.map_image import MapLayers
         from iceg.show.map_picture import save_map_png
 
-        save_map_png(folder / "map.png", MapLayers(grid=grid, trajectory=result.trajectory))
+        layers = MapLayers(grid=grid, trajectory=result.trajectory, name=log.path.name, seconds=duration(log.stamps))
+        save_map_png(folder / "map.png", layers)
 
     def settings(folder: Path) -> None:
         text = format_settings(config, heading=_HEADING)

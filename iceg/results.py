@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import math
 import os
 import platform
 import sys
@@ -19,11 +18,12 @@ from numpy.typing import NDArray
 
 from graph.deferred_signals import signals_deferred
 from graph.errors import IcegError, reason
-from graph.file_names import readable
 from graph.files import read_text
 from graph.publish import check_replaceable, publishing, settle
 from iceg.config import format_config
 from iceg.memory import peak_memory_mb
+from iceg.plain_json import format_json
+from iceg.stamps import repaired_stamps, steps_back
 from iceg.tables import TableError, read_csv_table
 from iceg.tum import format_tum
 
@@ -35,6 +35,7 @@ RESULT_FILES = (
     "graph.g2o",
     "covariances.csv",
     "closures.csv",
+    "walls.csv",
     "map.pgm",
     "map.yaml",
     "map.png",
@@ -44,10 +45,11 @@ RESULT_FILES = (
     "summary.json",
 )
 
-_VOUCHED_FOR = ("trajectory.tum", "graph.g2o", "covariances.csv", "closures.csv", "features.geojson")
+_VOUCHED_FOR = ("trajectory.tum", "graph.g2o", "covariances.csv", "closures.csv", "walls.csv", "features.geojson")
 """Files whose digests `summary.json` holds: those that are read together. Maps and settings are there to be edited."""
 _COVARIANCE_COLUMNS = ("scan", "x_m", "y_m", "theta_rad", "xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
 CLOSURE_COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad", "score", "inliers", "overlap", "verdict", "reason")
+WALL_COLUMNS = ("x1_m", "y1_m", "x2_m", "y2_m", "points", "deviation_m", "key_poses")
 _UPPER_TRIANGLE = np.triu_indices(3)
 
 
@@ -105,7 +107,21 @@ def write_results(result: "SlamResult", directory: Path | str, *, overwrite: boo
     """
     directory = Path(directory)
     writers = {name: partial(write, result) for name, write in _WRITERS.items() if report or name != "report"}
-    write_folder(directory, writers, result.summary, overwrite=overwrite)
+    warning = stamps_warning(result)
+    more = {"warnings": [*result.summary["warnings"], warning]} if warning else {}
+    write_folder(directory, writers, {**result.summary, **more}, overwrite=overwrite)
+
+
+def stamps_warning(result: "SlamResult") -> str | None:
+    """What whoever pairs the poses of `trajectory.tum` by their stamps should know; None where they increase."""
+    n = 0 if result.config.stamps == "repaired" else steps_back(result.log.stamps)
+    if not n:
+        return None
+    return (
+        f"the stamps in trajectory.tum are those recorded, in file order, and {n} of {len(result.log)} are not later "
+        "than the one before: tools that sort poses by their stamps, as evo does, mix them up; --stamps repaired "
+        "writes stamps that increase"
+    )
 
 
 def write_folder(
@@ -247,7 +263,9 @@ def _try_to_write(folder: Path) -> None:
 
 
 def _write_trajectory(result: "SlamResult", folder: Path) -> None:
-    _write_text(folder / "trajectory.tum", format_tum(result.log.stamps, result.trajectory))
+    stamps = result.log.stamps
+    written = repaired_stamps(stamps) if result.config.stamps == "repaired" else stamps
+    _write_text(folder / "trajectory.tum", format_tum(written, result.trajectory))
 
 
 def _write_graph(result: "SlamResult", folder: Path) -> None:
@@ -276,6 +294,14 @@ def _write_closures(result: "SlamResult", folder: Path) -> None:
     _write_text(folder / "closures.csv", "\n".join(lines) + "\n")
 
 
+def _write_walls(result: "SlamResult", folder: Path) -> None:
+    walls = result.walls
+    table = np.column_stack([walls.ends.reshape(-1, 4), walls.points, walls.deviations, walls.key_poses])
+    line = "%.6f" + ",%.6f" * 3 + ",%d,%.6f,%d\n"
+    body = (line * len(table)) % tuple(table.ravel().tolist())
+    _write_text(folder / "walls.csv", ",".join(WALL_COLUMNS) + "\n" + body)
+
+
 def _write_map(result: "SlamResult", folder: Path) -> None:
     from iceg.maps.grid import write_ros_map
 
@@ -283,18 +309,10 @@ def _write_map(result: "SlamResult", folder: Path) -> None:
 
 
 def _write_picture(result: "SlamResult", folder: Path) -> None:
-    from iceg.show.map_image import MapLayers
+    from iceg.show.drawn_run import drawn_run
     from iceg.show.map_picture import save_map_png
-    from iceg.slam.closures.closure import joined_scans
 
-    layers = MapLayers(
-        grid=result.grid,
-        trajectory=result.trajectory,
-        key_poses=result.key_poses,
-        landmarks=result.landmarks,
-        closures=joined_scans(result.closures),
-    )
-    save_map_png(folder / "map.png", layers)
+    save_map_png(folder / "map.png", drawn_run(result).layers())
 
 
 def _write_features(result: "SlamResult", folder: Path) -> None:
@@ -318,6 +336,7 @@ _WRITERS: Mapping[str, Callable[["SlamResult", Path], None]] = {
     "graph": _write_graph,
     "covariances": _write_covariances,
     "closures": _write_closures,
+    "walls": _write_walls,
     "map": _write_map,
     "picture": _write_picture,
     "features": _write_features,
@@ -343,22 +362,7 @@ def _version(name: str) -> str:
 
 
 def _format_summary(summary: Mapping[str, Any]) -> str:
-    return json.dumps(_plain(summary), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401
-    """The value in JSON's own types; what is not finite becomes null."""
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, int | float | bool | None):
-        return value
-    return readable(str(value))
+    return format_json(summary, indent=2) + "\n"
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -18,9 +18,10 @@ from graph.ranges import number_in
 from iceg.ice.features import KIND_NAMES
 from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
-from iceg.results import CLOSURE_COLUMNS, ResultsError, read_covariances, read_summary, whole_results
+from iceg.results import CLOSURE_COLUMNS, WALL_COLUMNS, ResultsError, read_covariances, read_summary, whole_results
 from iceg.slam.closures.closure import Closure, Verdict
-from iceg.tables import check_row, open_table
+from iceg.slam.joint.wall_pieces import WallPieces
+from iceg.tables import check_row, open_table, read_csv_table
 from iceg.tum import Trajectory, read_tum
 
 _FILES = ("trajectory.tum", "covariances.csv", "closures.csv", "features.geojson", "map.yaml")
@@ -36,6 +37,7 @@ class RunFolder:
     """What the files of a run say.
 
     Attributes:
+        log_name: of the log, empty where no summary names it.
         trajectory: stamped T_map_robot of each scan.
         key_scans: (k,) scan index of each key pose.
         key_poses: (k, 3) T_map_robot.
@@ -43,8 +45,11 @@ class RunFolder:
         grid: the occupancy grid; each cell free, occupied or unknown beyond doubt, as its picture has no more.
         landmarks: the feature map.
         closures: loop closures tried.
+        walls: short straight pieces of wall; none where poses and map were not refined together, or by an older
+            version.
     """
 
+    log_name: str
     trajectory: Trajectory
     key_scans: NDArray[np.int64]
     key_poses: NDArray[np.float64]
@@ -52,12 +57,13 @@ class RunFolder:
     grid: OccupancyGrid
     landmarks: Landmarks
     closures: tuple[Closure, ...]
+    walls: WallPieces
 
     def __repr__(self) -> str:
         accepted = sum(closure.verdict == "accepted" for closure in self.closures)
         return (
             f"RunFolder({len(self.trajectory)} scans, {len(self.key_scans)} key poses, "
-            f"{accepted} of {len(self.closures)} closures accepted, {len(self.landmarks)} landmarks)"
+            f"{accepted} of {len(self.closures)} closures accepted, {len(self.landmarks.settled())} landmarks)"
         )
 
 
@@ -84,6 +90,7 @@ def _read(directory: Path) -> RunFolder:
     trajectory, closures = read_tum(directory / "trajectory.tum"), read_closures(directory / "closures.csv")
     _check_scans(directory, len(trajectory), key_scans, closures)
     return RunFolder(
+        log_name=log_name(directory),
         trajectory=trajectory,
         key_scans=key_scans,
         key_poses=key_poses,
@@ -91,6 +98,7 @@ def _read(directory: Path) -> RunFolder:
         grid=read_ros_map(directory / "map.yaml"),
         landmarks=read_geojson(directory / "features.geojson"),
         closures=closures,
+        walls=read_walls(directory / "walls.csv") if (directory / "walls.csv").exists() else WallPieces.none(),
     )
 
 
@@ -115,6 +123,15 @@ def is_of_dp_slam(directory: Path) -> bool:
         ResultsError: its summary cannot be read.
     """
     return (directory / "summary.json").exists() and read_summary(directory).get("method") == "dp-slam"
+
+
+def log_name(directory: Path) -> str:
+    """Name of the log that a run's summary tells, empty without one.
+
+    Raises:
+        ResultsError: the summary cannot be read.
+    """
+    return str(read_summary(directory).get("log", "")) if (directory / "summary.json").exists() else ""
 
 
 def read_ros_map(path: Path) -> OccupancyGrid:
@@ -179,6 +196,28 @@ def read_closures(path: Path) -> tuple[Closure, ...]:
             check_row(len(closures) + 1, f"{path}:{reader.line_num}", ResultsError)
             closures.append(_closure_at(row, f"{path}:{reader.line_num}"))
     return tuple(closures)
+
+
+def read_walls(path: Path) -> WallPieces:
+    """Read the pieces of wall, which may be none.
+
+    Raises:
+        ResultsError: the file is missing or not of that form.
+    """
+    table = read_csv_table(path, WALL_COLUMNS, may_be_empty=True)
+    counts = table[:, [4, 6]]
+    bad = np.flatnonzero((counts < 0).any(axis=1) | (counts != np.floor(counts)).any(axis=1) | (table[:, 5] < 0))
+    if len(bad):
+        raise ResultsError(
+            f"{path}: row {bad[0] + 1}: found {table[bad[0], 4:].tolist()} for points, deviation_m and key_poses, "
+            "expected 0 or more, counts as whole numbers"
+        )
+    return WallPieces(
+        ends=table[:, :4].reshape(-1, 2, 2),
+        points=table[:, 4].astype(np.int64),
+        deviations=table[:, 5],
+        key_poses=table[:, 6].astype(np.int64),
+    )
 
 
 def _origin(text: str, where: str) -> NDArray[np.float64]:

@@ -19,6 +19,7 @@ from typing import Any, Literal, TypeVar, Union
 
 from graph.errors import IcegError
 from graph.files import read_text
+from graph.units import RADIAN, shown_angle
 
 Settings = TypeVar("Settings")
 
@@ -230,6 +231,7 @@ def _describe(hint: Any) -> str:  # noqa: ANN401
 def _format_table(settings: Any, prefix: str) -> Iterator[str]:  # noqa: ANN401
     cls = type(settings)
     hints, documentation = typing.get_type_hints(cls), field_documentation(cls)
+    annotated = typing.get_type_hints(cls, include_extras=True)
     nested = [name for name in documentation if dataclasses.is_dataclass(getattr(settings, name))]
     for name, text in documentation.items():
         if name in nested:
@@ -237,7 +239,12 @@ def _format_table(settings: Any, prefix: str) -> Iterator[str]:  # noqa: ANN401
         value = getattr(settings, name)
         choices = f" ({_describe(hints[name])})" if typing.get_origin(hints[name]) is Literal else ""
         yield from _comment(text + choices)
-        yield f"# {name} =  (unset; {_describe(hints[name])})" if value is None else f"{name} = {_format_value(value)}"
+        shown = f"  # {shown_angle(value)}" if RADIAN in getattr(annotated[name], "__metadata__", ()) else ""
+        yield (
+            f"# {name} =  (unset; {_describe(hints[name])})"
+            if value is None
+            else f"{name} = {_format_value(value)}{shown}"
+        )
     for name in nested:
         child = getattr(settings, name)
         summary = documentation[name] or inspect.cleandoc(type(child).__doc__ or "").partition("\n")[0]

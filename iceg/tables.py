@@ -51,15 +51,16 @@ def check_row(number: int, where: str, error: type[IcegError]) -> None:
         raise error(f"{where}: found more rows, expected {at_most('rows')}")
 
 
-def read_csv_table(path: Path, columns: Sequence[str]) -> NDArray[np.float64]:
+def read_csv_table(path: Path, columns: Sequence[str], *, may_be_empty: bool = False) -> NDArray[np.float64]:
     """Read a CSV of numbers whose header must name exactly these columns.
 
     Args:
         path: the file.
         columns: the expected header, in order.
+        may_be_empty: whether there may be a header alone.
 
     Returns:
-        (n, len(columns)), n ≥ 1.
+        (n, len(columns)), n ≥ 1 unless there may be none.
 
     Raises:
         TableError: naming the file and line, what was found and what was expected.
@@ -73,9 +74,9 @@ def read_csv_table(path: Path, columns: Sequence[str]) -> NDArray[np.float64]:
         for row in filter(None, reader):
             check_row(len(rows) + 1, f"{path}:{reader.line_num}", TableError)
             rows.append(parse_numbers(row, columns, f"{path}:{reader.line_num}"))
-    if not rows:
+    if not rows and not may_be_empty:
         raise TableError(f"{path}: holds no rows under its header '{','.join(columns)}'")
-    return np.array(rows)
+    return np.array(rows).reshape(-1, len(columns))
 
 
 def read_blank_separated_table(path: Path, columns: Sequence[str]) -> NDArray[np.float64]:

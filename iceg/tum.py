@@ -80,25 +80,45 @@ def read_tum(path: Path | str) -> Trajectory:
             row = line.split()
             if row and not row[0].startswith("#"):
                 check_row(len(rows) + 1, f"{path}:{number}", TrajectoryError)
-                rows.append(_parse_line(path, number, row))
+                rows.append(parse_pose(path, number, row))
     if not rows:
         raise TrajectoryError(f"{path}: holds no pose, expected lines 't x y z qx qy qz qw'")
-    table = np.array(rows)
+    return in_the_plane(np.array(rows))
+
+
+def in_the_plane(table: NDArray[np.float64]) -> Trajectory:
+    """The trajectory of (n, 8) rows t, x, y, z, qx, qy, qz, qw; what leaves the plane is dropped."""
     x, y, z, w = table[:, 4:8].T
     # Homogeneous in the quaternion, so that a rounded norm does no harm.
     heading = arctan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
     return Trajectory(stamps=table[:, 0], poses=np.column_stack([table[:, 1:3], heading]))
 
 
-def _parse_line(path: Path, number: int, row: list[str]) -> list[float]:
+def parse_pose(
+    path: Path, number: int, row: list[str], columns: str = "t x y z qx qy qz qw", units_per_second: float = 1.0
+) -> list[float]:
+    """The numbers of one row.
+
+    Args:
+        path: the file, for messages.
+        number: the line, likewise.
+        row: words in TUM's order.
+        columns: what the file has, for messages.
+        units_per_second: of the stamp as written.
+
+    Returns:
+        Eight numbers in TUM's order, the stamp in seconds.
+
+    Raises:
+        TrajectoryError: they are not 8 finite numbers, or no rotation.
+    """
     try:
         values = [float(word) for word in row]
     except ValueError as err:
-        raise TrajectoryError(
-            f"{path}:{number}: found '{first_that_is_no_number(row)}', expected 't x y z qx qy qz qw'"
-        ) from err
+        raise TrajectoryError(f"{path}:{number}: found '{first_that_is_no_number(row)}', expected '{columns}'") from err
     if len(values) != _N_COLUMNS:
-        raise TrajectoryError(f"{path}:{number}: found {len(values)} numbers, expected 8: 't x y z qx qy qz qw'")
+        raise TrajectoryError(f"{path}:{number}: found {len(values)} numbers, expected 8: '{columns}'")
+    values[0] /= units_per_second
     if not np.isfinite(values).all() or not 1e-3 <= math.hypot(*values[4:]) <= 1e3:
         raise TrajectoryError(
             f"{path}:{number}: found '{' '.join(row)[:200]}', expected finite numbers and a unit quaternion"

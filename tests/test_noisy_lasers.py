@@ -41,6 +41,7 @@ def test_a_noisy_laser_finds_its_way_near_the_bound(noise: float, per_metre: flo
     low, high = float(chi2.ppf(0.01, 3)), float(chi2.ppf(0.99, 3))
     assert low < pose_nees(result.key_poses, truth[result.key_scans], result.covariances).mean() < high
     found = result.summary["laser"]
+    assert found is not None
     typical = np.hypot(found["noise_m"], found["noise_per_metre"] * found["typical_range_m"])
     assert typical == pytest.approx(noise + per_metre * found["typical_range_m"], rel=0.15)
 
@@ -50,6 +51,7 @@ def test_settings_overrule_what_the_log_says() -> None:
     log = simulation.log.select(slice(0, 60))
     said = Config(laser=LaserConfig(noise=0.2, noise_per_metre=0.01))
     summary = run(log, said).summary["laser"]
+    assert summary is not None
     assert (summary["noise_m"], summary["noise_per_metre"]) == (0.2, 0.01)
     with pytest.raises(ConfigError, match="noise"):
         LaserConfig(noise=-0.1)
@@ -96,5 +98,6 @@ def test_surfels_of_one_wall_gather_on_it() -> None:
 
 def test_a_stated_noise_counts_where_the_log_tells_none() -> None:
     blind = Log.from_arrays(np.full((5, 20), np.nan), field_of_view=3.0)
-    result = run(blind, Config(laser=LaserConfig(noise=0.3)))
-    assert result.summary["laser"]["noise_m"] == 0.3
+    laser = run(blind, Config(laser=LaserConfig(noise=0.3))).summary["laser"]
+    assert laser is not None
+    assert laser["noise_m"] == 0.3

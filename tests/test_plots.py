@@ -16,6 +16,7 @@ from matplotlib.image import imread
 from numpy.typing import NDArray
 
 from frontends.scan import Scan, ScanGeometry
+from iceg import plot
 from iceg.ice.features import Features
 from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
@@ -23,14 +24,6 @@ from iceg.show import map_picture
 from iceg.show.canvas import Canvas
 from iceg.show.map_image import MapLayers, known_box, map_image, scaled
 from iceg.show.map_picture import save_map_png
-from iceg.show.plots import (
-    draw_alignment,
-    draw_correlation_surface,
-    draw_covariance_ellipse,
-    draw_error_over_time,
-    draw_map,
-    draw_scan_features,
-)
 
 F64 = NDArray[np.float64]
 
@@ -142,7 +135,7 @@ def test_the_picture_is_cropped_to_what_is_known() -> None:
 
 
 def test_walls_are_drawn_where_they_are(ax: Axes) -> None:
-    draw_map(ax, MapLayers(grid=room_grid()))
+    plot.map(MapLayers(grid=room_grid()), ax)
     image = painted(ax)
     height = image.shape[0]
     for x, y, grey in ((0.02, 2.5, 20), (4.0, 4.97, 20), (4.0, 2.5, 255), (-0.4, 2.5, 232)):
@@ -151,7 +144,7 @@ def test_walls_are_drawn_where_they_are(ax: Axes) -> None:
 
 
 def test_rarely_seen_landmarks_are_left_out(ax: Axes) -> None:
-    draw_map(ax, MapLayers(grid=room_grid(), landmarks=landmarks()), min_seen=3)
+    plot.map(MapLayers(grid=room_grid(), landmarks=landmarks()), ax, min_seen=3)
     image = painted(ax).astype(int)
     height = image.shape[0]
     coloured = []
@@ -211,7 +204,7 @@ def test_a_picture_of_many_rows_has_no_seams() -> None:
 
 def test_a_scan_with_its_features(ax: Axes) -> None:
     geometry = ScanGeometry(bearings=np.linspace(-1.5, 1.5, 91), range_min=0.05, range_max=20.0)
-    draw_scan_features(ax, Scan(ranges=np.full(91, 3.0, np.float32), geometry=geometry), features())
+    plot.scan_features(Scan(ranges=np.full(91, 3.0, np.float32), geometry=geometry), features(), ax)
     legend = ax.get_legend()
     assert legend is not None
     assert [text.get_text() for text in legend.get_texts()] == ["corner", "end of wall (weak)", "intersection"]
@@ -223,7 +216,7 @@ def test_an_ellipse_is_where_the_covariance_says(ax: Axes) -> None:
     rotation = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     covariance = np.eye(3)
     covariance[:2, :2] = rotation @ np.diag([0.25, 0.04]) @ rotation.T
-    ellipse = draw_covariance_ellipse(ax, [1.0, 2.0, 0.3], covariance, sigmas)
+    ellipse = plot.covariance_ellipse([1.0, 2.0, 0.3], covariance, ax, sigmas)
     # Any point of the outline lies `sigmas` away in the Mahalanobis sense.
     outline = ellipse.get_patch_transform().transform(np.array([[1.0, 0.0], [0.0, 1.0], [-0.6, 0.8]]))
     offset = outline - [1.0, 2.0]
@@ -235,14 +228,14 @@ def test_an_ellipse_is_where_the_covariance_says(ax: Axes) -> None:
 def test_a_correlation_surface_with_its_covariance(ax: Axes) -> None:
     xs, ys = np.linspace(-0.3, 0.3, 31), np.linspace(-0.2, 0.2, 21)
     scores = np.exp(-(xs[None] ** 2) / 0.02 - ys[:, None] ** 2 / 0.005)
-    draw_correlation_surface(ax, xs, ys, scores, best=(0.0, 0.0, 0.1), covariance=np.diag([0.01, 0.0025, 1.0]))
+    plot.correlation_surface(xs, ys, scores, ax, best=(0.0, 0.0, 0.1), covariance=np.diag([0.01, 0.0025, 1.0]))
     assert ax.images[0].get_extent() == pytest.approx((-0.31, 0.31, -0.21, 0.21))
     assert len(ax.patches) == 1
 
 
 def test_a_scan_on_its_reference_where_it_was_expected_and_matched(ax: Axes) -> None:
     scan = Scan.from_ranges(np.full(5, 2.0), field_of_view=math.pi)
-    draw_alignment(ax, np.zeros((3, 2)), scan, np.array([1.0, 0.0, math.pi / 2]), np.zeros(3))
+    plot.alignment(np.zeros((3, 2)), scan, np.array([1.0, 0.0, math.pi / 2]), np.zeros(3), ax)
     reference, expected, nose, matched, _ = (np.asarray(line.get_xydata()) for line in ax.lines)
     assert len(reference) == 3
     np.testing.assert_allclose(expected[0], [3.0, 0.0], atol=1e-6)
@@ -260,17 +253,27 @@ def test_the_legend_goes_below_the_scale_bar_where_it_would_overlap_it(sheet: in
         assert all(sum(widths[row]) <= sheet or len(widths[row]) == 1 for row in rows)
 
 
+def test_a_long_name_is_cut_where_the_sheet_ends(tmp_path: Path) -> None:
+    short, long = (replace(room(), name=name) for name in ("room.clf", 400 * "room " + ".clf"))
+    for layers, name in ((short, "short.png"), (long, "long.png")):
+        save_map_png(tmp_path / name, layers)
+    first, second = (imread(tmp_path / name)[:, :, :3] for name in ("short.png", "long.png"))
+    assert first.shape[1] == second.shape[1]
+    assert (second[:, -20:] == 1.0).all(axis=2)[-60:].all()
+
+
 def test_errors_beside_what_was_claimed(ax: Axes) -> None:
     time = np.linspace(0, 10, 50)
-    draw_error_over_time(ax, time, np.sin(time), np.full(50, 0.5), label="heading error [rad]")
+    plot.error_over_time(time, np.sin(time), ax, np.full(50, 0.5), label="heading error [rad]")
     low, high = ax.get_ylim()
     assert (low, high) == pytest.approx((-1.65, 1.65))
-    draw_error_over_time(ax, time, np.abs(np.sin(time)))
+    plot.error_over_time(time, np.abs(np.sin(time)), ax)
     assert ax.get_xlabel() == "time [s]"
 
 
 def test_drawing_needs_no_display_and_no_global_state() -> None:
-    code = "import sys, iceg.show.plots; sys.exit('matplotlib.pyplot' in sys.modules)"
+    drawn = "iceg.plot.map, iceg.plot.success, iceg.plot.alignment"
+    code = f"import sys, iceg; {drawn}; sys.exit('matplotlib.pyplot' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

@@ -90,7 +90,7 @@ def test_a_study_compares_each_rule_with_nothing_switched_off(tmp_path: Path) ->
     [
         (Bench(long=True), "--groups, --long and --baseline need --parts regression"),
         (Bench(parts=("regression",), workers=0), "--workers 0"),
-        (Ablation(off=("held",)), "need --rules"),
+        (Ablation(off=("near odometry",)), "need --rules"),
         (Ablation(rules=True, off=("witchcraft",)), "--off 'witchcraft', expected some of relocalisation"),
         (Ablation(rules=True, faults=True), "neither logs nor --faults"),
     ],

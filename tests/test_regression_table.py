@@ -247,12 +247,12 @@ def test_a_change_beyond_what_noise_does_is_told_from_one_within() -> None:
 def test_the_page_holds_baseline_present_and_rules() -> None:
     before = [_outcome(source=str(k)) for k in range(3)]
     after = [replace(one, error_m=0.5) for one in before]
-    text = keep.page(before, after, [{"off": "nothing", "good": 3}, {"off": "held", "good": 2}])
+    text = keep.page(before, after, [{"off": "nothing", "good": 3}, {"off": "near odometry", "good": 2}])
     assert "## The baseline" in text
     assert "0, none, 0" in text
     assert "ruined, silent" in text
     assert "| nothing" in text
-    assert "- *held*: a match near odometry is preferred" in text
+    assert "- *near odometry*: a match near odometry is preferred" in text
     assert "The present" not in keep.page(before, before, [])
 
 
@@ -264,13 +264,14 @@ def test_the_command_that_keeps_writes_the_page_from_what_was_measured(
     outcomes_file, rules_file = tmp_path / "regression.csv", tmp_path / "rules.csv"
     write_outcomes([_OUTCOME], outcomes_file)
     write_csv(
-        [{"off": "nothing", "good": 3, "error ratio": None}, {"off": "held", "good": 2, "error ratio": 1.5}], rules_file
+        [{"off": "nothing", "good": 3, "error ratio": None}, {"off": "near odometry", "good": 2, "error ratio": 1.5}],
+        rules_file,
     )
     keep.Keep(measured=(tmp_path,), as_baseline=True, page=tmp_path / "page.md")()
     assert read_outcomes(tmp_path / "kept-BASELINE.csv") == [_OUTCOME]
     assert (tmp_path / "kept-RULES_TABLE.csv").read_bytes() == rules_file.read_bytes()
     first = (tmp_path / "page.md").read_bytes()
-    assert b"| held    | 2    | 1.50        |" in first
+    assert b"| near odometry | 2    | 1.50        |" in first
     keep.Keep(measured=(), page=tmp_path / "page.md")()  # from what was kept
     assert (tmp_path / "page.md").read_bytes() == first
 

@@ -27,6 +27,7 @@ from iceg.results import (
     whole_results,
     write_results,
 )
+from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.tables import TableError
 from iceg.tum import read_tum
 from tests.process_faults import ends_at
@@ -64,6 +65,7 @@ def make_result(seed: int = 0, n: int = 9) -> Any:
                 reason='"alone", says PCM',
             )
         ],
+        walls=WallPieces.none(),
         summary={"scans": n, "share": np.float64(0.5), "undefined": float("nan"), "per_kind": np.array([1, 2])},
     )
 

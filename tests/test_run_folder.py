@@ -55,6 +55,7 @@ CLOSURES = tuple(
 )
 
 
+WALL_HEADER = ",".join(results.WALL_COLUMNS) + "\n"
 CLOSURE_HEADER = ",".join(results.CLOSURE_COLUMNS) + "\n"
 
 
@@ -102,7 +103,7 @@ def test_everything_reads_back(tmp_path: Path, run: Any) -> None:
 def test_pictures_are_drawn_from_the_files_and_are_the_same_each_time(tmp_path: Path, run: Any) -> None:
     assert run is not None
     pictures = plot_results(tmp_path)
-    assert [path.name for path in pictures] == list(PICTURES)
+    assert [path.name for path in pictures] == [f"{name}.png" for name in PICTURES]
     first = [path.read_bytes() for path in pictures]
     assert all(content.startswith(b"\x89PNG") for content in first)
     assert [path.read_bytes() for path in plot_results(tmp_path)] == first
@@ -117,6 +118,8 @@ def test_pictures_are_drawn_from_the_files_and_are_the_same_each_time(tmp_path: 
         ("closures.csv", "", "closures.csv:1: found the header ''"),
         ("closures.csv", f"{CLOSURE_HEADER}1,2\n", "closures.csv:2: found 2 values, expected 10"),
         ("closures.csv", f"{CLOSURE_HEADER}1,2,0,0,0,1,1,1,perhaps,why\n", "closures.csv:2: cannot be read"),
+        ("walls.csv", "a,b\n", "walls.csv:1: found the header 'a,b'"),
+        ("walls.csv", f"{WALL_HEADER}0,0,1,0,2.5,0.01,3\n", "walls.csv: row 1: found [2.5, 0.01, 3.0] for points"),
         ("map.yaml", "image: none.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n", "none.pgm: cannot be read as a map"),
         ("map.yaml", "resolution: wide\n", "map.yaml: cannot be read as a map: found 'wide', expected a resolution"),
         ("map.yaml", "image: map.pgm\n", "map.yaml: cannot be read as a map: found no 'resolution'"),

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, fields
 from graph.errors import IcegError
 from graph.limits import LIMITS, check_limit
 from graph.ranges import check_between, check_magnitudes, shown_number
+from graph.units import Radians
 
 
 class DpSlamError(IcegError):
@@ -21,32 +22,32 @@ class MotionModel:
     """
 
     d_per_metre: float = 1.0
-    """Metres forwards per metre reported …"""
+    """Metres forwards per metre reported."""
     d_per_radian: float = 0.0
-    """… and per radian reported [m/rad]."""
+    """Metres forwards per radian reported [m/rad]."""
     c_per_metre: float = 0.0
-    """Metres to the left per metre reported, besides what is reported there …"""
+    """Metres to the left per metre reported, besides what is reported there."""
     c_per_radian: float = 0.0
-    """… and per radian [m/rad]."""
+    """Metres to the left per radian reported [m/rad]."""
     t_per_metre: float = 0.0
-    """Turn per metre reported [rad/m] …"""
+    """Turn per metre reported [rad/m]."""
     t_per_radian: float = 1.0
-    """… and per radian."""
+    """Turn per radian reported."""
     d_std_per_metre: float = 0.156
-    """Standard deviation forwards per metre …"""
+    """Standard deviation forwards per metre reported."""
     d_std_per_radian: float = 0.0569
-    """… and per radian [m/rad]."""
+    """Standard deviation forwards per radian reported [m/rad]."""
     c_std_per_metre: float = 0.063
-    """The same to the left …"""
+    """Standard deviation to the left per metre reported."""
     c_std_per_radian: float = 0.0657
-    """… [m/rad]."""
+    """Standard deviation to the left per radian reported [m/rad]."""
     t_std_per_metre: float = 0.028
-    """The same of the turn [rad/m] …"""
+    """Standard deviation of the turn per metre reported [rad/m]."""
     t_std_per_radian: float = 0.1405
-    """… and per radian."""
+    """Standard deviation of the turn per radian reported."""
     floor: float = 0.0229
     """Least standard deviation of a step forwards and to the left [m]."""
-    turn_floor: float = 0.1
+    turn_floor: Radians = 0.1
     """Least standard deviation of a turn [rad]."""
 
     def __post_init__(self) -> None:
@@ -96,13 +97,13 @@ class DpSlamConfig:
     trace_margin: float = 0.57
     """A beam is followed this far beyond its reading [m]."""
     quick_before: float = 0.1
-    """The quick evaluation begins this far before the reading [m] …"""
+    """The quick evaluation begins this far before the reading [m]."""
     quick_beyond: float = 0.086
-    """… and ends this far beyond it [m]."""
+    """The quick evaluation ends this far beyond the reading [m]."""
     passes: int = 9
-    """Beams are evaluated in this many interleaved rounds; after each, samples are culled …"""
+    """Beams are evaluated in this many interleaved rounds; after each, samples are culled."""
     cull: float = 13.0
-    """… whose log-likelihood lies this far below the best."""
+    """Samples are culled whose log-likelihood lies this far below the best."""
     motion: MotionModel = field(default_factory=MotionModel)
     """What is drawn from."""
     max_cells: int = 80_000_000

@@ -2,8 +2,9 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +73,22 @@ class LogInfo:
     has_truth: bool
     has_gyro: bool
     noise: LaserNoise | None
+
+    def figures(self) -> dict[str, Any]:
+        """The same under names that give the unit, for JSON."""
+        units = {
+            "field_of_view": "rad",
+            "resolution": "rad",
+            "range_min": "m",
+            "range_max": "m",
+            "range_quartiles": "m",
+            "duration": "s",
+            "gaps": "s",
+            "path_length": "m",
+            "turned_angle": "rad",
+        }
+        named = {f"{name}_{units[name]}" if name in units else name: value for name, value in asdict(self).items()}
+        return named | {"path": self.path.name}
 
     def __str__(self) -> str:
         x, y, heading = self.T_robot_laser

@@ -98,8 +98,13 @@ def _main(words: list[str]) -> int:
     from iceg.cli.usage_error import UsageError
 
     try:
+        if words[:1] == ["--completion"]:
+            from iceg.cli.completion import completion
+
+            print(completion(words[1:]), end="")
+            return 0
         command = _parse(words)
-    except IcegError as err:
+    except (IcegError, UsageError) as err:
         return _complain(err, _USAGE)
     ending.interrupt_instead()
     try:

@@ -6,9 +6,8 @@ from typing import Annotated, Optional
 import tyro
 
 from iceg.cli.usage_error import UsageError
-from iceg.config import Config
 
-__all__ = ["ConfigFile", "GivenPath", "Overwrite", "Report", "Settings", "SkipBadLines", "UsageError"]
+__all__ = ["ConfigFile", "GivenPath", "Json", "Overwrite", "Report", "SkipBadLines", "UsageError"]
 
 
 GivenPath = Optional[Path]  # noqa: UP045
@@ -16,18 +15,13 @@ GivenPath = Optional[Path]  # noqa: UP045
 
 ConfigFile = Annotated[
     GivenPath,
-    tyro.conf.arg(
-        metavar="FILE", help="TOML file of settings; flags given here override it.", help_behavior_hint="(optional)"
-    ),
+    tyro.conf.arg(metavar="FILE", help="TOML file of settings; flags given here override it.", help_behavior_hint=""),
 ]
-
-
-Settings = Annotated[Config, tyro.conf.arg(name="")]
 
 
 Overwrite = Annotated[
     tyro.conf.FlagCreatePairsOff[bool],
-    tyro.conf.arg(help="Replace earlier results; they stay until the new are complete."),
+    tyro.conf.arg(help="Replace earlier results; they stay until the new are complete.", help_behavior_hint=""),
 ]
 
 
@@ -37,5 +31,12 @@ Report = Annotated[
 
 
 SkipBadLines = Annotated[
-    tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Go on after malformed lines and count them.")
+    tyro.conf.FlagCreatePairsOff[bool],
+    tyro.conf.arg(help="Go on after malformed lines and count them.", help_behavior_hint=""),
+]
+
+
+Json = Annotated[
+    tyro.conf.FlagCreatePairsOff[bool],
+    tyro.conf.arg(help="Print the figures as JSON, and nothing else.", help_behavior_hint=""),
 ]

@@ -1,50 +1,22 @@
 """From the words of the command line to a command: only the parser that they need is built."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import fields
+import dataclasses
+import difflib
+import sys
+import typing
+from collections.abc import Sequence
 from itertools import zip_longest
 from pathlib import Path
-from typing import TypeVar
+from typing import Annotated, Any, NoReturn
 
 import tyro
-from tyro.extras import subcommand_cli_from_dict
 
-from frontends.dp_slam.config import DpSlamConfig
-from iceg.cli.judge import Eval, Info, Plot
-from iceg.cli.run import Demo, DpSlam, Run, RunOptions
-from iceg.cli.studies import Ablation, Bench, Nees
-from iceg.cli.tools import Convert, Optimize, PrintConfig, Simulate
-from iceg.config import Config
+from iceg.cli.commands import COMMANDS, Command, Entry
+from iceg.cli.settings_flags import flags_of, listed_flags_of, named_settings, setting_names, with_flags
 from iceg.settings_file import read_settings
 
-Command = (
-    Run | DpSlam | Demo | Info | Eval | Plot | Simulate | Convert | Optimize | Bench | Ablation | Nees | PrintConfig
-)
-Kind = TypeVar("Kind", bound=Command | RunOptions)
-Settings = TypeVar("Settings", Config, DpSlamConfig)
-
-_DESCRIPTION = (
-    "2D laser SLAM for recorded logs. 'iceg COMMAND --help' tells more; 'iceg --version' the version; --debug with any "
-    "command the traceback of an error of iceg itself."
-)
-
-_COMMANDS: dict[str, type[Command]] = {
-    "run": Run,
-    "dp-slam": DpSlam,
-    "demo": Demo,
-    "info": Info,
-    "eval": Eval,
-    "plot": Plot,
-    "simulate": Simulate,
-    "convert": Convert,
-    "optimize": Optimize,
-    "bench": Bench,
-    "ablation": Ablation,
-    "nees": Nees,
-    "config": PrintConfig,
-}
-
-_RUN_FLAGS = {"-o", *("--" + option.name.replace("_", "-") for option in fields(RunOptions))}
+_HELP, _HELP_ALL = ("-h", "--help"), "--help-all"
+_USAGE = 2
 
 
 def parse(words: Sequence[str]) -> Command:
@@ -56,40 +28,77 @@ def parse(words: Sequence[str]) -> Command:
         IcegError: settings in the file or flags that are not valid.
         SystemExit: arguments that are not valid, or a request for help.
     """
-    if not words or words[0] not in _COMMANDS:
-        all_of_them: dict[str, Callable[..., Command]] = {**_COMMANDS}
-        chosen: Command = subcommand_cli_from_dict(all_of_them, args=words, prog="iceg", description=_DESCRIPTION)
-        return chosen
-    name, *rest = words
-    command = _COMMANDS[name]
-    if command is Run:
-        return _parse_run(rest)
-    if command is DpSlam:
-        settings = _settings(DpSlamConfig, rest)
-        return _parsed(DpSlam, rest, name, DpSlam(log=tyro.MISSING, output=tyro.MISSING, settings=settings))
-    if command is PrintConfig:
-        return _parsed(PrintConfig, rest, name, PrintConfig(settings=_settings(Config, rest)))
-    return _parsed(command, rest, name)
+    name, *rest = words or [""]
+    if name in {*_HELP, _HELP_ALL}:
+        from iceg.cli.overview import overview
+
+        print(overview())
+        sys.exit(0)
+    if name not in COMMANDS:
+        sys.exit(_unknown(name))
+    return _parsed(COMMANDS[name], rest, name)
 
 
-def _parse_run(words: Sequence[str]) -> Run:
-    settings = _settings(Config, words)
-    if all(word.partition("=")[0] in _RUN_FLAGS for word in words if word.startswith("-")):
-        # To ask about each of the settings takes longer than to read the log.
-        return Run(**vars(_parsed(RunOptions, words, "run")), settings=settings)
-    return _parsed(Run, words, "run", Run(log=tyro.MISSING, output=tyro.MISSING, settings=settings))
-
-
-def _parsed(kind: type[Kind], words: Sequence[str], name: str, default: Kind | None = None) -> Kind:
-    prog = f"iceg {name}"
-    return (
-        tyro.cli(kind, args=words, prog=prog)
-        if default is None
-        else tyro.cli(kind, args=words, prog=prog, default=default)
+def _parsed(entry: Entry, words: Sequence[str], name: str) -> Command:
+    if entry.settings is None:
+        as_usual = ["--help" if word == _HELP_ALL else word for word in words]
+        plain: Command = tyro.cli(entry.kind, args=as_usual, prog=f"iceg {name}")
+        return plain
+    settings = _settings(entry.settings, words)
+    everything = list(setting_names(entry.settings))
+    if _HELP_ALL in words:
+        _tell(entry, name, flags_of(settings, everything))
+    if any(word in _HELP for word in words):
+        more = f" 'iceg {name} --help-all' shows {len(everything) - len(entry.common)} more settings."
+        _tell(entry, name, listed_flags_of(settings, entry.common), more)
+    # To ask about each of the settings takes longer than to read the log.
+    named = named_settings(words, entry.settings, entry.prefix, _own_flags(entry.kind))
+    names = everything if named is None else named
+    parsed: Any = tyro.cli(
+        _with_flags_of(entry, flags_of(settings, names) if names else None), args=words, prog=f"iceg {name}"
     )
+    own = {field.name: getattr(parsed, field.name) for field in _own_fields(entry.kind)}
+    chosen = with_flags(settings, parsed.flags) if names else settings
+    return entry.kind(**{**own, "settings": chosen})
 
 
-def _settings(kind: type[Settings], words: Sequence[str]) -> Settings:
+def _tell(entry: Entry, name: str, flags: object, more: str = "") -> NoReturn:
+    """Print the help of a command with flags of settings, and end."""
+    told = (entry.kind.__doc__ or "").partition("\n\n")[0]
+    tyro.cli(_with_flags_of(entry, flags), args=["--help"], prog=f"iceg {name}", description=told + more)
+    sys.exit(0)
+
+
+def _with_flags_of(entry: Entry, flags: object | None) -> Any:  # noqa: ANN401
+    """A class like the command's, with flags of some settings in the place of all settings."""
+    hints = typing.get_type_hints(entry.kind, include_extras=True)
+    made: list[Any] = [
+        (field.name, hints[field.name], dataclasses.field(default=field.default)) for field in _own_fields(entry.kind)
+    ]
+    if flags is not None:
+        named = tyro.conf.arg(name=entry.prefix.rstrip("."))
+        made.append(("flags", Annotated[type(flags), named], dataclasses.field(default=flags)))
+    return dataclasses.make_dataclass(entry.kind.__name__, made, frozen=True, kw_only=True)
+
+
+def _own_fields(kind: type) -> list["dataclasses.Field[Any]"]:
+    return [field for field in dataclasses.fields(kind) if field.name != "settings"]
+
+
+def _own_flags(kind: type) -> set[str]:
+    return {"-o", "--help", *(f"--{field.name.replace('_', '-')}" for field in _own_fields(kind))}
+
+
+def _unknown(name: str) -> int:
+    """Say that there is no such command."""
+    close = difflib.get_close_matches(name, COMMANDS, n=1)
+    hint = f"did you mean '{close[0]}'?" if close else f"expected one of {', '.join(COMMANDS)}"
+    found = f"found the command '{name[:40]}', {hint}" if name else f"found no command, {hint}"
+    print(f"iceg: {found}; 'iceg --help' tells what each does", file=sys.stderr)
+    return _USAGE
+
+
+def _settings(kind: Any, words: Sequence[str]) -> Any:  # noqa: ANN401
     """What the file given with --config says: known before the flags are parsed because it sets their defaults."""
     file = None
     for word, following in zip_longest(words, words[1:]):

@@ -1,5 +1,7 @@
 """Commands that turn a log into results."""
 
+import sys
+from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -7,8 +9,10 @@ from typing import Annotated
 import tyro
 
 from frontends.dp_slam.config import DpSlamConfig
-from iceg.cli.options import ConfigFile, GivenPath, Overwrite, Report, Settings, SkipBadLines
+from iceg.cli.judge import tell_judgement
+from iceg.cli.options import ConfigFile, GivenPath, Json, Overwrite, Report, SkipBadLines
 from iceg.cli.run_log import run_log, tell_warnings, what_was_kept, written_at
+from iceg.cli.telling import Telling
 from iceg.config import Config
 
 
@@ -26,7 +30,7 @@ class RunOptions:
         tyro.conf.arg(
             metavar="FILE",
             help="Loops closed by hand: a CSV scan_i,scan_j,x_m,y_m,theta_rad[,sigma_m,sigma_rad].",
-            help_behavior_hint="(optional)",
+            help_behavior_hint="",
         ),
     ] = None
     overwrite: Overwrite = False
@@ -40,13 +44,14 @@ class RunOptions:
             help_behavior_hint="(optional)",
         ),
     ] = None
+    json: Json = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class Run(RunOptions):
     """Recorded log in; trajectory, graph, feature map, occupancy grid and pictures out."""
 
-    settings: Settings = field(default_factory=Config)
+    settings: Config = field(default_factory=Config)
 
     def __call__(self) -> None:
         """Read, run, write."""
@@ -59,6 +64,7 @@ class Run(RunOptions):
             skip_bad_lines=self.skip_bad_lines,
             report=self.report,
             truth=self.truth,
+            as_json=self.json,
         )
 
 
@@ -73,11 +79,13 @@ class DpSlam:
     config: ConfigFile = None
     overwrite: Overwrite = False
     skip_bad_lines: SkipBadLines = False
-    settings: Annotated[DpSlamConfig, tyro.conf.arg(name="")] = field(default_factory=DpSlamConfig)
+    json: Json = False
+    settings: DpSlamConfig = field(default_factory=DpSlamConfig)
 
     def __call__(self) -> None:
         """Read, filter, write."""
-        _run_dp_slam(self.log, self.output, self.settings, overwrite=self.overwrite, skip_bad_lines=self.skip_bad_lines)
+        with Telling(as_json=self.json) as telling:
+            _run_dp_slam(self, telling)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,25 +96,34 @@ class Demo:
         "demo-output"
     )
     overwrite: Overwrite = False
+    json: Json = False
 
     def __call__(self) -> None:
         """Run, evaluate, say where the map is."""
         from iceg.demo import demo_log_path, demo_truth_path
-        from iceg.evaluation.judge import truth_report
-        from iceg.evaluation.report import format_table
+        from iceg.evaluation.judge import judge_trajectory
 
-        truth = demo_truth_path()
-        run_log(demo_log_path(), self.output, Config(), overwrite=self.overwrite, skip_bad_lines=False, truth=truth)
-        print(format_table(truth_report(self.output, truth), f"Against the truth, {truth.name}:"))
-        print(f"The map is {(self.output / 'map.png').resolve()}")
-        print(f"The whole run is {(self.output / 'report.html').resolve()}")
+        with redirect_stdout(sys.stderr if self.json else sys.stdout):
+            run_log(
+                demo_log_path(),
+                self.output,
+                Config(),
+                overwrite=self.overwrite,
+                skip_bad_lines=False,
+                truth=demo_truth_path(),
+            )
+        tell_judgement(self.output, judge_trajectory(self.output, demo_truth_path()), as_json=self.json)
+        if not self.json:
+            print(f"The map is {(self.output / 'map.png').resolve()}")
+            print(f"The whole run is {(self.output / 'report.html').resolve()}")
 
 
-def _run_dp_slam(path: Path, directory: Path, config: DpSlamConfig, *, overwrite: bool, skip_bad_lines: bool) -> None:
+def _run_dp_slam(asked: DpSlam, telling: Telling) -> None:
     from iceg.results import check_directory
     from iceg.show.progress import ProgressBar, compile_note
 
-    check_directory(directory, overwrite=overwrite)
+    path, directory, config = asked.log, asked.output, asked.settings
+    check_directory(directory, overwrite=asked.overwrite)
     before = written_at(directory)
     try:
         with compile_note():
@@ -115,14 +132,15 @@ def _run_dp_slam(path: Path, directory: Path, config: DpSlamConfig, *, overwrite
             from iceg.dp_slam_results import write_dp_slam_results
             from iceg.slam.progress import Progress
 
-            log = read_log(path, skip_bad_lines=skip_bad_lines)
+            log = read_log(path, skip_bad_lines=asked.skip_bad_lines)
             tell_warnings(log)
             with ProgressBar(log, "filtering") as bar:
                 result = dp_slam(
                     log, config, lambda done, _: bar(Progress(scans=done, tried=0, accepted=0, stage="filtering"))
                 )
-            write_dp_slam_results(result, log, config, directory, overwrite=overwrite)
+            write_dp_slam_results(result, log, config, directory, overwrite=asked.overwrite)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(what_was_kept(directory, before)) from None
-    print(f"{len(log)} scans in {result.summary['seconds']:.1f} s, {config.particles} particles at most")
-    print(f"Results are in {directory}: map.png, map.pgm, map.yaml, trajectory.tum, config.toml and summary.json")
+    telling.keep(scans=len(log), seconds=result.summary["seconds"], results=str(directory))
+    telling.say(f"{len(log)} scans in {result.summary['seconds']:.1f} s, {config.particles} particles at most")
+    telling.say(f"Results are in {directory}: map.png, map.pgm, map.yaml, trajectory.tum, config.toml and summary.json")

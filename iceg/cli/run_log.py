@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from iceg.cli.quick_start import load_numba_without_scipy
+from iceg.cli.telling import Telling
 from iceg.config import Config
 from iceg.slam.run_warning import RunWarning, in_short
 
@@ -30,6 +31,7 @@ def run_log(
     closures: Path | None = None,
     report: bool = True,
     truth: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Read a log, run, write the results, and say on the way what a person should know.
 
@@ -42,6 +44,7 @@ def run_log(
         closures: a file of loops closed by hand.
         report: whether to write the page that shows the run.
         truth: a file of the true poses, by which that page judges the run.
+        as_json: print the figures as one JSON object instead of sentences.
 
     Raises:
         IcegError: the log cannot be read, or the results not be written.
@@ -76,12 +79,13 @@ def run_log(
             write_results(result, directory, overwrite=overwrite, report=report)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(what_was_kept(directory, before)) from None
-    told = log.warnings
-    _tell_results(result, progress.matching, time.perf_counter() - started)
-    _warn([warning for warning in result.log.warnings if warning not in told])
-    _warn(in_short([*_tracking_warnings(result), *result.warnings], "warnings and lost_at_scans in summary.json"))
-    page = "report.html, " if report else ""
-    print(f"Results are in {directory}: {page}map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more")
+    with Telling(as_json=as_json) as telling:
+        _tell_results(result, progress.matching, time.perf_counter() - started, telling)
+        _tell_warnings(result, log.warnings)
+        page = "report.html, " if report else ""
+        files = f"{page}map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more"
+        telling.say(f"Results are in {directory}: {files}")
+        telling.keep(results=str(directory))
 
 
 def _with_truth(log: "Log", path: Path) -> "Log":
@@ -115,29 +119,59 @@ def what_was_kept(directory: Path, before: int | None) -> str:
     )
 
 
-def _tell_results(result: "SlamResult", progress: "Progress", seconds: float) -> None:
+def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, telling: Telling) -> None:
+    """The figures of a run; landmarks and closures are counted as the picture shows them."""
     from iceg.show.progress import real_time_factor
+    from iceg.slam.closures.closure import joined_scans
 
+    n_landmarks, n_closures = len(result.landmarks.settled()), len(joined_scans(result.closures))
     factor = real_time_factor(result.log.stamps, seconds)
     speed = f", {factor:.0f}x real time" if factor else ""
-    print(f"{_counted(len(result.log), 'scan')} in {seconds:.1f} s{speed}, everything included")
-    matched = f", {100 * progress.accepted / progress.tried:.1f} % of the matches accepted" if progress.tried else ""
-    print(f"{_counted(len(result.key_scans), 'key pose')}, {_counted(len(result.landmarks), 'landmark')}{matched}")
-    _tell_finish(result)
+    telling.say(f"{_counted(len(result.log), 'scan')} in {seconds:.1f} s{speed}, everything included")
+    share = progress.accepted / progress.tried if progress.tried else None
+    matched = "" if share is None else f", {100 * share:.1f} % of the matches accepted"
+    landmarks = f"{_counted(n_landmarks, 'landmark')} ({len(result.landmarks)} with those seen rarely or expired)"
+    telling.say(f"{_counted(len(result.key_scans), 'key pose')}, {landmarks}{matched}")
+    closures = (
+        f"{n_closures} of {len(result.closures)} loop closures tried hold" if result.closures else "no loop closed"
+    )
+    telling.say(f"{closures}{_moved(result)}")
+    telling.keep(
+        log=result.log.path.name,
+        scans=len(result.log),
+        seconds=seconds,
+        real_time_factor=factor,
+        key_poses=len(result.key_scans),
+        landmarks=n_landmarks,
+        landmarks_in_all=len(result.landmarks),
+        matches_accepted=share,
+        closures=n_closures,
+        closures_tried=len(result.closures),
+        warnings=result.summary["warnings"],
+    )
 
 
 def _counted(n: int, what: str) -> str:
     return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
-def _tell_finish(result: "SlamResult") -> None:
+def _moved(result: "SlamResult") -> str:
     """What the offline finish did."""
     rounds = result.summary["finish"]
     if not rounds:
-        return
+        return ""
     joint = f", {1000 * rounds[-1]['mean_move']:.0f} mm by poses and map together" if rounds[-1]["residual"] else ""
     rematched = f"{1000 * sum(done['mean_move'] for done in rounds if done['stage'] != 'joint'):.0f} mm by factors"
-    print(f"finish: {rounds[-1]['closures']} closures in force; key poses moved by {rematched}{joint}")
+    return f"; the finish moved key poses by {rematched}{joint}"
+
+
+def _tell_warnings(result: "SlamResult", told: Sequence[str]) -> None:
+    """What a person should know, but for what was told when the log had been read."""
+    from iceg.results import stamps_warning
+
+    _warn([warning for warning in result.log.warnings if warning not in told])
+    _warn(in_short([*_tracking_warnings(result), *result.warnings], "warnings and lost_at_scans in summary.json"))
+    _warn([warning for warning in [stamps_warning(result)] if warning])
 
 
 def _tracking_warnings(result: "SlamResult") -> list[RunWarning]:

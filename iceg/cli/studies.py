@@ -3,13 +3,15 @@
 import os
 import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from graph.errors import IcegError
-from iceg.cli.options import UsageError
+from iceg.cli.options import Json, UsageError
+from iceg.cli.telling import Telling
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -70,7 +72,7 @@ class Bench:
         ),
     ] = None
     parts: Annotated[
-        tuple[Literal["runs", "recall", "consistency", "ablation", "growth", "regression"], ...],
+        tuple[Literal["runs", "recall", "consistency", "ablation", "solvers", "growth", "regression"], ...],
         tyro.conf.arg(
             help="Without FILE: which tables; left out: all but growth and regression, which take many minutes.",
             help_behavior_hint="",
@@ -86,6 +88,7 @@ class Bench:
             help_behavior_hint="",
         ),
     ] = None
+    json: Json = False
 
     def __call__(self) -> None:
         """Run, print, keep."""
@@ -105,24 +108,23 @@ class Bench:
         if self.workers is not None and self.workers < 1:
             raise UsageError(f"found --workers {self.workers}, expected at least 1")
         check_directory(self.output, overwrite=True)
-        if self.file is None:
-            self._real_logs()
-        else:
-            self._experiment(self.file)
+        with Telling(as_json=self.json) as telling:
+            if self.file is None:
+                self._real_logs(telling)
+            else:
+                self._experiment(self.file, telling)
 
-    def _real_logs(self) -> None:
+    def _real_logs(self, telling: Telling) -> None:
         from iceg.evaluation.bench.real_logs import PARTS, real_log_tables
-        from iceg.evaluation.bench.tables import format_markdown
 
-        data = _public_logs(self.data)
+        data = _public_logs(self.data, telling)
         tables = [part for part in self.parts if part != "regression"] if self.parts else PARTS
         for name, rows in real_log_tables(data, self.output, tables):
-            print(f"\n{name.replace('-', ' ').capitalize()}\n{format_markdown(rows)}", flush=True)
+            telling.table(name, name.replace("-", " ").capitalize(), rows)
         if "regression" in self.parts:
-            self._regression(data)
+            self._regression(data, telling)
 
-    def _regression(self, data: Path | None) -> None:
-        from iceg.evaluation.bench.tables import format_markdown
+    def _regression(self, data: Path | None, telling: Telling) -> None:
         from iceg.evaluation.regression.cells import chosen
         from iceg.evaluation.regression.comparison import changed_cells
         from iceg.evaluation.regression.kept import BASELINE
@@ -131,21 +133,18 @@ class Bench:
 
         before = read_outcomes(self.baseline or BASELINE)
         cells = chosen(data, self.groups, short=not self.long)
-        after = outcomes_of(cells, data, self.output, self.workers or _cores(), _Counted(len(cells)))
-        print(f"\nRegression table\n{format_markdown(total_rows(after))}")
-        print(f"\nAgainst the baseline\n{format_markdown(compared_by_group(before, after))}")
+        after = outcomes_of(cells, data, self.output, self.workers or _cores(), _Counted(len(cells), telling))
+        telling.table("regression", "Regression table", total_rows(after))
+        telling.table("against_baseline", "Against the baseline", compared_by_group(before, after))
         changed = changed_cells(before, after)
-        print(f"\nCells that changed: {len(changed)}")
-        if changed:
-            print(format_markdown(changed))
+        telling.table("changed_cells", f"Cells that changed: {len(changed)}", changed)
 
-    def _experiment(self, file: Path) -> None:
+    def _experiment(self, file: Path, telling: Telling) -> None:
         from graph.publish import publishing
         from iceg.evaluation.bench.comparison import run_experiment
         from iceg.evaluation.bench.experiment import read_experiment
         from iceg.evaluation.bench.plots import save_plots
         from iceg.evaluation.bench.summary import RESULT_FILES, summary_rows, write_results
-        from iceg.evaluation.bench.tables import format_markdown
 
         experiment = read_experiment(file)
         try:
@@ -155,14 +154,14 @@ class Bench:
                 workers=self.workers,
                 scheduler=self.scheduler,
                 overwrite=self.overwrite,
-                tell=_tell_outcome,
+                tell=partial(_tell_outcome, telling),
             )
         except KeyboardInterrupt:
             raise KeyboardInterrupt(f"complete runs are kept in {self.output}, the same command goes on") from None
         with publishing(self.output, replaces=RESULT_FILES) as staging:
             files = [*write_results(outcomes, staging), *save_plots(outcomes, staging)]
-        print(f"\n{format_markdown(summary_rows(outcomes))}")
-        print(f"Results are in {self.output}: {', '.join(path.name for path in files)}; each run in cells/")
+        telling.table("summary", "", summary_rows(outcomes))
+        telling.say(f"Results are in {self.output}: {', '.join(path.name for path in files)}; each run in cells/")
         failures = sum(outcome.error is not None for outcome in outcomes)
         if failures:
             raise BenchError(f"{failures} of {len(outcomes)} runs failed; the same command tries them again")
@@ -212,36 +211,39 @@ class Ablation:
         int | None,
         tyro.conf.arg(metavar="N", help="--rules: runs at a time; left out: one for each core.", help_behavior_hint=""),
     ] = None
+    json: Json = False
 
     def __call__(self) -> None:
         """Run, print log by log, keep."""
+        with Telling(as_json=self.json) as telling:
+            self._run(telling)
+
+    def _run(self, telling: Telling) -> None:
         from iceg.evaluation.ablation import logs_to_judge, write_tables
-        from iceg.evaluation.bench.tables import format_markdown
         from iceg.results import check_directory
         from iceg.show.progress import compile_note
 
         if self.logs and self.data is not None:
             raise UsageError("found logs and --data, expected one of them")
         if self.rules:
-            self._without_rules()
+            self._without_rules(telling)
             return
         if self.off or self.groups or self.long or self.workers is not None:
             raise UsageError("--off, --groups, --long and --workers need --rules")
         check_directory(self.output, overwrite=True)
-        logs = logs_to_judge(self.logs, None if self.logs else _public_logs(self.data))
+        logs = logs_to_judge(self.logs, None if self.logs else _public_logs(self.data, telling))
         if self.faults:
             from iceg.evaluation.robustness import write_faults
 
             with compile_note():
                 rows = list(write_faults(logs, self.output))
-            print(f"\n{format_markdown(rows)}", flush=True)
+            telling.table("faults", "", rows)
             return
         with compile_note():
             for name, rows in write_tables(logs, self.output):
-                print(f"\n{name.capitalize()}\n{format_markdown(rows)}", flush=True)
+                telling.table(name, name.capitalize(), rows)
 
-    def _without_rules(self) -> None:
-        from iceg.evaluation.bench.tables import format_markdown
+    def _without_rules(self, telling: Telling) -> None:
         from iceg.evaluation.regression.cells import chosen
         from iceg.evaluation.regression.rules import RULES, unknown_rules
         from iceg.evaluation.regression.study import rule_rows
@@ -255,11 +257,11 @@ class Ablation:
         if self.workers is not None and self.workers < 1:
             raise UsageError(f"found --workers {self.workers}, expected at least 1")
         check_directory(self.output, overwrite=True)
-        rules, data = self.off or tuple(RULES), _public_logs(self.data)
+        rules, data = self.off or tuple(RULES), _public_logs(self.data, telling)
         cells = chosen(data, self.groups, short=not self.long)
-        tell = _Counted(len(cells) * (1 + len(rules)))
+        tell = _Counted(len(cells) * (1 + len(rules)), telling)
         rows = rule_rows(cells, data, rules, self.output, self.workers or _cores(), tell)
-        print(f"\n{format_markdown(rows)}", flush=True)
+        telling.table("rules", "", rows)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -286,10 +288,10 @@ class Nees:
             help_behavior_hint="",
         ),
     ] = ()
+    json: Json = False
 
     def __call__(self) -> None:
         """Run, tell run by run, print the table."""
-        from iceg.evaluation.bench.tables import format_markdown
         from iceg.evaluation.nees_study import SCENES, recorded, simulated, study, summarise
         from iceg.results import check_directory
         from iceg.show.progress import compile_note
@@ -300,44 +302,44 @@ class Nees:
             raise UsageError("found logs and --scenes, expected one of them")
         check_directory(self.output, overwrite=True)
         judged = []
-        with compile_note():
+        with Telling(as_json=self.json) as telling, compile_note():
             recordings = recorded(self.logs) if self.logs else simulated(self.scenes or SCENES, self.runs)
             for one in study(recordings, self.output):
                 judged.append(one)
                 means = ", ".join(f"{kind} {values.mean():.2f}" for kind, values in one.values.items())
-                print(f"{one.scene} {one.seed}: {means}", flush=True)
-        print(f"\n{format_markdown(summarise(judged))}")
-        print(f"Tables and picture are in {self.output}: nees.csv, nees-runs.csv and nees.png")
+                telling.say(f"{one.scene} {one.seed}: {means}")
+            telling.table("nees", "", summarise(judged))
+            telling.say(f"Tables and picture are in {self.output}: nees.csv, nees-runs.csv and nees.png")
 
 
-def _public_logs(given: Path | None) -> Path | None:
+def _public_logs(given: Path | None, telling: Telling) -> Path | None:
     """The folder of public logs; says so where there is none."""
     from iceg.evaluation.bench.logs import folder_of_logs
 
     data = folder_of_logs(given)
     if data is None:
-        print("No folder of public logs (--data, or ICEG_DATA): the embedded log only.")
+        telling.say("No folder of public logs (--data, or ICEG_DATA): the embedded log only.")
     return data
 
 
 class _Counted:
     """Tells cells of the regression table as they are done."""
 
-    def __init__(self, of: int) -> None:
-        self._done, self._of = 0, of
+    def __init__(self, of: int, telling: Telling) -> None:
+        self._done, self._of, self._telling = 0, of, telling
 
     def __call__(self, rule: str, outcomes: "Sequence[RegressionOutcome]") -> None:
         for one in outcomes:
             self._done += 1
             without = f" without {rule}" if rule else ""
-            print(f"[{self._done}/{self._of}] {one.name}{without}: {one.error_m:.4f} m", flush=True)
+            self._telling.say(f"[{self._done}/{self._of}] {one.name}{without}: {one.error_m:.4f} m")
 
 
 def _cores() -> int:
     return os.cpu_count() or 1
 
 
-def _tell_outcome(outcome: "Outcome", done: int, of: int) -> None:
+def _tell_outcome(telling: Telling, outcome: "Outcome", done: int, of: int) -> None:
     from iceg.evaluation.bench.summary import error_of
 
     head = f"[{done}/{of}] {outcome.cell.name}"
@@ -347,4 +349,4 @@ def _tell_outcome(outcome: "Outcome", done: int, of: int) -> None:
     error = error_of(outcome)
     shown = "" if error is None else f"{error:.4f} m, "
     again = ", from before" if outcome.is_reused else ""
-    print(f"{head}: {shown}{outcome.figures['scans_per_cpu_s']:.0f} scans/CPU s{again}", flush=True)
+    telling.say(f"{head}: {shown}{outcome.figures['scans_per_cpu_s']:.0f} scans/CPU s{again}")

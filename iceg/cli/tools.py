@@ -9,7 +9,8 @@ from typing import Annotated, Literal
 
 import tyro
 
-from iceg.cli.options import ConfigFile, Overwrite, Settings, SkipBadLines, UsageError
+from iceg.cli.options import ConfigFile, Json, Overwrite, SkipBadLines, UsageError
+from iceg.cli.telling import Telling
 from iceg.config import Config, LogConfig
 
 
@@ -33,6 +34,7 @@ class Simulate:
         tyro.conf.arg(help="The laser; the scene's own unless given. All but the SICK sweep while the robot moves."),
     ] = None
     overwrite: Overwrite = False
+    json: Json = False
 
     def __call__(self) -> None:
         """Simulate and write."""
@@ -48,8 +50,10 @@ class Simulate:
         with compile_note():
             simulation = simulate(self.scene, self.seed, laser=None if self.laser is None else LASERS[self.laser]())
             write_simulation(self.output, simulation)
-        seconds = float(simulation.log.stamps[-1])
-        print(f"{len(simulation.log)} scans in {seconds:.1f} s of '{simulation.scene.name}' are in {self.output}")
+        seconds, scans = float(simulation.log.stamps[-1]), len(simulation.log)
+        with Telling(as_json=self.json) as telling:
+            telling.say(f"{scans} scans in {seconds:.1f} s of '{simulation.scene.name}' are in {self.output}")
+            telling.keep(scene=simulation.scene.name, scans=scans, seconds=seconds)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,7 +71,8 @@ class Convert:
     ] = "by-name"
     overwrite: Overwrite = False
     skip_bad_lines: SkipBadLines = False
-    settings: Annotated[LogConfig, tyro.conf.arg(name="log")] = field(default_factory=LogConfig)
+    json: Json = False
+    settings: LogConfig = field(default_factory=LogConfig)
 
     def __call__(self) -> None:
         """Read, write, and say what could not be carried."""
@@ -84,7 +89,9 @@ class Convert:
             )
         for warning in (*log.warnings, *write_log(self.output, log, log_format=self._format())):
             print(f"warning: {warning}", file=sys.stderr)
-        print(f"{len(log)} scans are in {self.output}")
+        with Telling(as_json=self.json) as telling:
+            telling.say(f"{len(log)} scans are in {self.output}")
+            telling.keep(scans=len(log))
 
     def _format(self) -> str | None:
         return None if self.to == "by-name" else self.to
@@ -112,6 +119,7 @@ class Optimize:
     incremental: Annotated[
         tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Grow the graph pose by pose before solving it at once.")
     ] = False
+    json: Json = False
 
     def __call__(self) -> None:
         """Read, solve, write, tell."""
@@ -134,8 +142,18 @@ class Optimize:
         except GraphError as err:
             raise GraphError(f"{self.graph}: {err}") from err
         write_g2o(self.output, solved.poses, solved.factors, solved.ids)
-        print(format_report(solved))
-        print(f"The solved graph is {self.output}")
+        with Telling(as_json=self.json) as telling:
+            telling.say(format_report(solved))
+            telling.say(f"The solved graph is {self.output}")
+            telling.keep(
+                vertices=len(solved.ids),
+                edges_along_the_way=solved.n_odometry,
+                closures=solved.n_closures,
+                initial_error=solved.initial_error,
+                final_error=solved.final_error,
+                steps=solved.iterations,
+                rejected=[dataclasses.asdict(edge) for edge in solved.rejected],
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,7 +161,7 @@ class PrintConfig:
     """Print all settings with their documentation, as a file for --config."""
 
     config: ConfigFile = None
-    settings: Settings = field(default_factory=Config)
+    settings: Config = field(default_factory=Config)
 
     def __call__(self) -> None:
         """Print the settings that would be used."""

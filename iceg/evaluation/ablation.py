@@ -143,7 +143,7 @@ def calibrated_odometry(result: SlamResult) -> NDArray[np.float64]:
         heading_per_metre=found["heading_per_metre_rad"],
         heading_shift=found["heading_shift_scans"],
         translation_shift=found["translation_shift_scans"],
-        T_odometry_laser=tuple(found["T_odometry_laser"]),
+        T_odometry_laser=found["T_odometry_laser"],
         noise=OdometryModel(),
     )
     return calibration.apply(result.log.odometry)

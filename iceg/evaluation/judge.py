@@ -1,23 +1,21 @@
 """Judging what a run left on disk: its trajectory file, or its whole folder, against a file of what is known."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from iceg.evaluation.consistency import consistency, pose_nees
-from iceg.evaluation.errors import EvaluationError
+from iceg.evaluation.pairing import By, Pairing, pair
 from iceg.evaluation.relations import read_relations, read_relations_csv
-from iceg.evaluation.report import consistency_report, relations_report, trajectory_report
-from iceg.evaluation.trajectory import (
-    check_one_row_per_scan,
-    poses_of_scans,
-    read_reference_csv,
-    read_truth_csv,
-    trajectory_errors,
-)
+from iceg.evaluation.report import consistency_report, relations_report, relative_report, trajectory_report
+from iceg.evaluation.trajectory import trajectory_errors
+from iceg.evaluation.truth import Truth, read_truth
+from iceg.evaluation.verdict import nees_verdict
 from iceg.results import read_covariances, whole_results
-from iceg.tum import read_tum
+from iceg.stamps import repaired_stamps, steps_back
+from iceg.tum import Trajectory, read_tum
 
 
 def relations_csv_report(trajectory: Path, relations: Path) -> dict[str, float]:
@@ -50,65 +48,93 @@ def relations_by_stamp_report(trajectory: Path, relations: Path, log: Path) -> d
 
 
 def reference_report(trajectory: Path, reference: Path) -> dict[str, float]:
-    """Absolute trajectory error against reference poses of some scans.
-
-    Args:
-        trajectory: a `trajectory.tum`, or the folder of a run.
-        reference: CSV `scan,x_m,y_m,theta_rad`.
-
-    Raises:
-        IcegError: as `relations_csv_report`.
-    """
-    scans, T_world_robot = read_reference_csv(reference)
-    if len(scans) < 2:
-        raise EvaluationError(f"{reference}: found 1 pose to compare, an alignment needs at least 2")
-    estimated = poses_of_scans(read_poses(trajectory), scans, reference)
-    return trajectory_report(trajectory_errors(estimated, T_world_robot))
+    """Figures against reference poses of some scans, as `truth_report`."""
+    return judge_trajectory(trajectory, reference).figures
 
 
 def truth_report(trajectory: Path, truth: Path) -> dict[str, float]:
-    """Absolute trajectory error against the true pose of every scan; the NEES too where a run folder is given.
+    """Figures against the truth alone, see `judge_trajectory`."""
+    return judge_trajectory(trajectory, truth).figures
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judgement:
+    """A trajectory against the truth.
+
+    Attributes:
+        figures: by their published names.
+        truth: what it was compared with.
+        pairing: how the poses were paired.
+        warning: what is doubtful about the pairing, empty for nothing.
+        verdict: what the NEES says, in words; why there is none in a folder of a run that has none; empty of a file.
+    """
+
+    figures: dict[str, float]
+    truth: Truth
+    pairing: Pairing
+    warning: str
+    verdict: str
+
+
+def judge_trajectory(trajectory: Path, truth: Path, by: By | None = None) -> Judgement:
+    """Absolute and relative errors against true poses; the NEES too where a run folder is given.
 
     Args:
         trajectory: a `trajectory.tum`, or the folder of a run.
-        truth: CSV `t_s,x_m,y_m,theta_rad`, or the log itself where it holds the truth, as bags may.
+        truth: true poses in any format of `iceg.evaluation.truth`.
+        by: how poses are paired; left out: as `iceg.evaluation.pairing.pair` chooses.
 
     Raises:
         IcegError: as `relations_csv_report`.
     """
-    T_world_robot = _true_poses(truth)
+    true = read_truth(truth)
     with whole_results(trajectory):
-        T_map_robot = read_poses(trajectory)
-        check_one_row_per_scan(T_map_robot, T_world_robot, truth)
-        nees = _nees_report(trajectory, T_world_robot)
-    return trajectory_report(trajectory_errors(T_map_robot, T_world_robot)) | nees
+        estimated = _read_trajectory(trajectory)
+        pairing = pair(estimated, true, by)
+        nees, verdict = _nees(trajectory, pairing)
+    poses = estimated.poses[pairing.scans]
+    figures = trajectory_report(trajectory_errors(poses, pairing.T_world_robot))
+    if pairing.by == "stamp":
+        figures["matched"] = pairing.matched
+    figures |= relative_report(poses, pairing.T_world_robot, repaired_stamps(estimated.stamps)[pairing.scans])
+    warning = _warning(estimated) if pairing.by == "stamp" else ""
+    return Judgement(figures=figures | nees, truth=true, pairing=pairing, warning=warning, verdict=verdict)
 
 
-def _nees_report(trajectory: Path, T_world_robot: NDArray[np.float64]) -> dict[str, float]:
-    """Empty where there are no covariances to judge."""
+def _warning(trajectory: Trajectory) -> str:
+    n = steps_back(trajectory.stamps)
+    if not n:
+        return ""
+    return (
+        f"{n} of the trajectory's {len(trajectory)} stamps are not later than the one before, so that some poses may "
+        "be paired with the truth of another scan: pair by scan, or repair the stamps"
+    )
+
+
+def _nees(trajectory: Path, pairing: Pairing) -> tuple[dict[str, float], str]:
+    """Figures of the key poses that have a true pose, and the verdict; empty where there are no covariances."""
     covariances_file = trajectory / "covariances.csv"
     if not trajectory.is_dir() or not covariances_file.exists():
-        return {}
+        return {}, ""
     scans, key_poses, covariances = read_covariances(covariances_file)
-    if len(scans) < 2:
-        return {}
-    values = pose_nees(key_poses, poses_of_scans(T_world_robot, scans, covariances_file), covariances)
-    return consistency_report(consistency(values))
-
-
-def _true_poses(truth: Path) -> NDArray[np.float64]:
-    """(n_scans, 3) T_world_robot, from a CSV or a log."""
-    if truth.suffix.lower() == ".csv":
-        return read_truth_csv(truth)
-    from frontends.logs import read_log
-
-    log = read_log(truth)
-    if log.truth is None:
-        raise EvaluationError(f"{truth}: the log does not hold the true poses")
-    return log.truth
+    order = np.argsort(pairing.scans, kind="stable")
+    places = np.searchsorted(pairing.scans[order], scans)
+    rows = order[np.minimum(places, len(order) - 1)]
+    known = np.flatnonzero(pairing.scans[rows] == scans)
+    if not len(known) or known[0] != 0:
+        return {}, "no NEES: the first key pose, to which the covariances are relative, has no true pose"
+    if len(known) < 2:
+        return {}, "no NEES: only one key pose has a true pose"
+    values = pose_nees(key_poses[known], pairing.T_world_robot[rows[known]], covariances[known])
+    summary = consistency(values)
+    return consistency_report(summary), nees_verdict(summary.mean)
 
 
 def read_poses(trajectory: Path) -> NDArray[np.float64]:
     """(n_scans, 3) poses of a `trajectory.tum`, given itself or by its folder, whose files have to be of one run."""
     with whole_results(trajectory):
-        return read_tum(trajectory / "trajectory.tum" if trajectory.is_dir() else trajectory).poses
+        return _read_trajectory(trajectory).poses
+
+
+def _read_trajectory(trajectory: Path) -> Trajectory:
+    return read_tum(trajectory / "trajectory.tum" if trajectory.is_dir() else trajectory)

@@ -91,9 +91,10 @@ class JudgedRun:
 
 
 def simulated(scenes: Sequence[str], runs: int) -> Iterator[Recording]:
-    """Seeds of each scene that nothing was calibrated on: `runs` in all, or more, so that it is the same for each."""
-    for scene in scenes:
-        for seed in range(FIRST_SEED, FIRST_SEED - (-runs // len(scenes))):
+    """Seeds of each scene that nothing was calibrated on: `runs` in all, one more for the first scenes if need be."""
+    each, rest = divmod(runs, len(scenes))
+    for place, scene in enumerate(scenes):
+        for seed in range(FIRST_SEED, FIRST_SEED + each + (place < rest)):
             simulation = simulate(scene, seed)
             yield Recording(scene=scene, seed=seed, log=simulation.log, truth=simulation.truth)
 

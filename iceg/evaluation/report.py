@@ -9,10 +9,14 @@ from numpy.typing import NDArray
 
 from iceg.evaluation.consistency import DEGREES_OF_FREEDOM, Consistency
 from iceg.evaluation.relations import Relations, error_statistics, relation_errors
+from iceg.evaluation.relative_error import RelativeError, path_lengths, relative_error
 from iceg.evaluation.trajectory import TrajectoryErrors
 
 _DECIMALS = 5
 _SMALL = 1e-4  # figures below this get three digits, whatever their size
+
+_JSON_ONLY = {"nees_low", "nees_high"}
+"""Bounds for independent errors, which those along one path are not: the verdict in words says what can be said."""
 
 _LABELS = {
     "n": "compared",
@@ -39,12 +43,11 @@ _LABELS = {
     "x_var": "x, variance of the error [m²]",
     "y_var": "y, variance of the error [m²]",
     "rot_rmse_deg": "heading, rmse [°]",
+    "matched": "share of the poses paired",
     "nees_n": "key poses with a covariance",
     "nees_mean": f"NEES, mean ({DEGREES_OF_FREEDOM} is right)",
     "nees_median": "NEES, median (2.37 is right)",
     "nees_share_95": "share inside the 95 % region (0.95 is right)",
-    "nees_low": "95 % interval of the mean if independent, low",
-    "nees_high": "95 % interval of the mean if independent, high",
 }
 _FACTOR_LABELS = {
     "n": "judged",
@@ -56,6 +59,15 @@ _FACTOR_LABELS = {
     "unchecked": "that nothing else checks",
     "faded": "out of force",
 }
+RELATIVE_METRES = (1.0, 10.0)
+RELATIVE_SECONDS = (1.0, 10.0)
+"""What relative errors are told over."""
+for _separation in (*(f"{metres:g}m" for metres in RELATIVE_METRES), *(f"{s:g}s" for s in RELATIVE_SECONDS)):
+    _shown = f"over {_separation[:-1]} {_separation[-1]}"
+    _LABELS |= {
+        f"rpe_{_separation}_trans_rmse": f"relative error {_shown}, rmse [m]",
+        f"rpe_{_separation}_rot_rmse_deg": f"relative error {_shown}, heading, rmse [°]",
+    }
 for _kind, _name in (("odometry", "odometry"), ("ice", "ICE"), ("closure", "closure")):
     _LABELS |= {f"{_kind}_{figure}": f"{_name} factors, {label}" for figure, label in _FACTOR_LABELS.items()}
 
@@ -109,6 +121,37 @@ def trajectory_report(errors: TrajectoryErrors) -> dict[str, float]:
     }
 
 
+def relative_report(
+    T_map_robot: NDArray[np.float64], T_world_robot: NDArray[np.float64], stamps: NDArray[np.float64]
+) -> dict[str, float]:
+    """Relative pose errors over metres of the true path and over seconds, angles in degrees.
+
+    Args:
+        T_map_robot: (n, 3) the estimate.
+        T_world_robot: (n, 3) the truth of the same moments.
+        stamps: (n,) [s], increasing where the poses follow each other.
+
+    Returns:
+        Nothing of separations that no two of the poses have.
+    """
+    order = np.argsort(stamps, kind="stable")
+    estimated, true, seconds = T_map_robot[order], T_world_robot[order], stamps[order]
+    metres = path_lengths(true)
+    report: dict[str, float] = {}
+    for along, unit, separations in ((metres, "m", RELATIVE_METRES), (seconds, "s", RELATIVE_SECONDS)):
+        for separation in separations:
+            error = relative_error(estimated, true, along, separation)
+            report |= _relative_figures(f"rpe_{separation:g}{unit}", error) if error.n else {}
+    return report
+
+
+def _relative_figures(name: str, error: RelativeError) -> dict[str, float]:
+    return {
+        f"{name}_trans_rmse": error.translation_rmse,
+        f"{name}_rot_rmse_deg": math.degrees(error.rotation_rmse),
+    }
+
+
 def consistency_report(summary: Consistency) -> dict[str, float]:
     """Honesty of the covariances."""
     return {
@@ -121,18 +164,23 @@ def consistency_report(summary: Consistency) -> dict[str, float]:
     }
 
 
-def format_json(report: Mapping[str, float]) -> str:
+def format_json(report: Mapping[str, float | str]) -> str:
     """One JSON object, five decimals or three digits; what is not defined (the deviation of one value) is null."""
-    rounded = {name: _rounded(value) if math.isfinite(value) else None for name, value in report.items()}
-    return json.dumps(rounded, allow_nan=False)
+    return json.dumps({name: _plain(value) for name, value in report.items()}, allow_nan=False, ensure_ascii=False)
 
 
 def format_table(report: Mapping[str, float], title: str) -> str:
-    """Lines of label and figure under a title."""
-    labels = {name: _LABELS.get(name, name) for name in report}
+    """Lines of label and figure under a title; figures that only their JSON needs are left out."""
+    labels = {name: _LABELS.get(name, name) for name in report if name not in _JSON_ONLY}
     width = max(len(label) for label in labels.values())
-    lines = [f"  {labels[name]:<{width}}  {_format_figure(value):>12}" for name, value in report.items()]
+    lines = [f"  {label:<{width}}  {_format_figure(report[name]):>12}" for name, label in labels.items()]
     return "\n".join([title, *lines])
+
+
+def _plain(value: float | str) -> float | str | None:
+    if isinstance(value, str):
+        return value
+    return _rounded(value) if math.isfinite(value) else None
 
 
 def _format_figure(value: float) -> str:

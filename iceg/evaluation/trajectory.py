@@ -11,8 +11,8 @@ from graph.se2 import compose, transform_points, wrap_angle
 from iceg.evaluation.errors import EvaluationError
 from iceg.tables import read_csv_table
 
-_REFERENCE_COLUMNS = ("scan", "x_m", "y_m", "theta_rad")
-_TRUTH_COLUMNS = ("t_s", "x_m", "y_m", "theta_rad")
+REFERENCE_COLUMNS = ("scan", "x_m", "y_m", "theta_rad")
+TRUTH_COLUMNS = ("t_s", "x_m", "y_m", "theta_rad")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,14 +54,14 @@ def read_reference_csv(path: Path | str) -> tuple[NDArray[np.int64], NDArray[np.
         EvaluationError: what should name a scan does not.
     """
     path = Path(path)
-    table = read_csv_table(path, _REFERENCE_COLUMNS)
+    table = read_csv_table(path, REFERENCE_COLUMNS)
     scans = table[:, 0]
     check_scan_numbers(scans, path)
     return scans.astype(np.int64), table[:, 1:]
 
 
 def read_truth_csv(path: Path | str) -> NDArray[np.float64]:
-    """Read the true pose of every scan.
+    """Read the true pose of every scan, without its stamps.
 
     Args:
         path: a CSV with the header `t_s,x_m,y_m,theta_rad`, one row per scan in file order.
@@ -72,7 +72,17 @@ def read_truth_csv(path: Path | str) -> NDArray[np.float64]:
     Raises:
         TableError: the file cannot be read or is not as expected.
     """
-    return read_csv_table(Path(path), _TRUTH_COLUMNS)[:, 1:]
+    return read_stamped_csv(path)[1]
+
+
+def read_stamped_csv(path: Path | str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The (n,) stamps [s] of the same file, and its (n, 3) poses.
+
+    Raises:
+        TableError: as `read_truth_csv`.
+    """
+    table = read_csv_table(Path(path), TRUTH_COLUMNS)
+    return table[:, 0], table[:, 1:]
 
 
 def poses_of_scans(T_map_robot: NDArray[np.float64], scans: NDArray[np.int64], path: Path) -> NDArray[np.float64]:

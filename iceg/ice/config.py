@@ -6,6 +6,7 @@ from typing import Literal
 
 from graph.errors import IcegError
 from graph.ranges import check_between, check_numbers
+from graph.units import Radians
 
 Fitness = Literal["points", "probabilistic", "paper"]
 Search = Literal["hierarchy", "exhaustive", "genetic", "evolutionary"]
@@ -34,17 +35,18 @@ class SegmentConfig:
     gap: float = 0.3
     """Neighbouring points farther apart than this plus four beam spacings start a new cluster [m]."""
     split: float = 0.03
-    """A cluster splits where a point lies farther than this from its line [m] …"""
+    """A cluster splits where a point lies farther than this from its line [m], or than split_sigmas if that is more."""
     split_sigmas: float = 3.5
-    """… or than this many standard deviations of the scan's own noise, if that is more."""
+    """A cluster splits only where a point lies farther from its line than so many standard deviations of the scan's
+    noise."""
     min_points: int = 3
     """Fewest points of a segment."""
     min_length: float = 0.2
     """Shortest segment [m]."""
     wall_points: int = 5
-    """Segments of at least this many points …"""
+    """Fewest points of a segment that is a wall: in the local map its points lie on the line."""
     wall_length: float = 0.6
-    """… and this length [m] are walls: in the local map their points lie on the line."""
+    """Shortest segment that is a wall [m]."""
     range_noise: float = 0.01
     """Least standard deviation of a point across its line [m]."""
 
@@ -63,7 +65,7 @@ class FeatureConfig:
     """Facing ends of two segments closer than this make a corner [m]."""
     extension: float = 4.0
     """Farthest a wall is extended to an intersection [m]."""
-    min_angle: float = 25.0 * pi / 180.0
+    min_angle: Radians = 25.0 * pi / 180.0
     """Smallest angle between the two walls of a corner or intersection [rad]."""
     weak_sigma: float = 0.5
     """Standard deviation along the wall of an end that is only occluded or cut off [m]."""
@@ -85,35 +87,35 @@ class HypothesisConfig:
     view, in this order: from up to ±1 m and ±45° 96 % in 0.5 ms, 92 % in 2 ms, 81 % in 4 ms, 86 % in 12 ms; from up to
     ±2 m and ±90° 96 % in 0.6 ms, 92 % in 11 ms, 57 % in 4 ms, 78 % in 15 ms."""
     seed: int = 0
-    """Of the genetic and the evolutionary search …"""
+    """Start of the random numbers of the genetic and the evolutionary search."""
     population: int = 20
-    """… their population, a third of the poses of one generation …"""
+    """Population of the genetic and the evolutionary search, a third of the poses of one generation."""
     generations: int = 40
-    """… and their most generations."""
+    """Most generations of the genetic and the evolutionary search."""
     fitness: Fitness = "points"
     """Ranking: dense point agreement, features weighed by their covariances, or equations (1)-(3) of the paper. Points
     are the default because they find as much in less time: one scan against another pass of MIT CSAIL, from up to ±1 m
     and ±45°, 97 % in 1.1 ms, 92 % in 7 ms, 98 % in 8 ms; from up to ±3 m, any heading, 94 % in 1.6 ms, 83 % in 74 ms,
     89 % in 83 ms."""
-    opening_gate: float = 20.0 * pi / 180.0
+    opening_gate: Radians = 20.0 * pi / 180.0
     """Largest difference between the opening angles of two paired features [rad]."""
     field_sigma: float = 0.2
     """Width of the likelihood field that ranks hypotheses by points [m]."""
     ranking_points: int = 90
-    """Points of the scan used to rank one hypothesis …"""
+    """Points of the scan used to rank one hypothesis."""
     sifting_points: int = 30
-    """… after this many have sifted all of them."""
+    """Points of the scan used to sift all hypotheses before they are ranked."""
     candidates: int = 12
-    """Most distinct hypotheses that are refined …"""
+    """Most distinct hypotheses that are refined."""
     lead: float = 0.8
-    """… if their correlation is at least this share of the best."""
+    """A hypothesis is refined if its correlation is at least this share of the best."""
     alternatives: int = 10
     """Distinct hypotheses that are compared where the place may be ambiguous (loop closing after much drift)."""
     sigmas: float = 3.0
     """Size of the search window in standard deviations of the guess."""
     min_window: float = 0.15
     """Smallest half-width of the search window [m]."""
-    min_turn: float = 5.0 * pi / 180.0
+    min_turn: Radians = 5.0 * pi / 180.0
     """Smallest half-width of the search window in heading [rad]."""
 
     trusted_window: float = 0.3
@@ -121,8 +123,8 @@ class HypothesisConfig:
     corridor [m]."""
     wide_window: float = 1.0
     """Half-width of the window of a second try, when nothing in the first explains the scan [m]."""
-    wide_turn: float = 75.0 * pi / 180.0
-    """The same in heading [rad]."""
+    wide_turn: Radians = 75.0 * pi / 180.0
+    """Half-width in heading of the window of a second try [rad]."""
 
     def __post_init__(self) -> None:
         positive = ("field_sigma", "sifting_points", "candidates", "alternatives", "population", "generations")
@@ -167,9 +169,9 @@ class RefinementConfig:
     min_inliers: float = 0.45
     """A match needs at least this share of its points on the reference."""
     margin: float = 0.2
-    """A beam sees a surface of the reference if it ends within this of it [m] …"""
+    """A beam sees a surface of the reference if it ends within this of it [m]."""
     across: float = 0.15
-    """… and contradicts one seen at a flat angle only if it ends this far beyond it [m]."""
+    """A beam contradicts a surface seen at a flat angle only if it ends this far beyond it [m]."""
 
     def __post_init__(self) -> None:
         _require(

@@ -7,6 +7,7 @@ from typing import Literal
 from graph.errors import IcegError
 from graph.limits import LIMITS, check_limit
 from graph.ranges import check_between, check_numbers, shown_number
+from graph.units import Radians
 
 
 class GridError(IcegError):
@@ -45,14 +46,14 @@ class GridConfig:
     """Beams are used up to here [m]: free space before, returns within."""
     no_return_range: float = 0.0
     """How far a beam without return is taken as free [m]; 0: it says nothing."""
-    beam_width: float | None = None
+    beam_width: Radians | None = None
     """Full opening angle of a beam's cone [rad], at most the spacing of the beams; None: that spacing, they touch."""
-    min_incidence: float = 0.2
+    min_incidence: Radians = 0.2
     """Neighbouring returns lie on one surface unless it would be seen flatter than this [rad]."""
     min_travel: float = 0.1
     """Skip scans until the robot has moved this far since the last one used [m]; every scan when min_turn is 0 too. A
     robot that stands sees the same again and again: that is no new evidence, and a person beside it no wall."""
-    min_turn: float = 0.1
+    min_turn: Radians = 0.1
     """Use a scan nevertheless once the robot has turned this much [rad]; 0: the turn does not matter."""
     max_cells: int = 150_000_000
     """Refuse grids larger than this (a diverged trajectory fills the memory); a run then doubles the resolution."""
@@ -108,12 +109,12 @@ class FeatureMapConfig:
     """Largest squared Mahalanobis distance of a feature from its landmark (9.21: 99 % in two dimensions)."""
     max_distance: float = 0.35
     """Largest distance of a feature from its landmark, whatever the covariances say [m]."""
-    max_angle: float = 0.35
+    max_angle: Radians = 0.35
     """Largest difference of corresponding wall directions [rad]."""
     pose_sigma: float = 0.03
     """Error of a key pose against another nearby, added to what is observed from it [m]."""
-    heading_sigma: float = 0.01
-    """The same for its heading [rad]."""
+    heading_sigma: Radians = 0.01
+    """Error of the heading of a key pose against another nearby [rad]."""
     drift_sigma: float = 0.005
     """A landmark's point depends on where it is seen from: its standard deviation grows by this at each update [m]."""
     landmark_range: float = 15.0
@@ -124,12 +125,12 @@ class FeatureMapConfig:
     """Farther landmarks are not expected to be seen [m]."""
     occlusion_margin: float = 0.2
     """A beam that ends this much before a landmark occludes it [m]."""
-    edge_on: float = 0.2
+    edge_on: Radians = 0.2
     """Walls seen under a flatter angle are not expected to be seen [rad]."""
     detection_probability: float = 0.3
     """Probability that a landmark in the visible area is seen while it is there."""
     false_detection_probability: float = 0.05
-    """Probability that something is taken for it although it is gone; both weigh seen against missed."""
+    """Probability that something is taken for a landmark although it is gone."""
     longest_memory: float = 0.98
     """The probability of a landmark's existence never exceeds this, so that it can be forgotten."""
     expiry: float = 0.12

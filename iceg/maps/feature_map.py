@@ -13,7 +13,7 @@ from frontends.scan import Scan
 from graph import dense
 from graph.elementary import arctan2, cos_sin
 from graph.se2 import wrap_angle
-from iceg.ice.features import Features
+from iceg.ice.features import KIND_NAMES, Features
 from iceg.maps import _landmark_kernels as kernels
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
 from iceg.maps.landmark_arrays import Observed, Settings, Store
@@ -64,6 +64,15 @@ class Landmarks:
     def __getitem__(self, selection: NDArray[Any]) -> "Landmarks":
         """The landmarks that a boolean mask or an index array selects."""
         return Landmarks(**{f.name: getattr(self, f.name)[selection] for f in fields(self)})
+
+    def __repr__(self) -> str:
+        counts = np.bincount(self.kinds[self.expired_at < 0], minlength=len(KIND_NAMES)).tolist()
+        kinds = ", ".join(f"{count} {name}" for count, name in zip(counts, KIND_NAMES, strict=True))
+        return f"Landmarks({len(self)}: {kinds}, {int((self.expired_at >= 0).sum())} expired)"
+
+    def settled(self, min_seen: int = 3) -> "Landmarks":
+        """Those that have not expired and were seen at least so many times: the ones that pictures show."""
+        return self[(self.seen >= min_seen) & (self.expired_at < 0)]
 
     def features(self) -> Features:
         """The same landmarks as features in the map frame, for matching against them."""

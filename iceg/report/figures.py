@@ -94,15 +94,15 @@ def _judged(result: "SlamResult", held: HeldBy, shares: NDArray[np.float64]) -> 
 
 def _finish(result: "SlamResult") -> Iterator[Figure]:
     rounds = result.summary["finish"]
-    if not rounds or rounds[-1]["residual"] is None:
+    last = rounds[-1] if rounds else None
+    if last is None or (residual := last["residual"]) is None or (before := last["residual_before"]) is None:
         return
-    last = rounds[-1]
     yield Figure(
         name="Thickness of the walls",
-        value=_length(last["residual"]),
+        value=_length(residual),
         meaning="Root mean square distance of the returns from the walls they share with other scans, "
-        f"{_length(last['residual_before'])} before poses and map were refined together.",
-        grade=_grade(last["residual"], 0.025, 0.05),
+        f"{_length(before)} before poses and map were refined together.",
+        grade=_grade(residual, 0.025, 0.05),
     )
     is_confirmed = last["covariances_from"] == "walls"
     yield Figure(

@@ -8,11 +8,12 @@ import numpy as np
 from iceg.report.packing import packed
 from iceg.slam.distance import SNAP
 from iceg.slam.joint_covariance import JointCovariance
+from iceg.slam.run_summary import LaserSummary
 
 _UPPER = np.triu_indices(3)
 
 
-def joint_payload(joint: JointCovariance, laser: Mapping[str, float] | None) -> Mapping[str, Any]:
+def joint_payload(joint: JointCovariance, laser: LaserSummary | None) -> Mapping[str, Any]:
     """The Cholesky factor of the information matrix, and what else `JointCovariance.variance` rests on.
 
     Args:

@@ -1,21 +1,45 @@
-"""Strokes and markers over a grey picture of a map, smooth without a plotting library.
+"""Strokes and markers over a grey picture of a map, painted with Pillow.
 
-They are drawn with Pillow on twice the pixels, each as the number of its colour: a byte a pixel, of which few are set.
-What they cover of each pixel of the picture is then mixed with its grey.
+They are painted on twice the pixels, each as the number of its colour, so that a byte a pixel holds them; Pillow then
+shrinks what was painted tile by tile and lays it over the greys.
 """
 
-from functools import reduce
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, ImageColor, ImageDraw
+from PIL import Image, ImageChops, ImageColor, ImageDraw
 
 Box = tuple[float, float, float, float]
 
 SMOOTHING = 2
 """Pixels drawn for one pixel of the picture, along each axis: 1, 2 or 4."""
-_BAND = 64
-"""Rows of the picture that are mixed at a time: few enough to stay in the processor's cache."""
+_TILE = 96
+"""Pixels of the picture, each way, that are mixed at a time; where nothing was painted nothing is mixed."""
+_WALL = 160
+"""Greys up to this are walls, which stay visible under what is painted."""
+
+
+class MapCanvas(Protocol):
+    """What a map can be painted on, in map coordinates [m]; sizes are given in widths of the trajectory's line."""
+
+    def line(self, points: NDArray[np.float64], colour: str, width: float) -> None:
+        """A line through (n, 2) points."""
+
+    def strokes(self, points: NDArray[np.float64], colour: str, width: float, *, opacity: float = 1.0) -> None:
+        """A line through each row of (s, n, 2) points."""
+
+    def dots(self, points: NDArray[np.float64], colour: str, diameter: float) -> None:
+        """A dot at each of (n, 2) points."""
+
+    def squares(self, points: NDArray[np.float64], colour: str, side: float) -> None:
+        """A square at each of (n, 2) points."""
+
+    def crosses(self, points: NDArray[np.float64], colour: str, side: float, *, opacity: float = 1.0) -> None:
+        """An x at each of (n, 2) points."""
+
+    def marker(self, point: NDArray[np.float64], shape: str, colour: str, size: float, *, edge: str) -> None:
+        """One large marker at a (2,) point: "o" round, "D" diamond."""
 
 
 class Canvas:
@@ -28,7 +52,7 @@ class Canvas:
     """
 
     def __init__(self, shape: tuple[int, int], box: Box, width: float) -> None:
-        self._numbers = Image.new("L", (SMOOTHING * shape[1], SMOOTHING * shape[0]), 0)
+        self._numbers = Image.new("P", (SMOOTHING * shape[1], SMOOTHING * shape[0]), 0)
         self._draw = ImageDraw.Draw(self._numbers)
         self._colours: dict[tuple[str, float], int] = {}
         self._pixels_per_metre = SMOOTHING * shape[1] / (box[1] - box[0])
@@ -70,7 +94,7 @@ class Canvas:
         draw_marker(self._draw, x, y, shape, self._number(colour), size * self._width, edge=self._number(edge))
 
     def over(self, shades: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The picture.
+        """The picture; walls show through what was painted.
 
         Args:
             shades: (height, width) greys below what was painted.
@@ -78,13 +102,32 @@ class Canvas:
         Returns:
             (height, width, 3) red, green and blue.
         """
-        picture = np.empty((*shades.shape, 3), dtype=np.uint8)
-        colours = self._premultiplied()
-        for top in range(0, len(shades), _BAND):
-            band = shades[top : top + _BAND]
-            numbers = self._numbers.crop((0, SMOOTHING * top, self._numbers.width, SMOOTHING * (top + len(band))))
-            picture[top : top + _BAND] = _mixed(np.asarray(numbers), colours, band)
-        return picture
+        picture = Image.fromarray(np.ascontiguousarray(shades)).convert("RGB")
+        walls = Image.fromarray(np.where(shades <= _WALL, shades, np.uint8(255)))
+        self._numbers.putpalette(self._palette(), "RGBA")
+        for top in range(0, picture.height, _TILE):
+            for left in range(0, picture.width, _TILE):
+                self._mix(picture, walls, (left, top, left + _TILE, top + _TILE))
+        return np.asarray(picture)
+
+    def _mix(self, picture: Image.Image, walls: Image.Image, tile: tuple[int, int, int, int]) -> None:
+        """Lay what was painted in a tile over the picture, as far as anything was; walls are as dark as they were."""
+        left, top, right, bottom = tile
+        width, height = picture.size
+        corners = (left, top, min(right, width), min(bottom, height))
+        painted = self._numbers.crop(_times(SMOOTHING, corners)).getbbox()
+        if painted is None:
+            return
+        reach = (
+            left + painted[0] // SMOOTHING,
+            top + painted[1] // SMOOTHING,
+            left - (-painted[2] // SMOOTHING),
+            top - (-painted[3] // SMOOTHING),
+        )
+        smooth = self._numbers.crop(_times(SMOOTHING, reach)).convert("RGBA").reduce(SMOOTHING)
+        mixed = picture.crop(reach)
+        mixed.paste(smooth, (0, 0), smooth)
+        picture.paste(ImageChops.darker(mixed, walls.crop(reach).convert("RGB")), reach[:2])
 
     def _number(self, colour: str, opacity: float = 1.0) -> int:
         """The byte that stands for a colour; 0 is nothing painted."""
@@ -92,13 +135,13 @@ class Canvas:
         assert number <= 255, "more colours than a byte tells apart"
         return number
 
-    def _premultiplied(self) -> NDArray[np.float32]:
-        """(n, 4) red, green and blue times opacity, and opacity, of each number."""
-        known = [(0.0, 0.0, 0.0, 0.0)]
+    def _palette(self) -> bytes:
+        """Red, green, blue and opacity of each number."""
+        entries = [(0, 0, 0, 0)]
         for colour, opacity in self._colours:
             red, green, blue, *_ = ImageColor.getrgb(colour)
-            known.append((opacity * red, opacity * green, opacity * blue, opacity))
-        return np.array(known, dtype=np.float32)
+            entries.append((red, green, blue, round(255 * opacity)))
+        return bytes(value for entry in entries for value in entry)
 
     def _squares(self, points: NDArray[np.float64], side: float) -> list[list[float]]:
         """Left, top, right and bottom of the square around each of (n, 2) points [pixels]."""
@@ -112,20 +155,9 @@ class Canvas:
         return np.stack([x, y], axis=-1)
 
 
-def _mixed(numbers: NDArray[np.uint8], colours: NDArray[np.float32], shades: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(height, width, 3) pixels of what was drawn, given by the numbers of its colours, over greys."""
-    picture = shades.repeat(3).reshape(*shades.shape, 3)
-    beside = numbers.view(f"u{SMOOTHING}")  # the pixels of a row that become one
-    painted = reduce(np.bitwise_or, [beside[row::SMOOTHING] for row in range(SMOOTHING)])
-    rows, cols = np.divmod(np.flatnonzero(painted != 0), shades.shape[1])
-    first = SMOOTHING * (rows * numbers.shape[1] + cols)
-    mixed = np.zeros((len(rows), 4), dtype=np.float32)
-    for down in range(SMOOTHING):
-        for right in range(SMOOTHING):
-            mixed += colours.take(numbers.take(first + (down * numbers.shape[1] + right)), axis=0)
-    mixed /= SMOOTHING**2
-    picture[rows, cols] = np.rint(mixed[:, :3] + (1.0 - mixed[:, 3:]) * shades[rows, cols, None])
-    return picture
+def _times(factor: int, box: tuple[int, int, int, int]) -> tuple[int, int, int, int]:
+    left, top, right, bottom = box
+    return factor * left, factor * top, factor * right, factor * bottom
 
 
 def draw_marker(

@@ -11,7 +11,7 @@ from PIL import ImageColor
 
 from graph.elementary import cos_sin
 from graph.limits import check_limit
-from iceg.show.canvas import Box, Canvas
+from iceg.show.canvas import Box, Canvas, MapCanvas
 
 if TYPE_CHECKING:
     from iceg.maps.feature_map import Landmarks
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 KIND_COLOURS = ("#c1272d", "#0072b2", "#7a7a7a")  # corner, end of wall, intersection
 KIND_LABELS = ("corner", "end of wall", "intersection")
 TIME_COLOURS = ("#f4a259", "#d1495b", "#8e3b8a", "#3b3b98")  # start to end, all readable on white
-CLOSURE_COLOUR = "#2a9d8f"
+CLOSURE_COLOUR = "#00917c"
 INK = "#222222"
 
 _UNKNOWN, _FREE, _OCCUPIED = 232.0, 255.0, 20.0  # greys
@@ -38,6 +38,8 @@ class MapLayers:
         key_poses: (k, 3) T_map_key, painted as dots.
         landmarks: painted by kind, with short strokes along their walls.
         closures: (c, 2) pairs of rows of the trajectory joined by loop closures.
+        name: of the log, for the key.
+        seconds: that the trajectory took, for the key; None where that is not known.
     """
 
     grid: "OccupancyGrid"
@@ -45,13 +47,21 @@ class MapLayers:
     key_poses: NDArray[np.float64] | None = None
     landmarks: "Landmarks | None" = None
     closures: NDArray[np.int64] | None = None
+    name: str = ""
+    seconds: float | None = None
+
+    @property
+    def title(self) -> str:
+        """Name of the log, and the side of a cell."""
+        metres = self.grid.resolution
+        cells = f"cells of {100 * metres:g} cm" if metres < 1 else f"cells of {metres:g} m"
+        return f"{self.name}, {cells}" if self.name else cells
 
     def settled(self, min_seen: int) -> "MapLayers":
         """Without landmarks that have expired or were seen less often than `min_seen` times."""
         if self.landmarks is None:
             return self
-        is_settled = (self.landmarks.seen >= min_seen) & (self.landmarks.expired_at < 0)
-        return replace(self, landmarks=self.landmarks[is_settled])
+        return replace(self, landmarks=self.landmarks.settled(min_seen))
 
 
 def map_image(layers: MapLayers, *, box: Box, long_side: int = 2000, line_width: float = 2.4) -> NDArray[np.uint8]:
@@ -66,21 +76,33 @@ def map_image(layers: MapLayers, *, box: Box, long_side: int = 2000, line_width:
     Returns:
         (height, width, 3) red, green and blue, the y axis of the map upwards.
     """
-    trajectory, landmarks = layers.trajectory, layers.landmarks
     shades = scaled(_shades_in(layers.grid, box), long_side)[::-1]
     canvas = Canvas((shades.shape[0], shades.shape[1]), box, line_width * max(shades.shape) / long_side)
-    if landmarks is not None:
-        _paint_landmarks(canvas, landmarks)
-    if layers.closures is not None and trajectory is not None:
-        canvas.strokes(trajectory[layers.closures][:, :, :2], CLOSURE_COLOUR, 0.4, opacity=0.45)
+    paint_layers(canvas, layers)
+    return canvas.over(shades)
+
+
+def paint_layers(canvas: MapCanvas, layers: MapLayers) -> None:
+    """Paint what lies on the grid: landmarks, the trajectory, key poses, and closures on top.
+
+    Args:
+        canvas: to paint on.
+        layers: what to paint; the grid is there already.
+    """
+    trajectory = layers.trajectory
+    if layers.landmarks is not None:
+        _paint_landmarks(canvas, layers.landmarks)
     if trajectory is not None:
         _paint_trajectory(canvas, trajectory)
     if layers.key_poses is not None:
-        canvas.dots(layers.key_poses[:, :2], INK, 1.2)
+        canvas.dots(layers.key_poses[:, :2], INK, 1.1)
+    if layers.closures is not None and trajectory is not None:
+        ends = trajectory[layers.closures][:, :, :2]
+        canvas.strokes(ends, CLOSURE_COLOUR, 0.5, opacity=0.7)
+        canvas.dots(ends.reshape(-1, 2), CLOSURE_COLOUR, 1.6)
     if trajectory is not None and len(trajectory):
-        canvas.marker(trajectory[0, :2], "o", TIME_COLOURS[0], 5.0, edge="white")
+        canvas.marker(trajectory[0, :2], "o", TIME_COLOURS[0], 6.0, edge="white")
         canvas.marker(trajectory[-1, :2], "D", TIME_COLOURS[-1], 7.0, edge="white")
-    return canvas.over(shades)
 
 
 def known_box(grid: "OccupancyGrid", trajectory: NDArray[np.float64] | None = None, margin: float = 0.75) -> Box:
@@ -109,6 +131,22 @@ def known_box(grid: "OccupancyGrid", trajectory: NDArray[np.float64] | None = No
         last = math.ceil((stop + margin - origin) / grid.resolution)
         bounds += [float(origin + first * grid.resolution), float(origin + last * grid.resolution)]
     return bounds[0], bounds[1], bounds[2], bounds[3]
+
+
+def time_colour(share: float) -> str:
+    """Colour of a moment of the trajectory, the start being 0 and the end 1."""
+    stops = np.array([ImageColor.getrgb(colour) for colour in TIME_COLOURS], dtype=np.float64)
+    place = share * (len(stops) - 1)
+    index = min(int(place), len(stops) - 2)
+    mixed = stops[index] + (place - index) * (stops[index + 1] - stops[index])
+    return "#" + "".join(f"{round(value):02x}" for value in mixed)
+
+
+def clock_time(seconds: float) -> str:
+    """Minutes and seconds, with hours where there are any: 4:05, 1:00:00."""
+    minutes, left = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours}:{minutes:02d}:{left:02d}" if hours else f"{minutes}:{left:02d}"
 
 
 def wall_strokes(positions: NDArray[np.float64], directions: NDArray[np.float64], length: float) -> NDArray[np.float64]:
@@ -177,28 +215,19 @@ def _shades_in(grid: "OccupancyGrid", box: Box) -> NDArray[np.uint8]:
     return shades
 
 
-def _paint_trajectory(canvas: Canvas, trajectory: NDArray[np.float64]) -> None:
+def _paint_trajectory(canvas: MapCanvas, trajectory: NDArray[np.float64]) -> None:
     """A line coloured by time: few pieces of one colour each, which join at their ends."""
     borders = np.unique(np.linspace(0, len(trajectory) - 1, _PIECES + 1).astype(int))
     shares = np.linspace(0.0, 1.0, max(len(borders) - 1, 1))
     for (first, last), share in zip(itertools.pairwise(borders), shares, strict=False):
-        canvas.line(trajectory[first : last + 1, :2], _time_colour(share), 1.0)
+        canvas.line(trajectory[first : last + 1, :2], time_colour(share), 1.0)
 
 
-def _time_colour(share: float) -> str:
-    """Colour of a moment, the start being 0 and the end 1."""
-    stops = np.array([ImageColor.getrgb(colour) for colour in TIME_COLOURS], dtype=np.float64)
-    place = share * (len(stops) - 1)
-    index = min(int(place), len(stops) - 2)
-    mixed = stops[index] + (place - index) * (stops[index + 1] - stops[index])
-    return "#" + "".join(f"{round(value):02x}" for value in mixed)
-
-
-def _paint_landmarks(canvas: Canvas, landmarks: "Landmarks") -> None:
-    """Intersections below, ends of walls, corners on top."""
+def _paint_landmarks(canvas: MapCanvas, landmarks: "Landmarks") -> None:
+    """Intersections below, ends of walls, corners on top; strokes fine enough to leave the walls to be seen."""
     crossing, end, corner = (landmarks[landmarks.kinds == kind] for kind in (2, 1, 0))
-    canvas.crosses(crossing.positions, KIND_COLOURS[2], 2.4, opacity=0.7)
+    canvas.crosses(crossing.positions, KIND_COLOURS[2], 1.8, opacity=0.7)
     for chosen, colour in ((end, KIND_COLOURS[1]), (corner, KIND_COLOURS[0])):
-        canvas.strokes(wall_strokes(chosen.positions, chosen.directions, _STROKE), colour, 1.0)
-    canvas.dots(end.positions, KIND_COLOURS[1], 2.2)
+        canvas.strokes(wall_strokes(chosen.positions, chosen.directions, _STROKE), colour, 0.5, opacity=0.8)
+    canvas.dots(end.positions, KIND_COLOURS[1], 2.4)
     canvas.squares(corner.positions, KIND_COLOURS[0], 2.2)

@@ -1,136 +1,169 @@
-"""Pictures of a run: its map, where the robot went over time, and how sure the graph is of it."""
+"""Pictures of a run as files: its map, where the robot went, how sure the graph is of it, and its closures."""
 
 import io
-import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graph.atomic import write_atomically
-from graph.dense import eigvalsh
 from graph.limits import LimitError
 from graph.publish import publishing
-from iceg.results import whole_results
-from iceg.run_folder import RunFolder, is_of_dp_slam, read_ros_map, read_run_folder
-from iceg.show.map_image import MapLayers
+from iceg.results import ResultsError, whole_results
+from iceg.run_folder import RunFolder, is_of_dp_slam, log_name, read_ros_map, read_run_folder
+from iceg.show.drawn_run import drawn_run, duration
+from iceg.show.map_image import MapLayers, known_box
 from iceg.show.map_picture import save_map_png
-from iceg.slam.closures.closure import joined_scans
 from iceg.tum import read_tum
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-PICTURES = ("map.png", "trajectory.png", "uncertainty.png")
+PictureName = Literal["map", "trajectory", "uncertainty", "closures"]
+PictureFormat = Literal["png", "svg", "pdf"]
+
+PICTURES: tuple[PictureName, ...] = ("map", "trajectory", "uncertainty")
+"""What is drawn unless asked otherwise."""
 
 _DOTS_PER_INCH = 120
+_MAP_SIDE, _KEY_HEIGHT = 8.0, 0.9  # inches
 
 
-def plot_results(directory: Path | str) -> tuple[Path, ...]:
-    """Draw all pictures of a run from the files in its folder.
+def plot_results(
+    directory: Path | str,
+    what: Sequence[PictureName] | None = None,
+    picture_format: PictureFormat = "png",
+    truth: NDArray[np.float64] | None = None,
+) -> tuple[Path, ...]:
+    """Draw pictures of a run from the files in its folder; svg and pdf hold every wall and stroke as a vector.
 
     Args:
-        directory: what a run has written, or DP-SLAM, which knows no uncertainty; all its pictures
-            are replaced in one step.
+        directory: what a run has written, or DP-SLAM, which knows no uncertainty; the pictures there are replaced in
+            one step.
+        what: which pictures; all that a run has, `PICTURES`, when left out.
+        picture_format: of the files.
+        truth: (n, 3) true pose of each scan: the trajectory is drawn with its errors.
 
     Returns:
         The pictures drawn.
 
     Raises:
-        IcegError: a file is missing or not as expected.
+        IcegError: a file is missing or not as expected, or the run does not have what is asked for.
     """
     directory = Path(directory)
-    is_filter = is_of_dp_slam(directory)
-    draw = _drawing_of_dp_slam(directory) if is_filter else _drawing_of_run(read_run_folder(directory))
+    drawings = _of_filter(directory) if is_of_dp_slam(directory) else _of_run(read_run_folder(directory), truth)
+    chosen = [name for name in PICTURES if name in drawings] if what is None else list(dict.fromkeys(what))
+    lacking = next((name for name in chosen if name not in drawings), None)
+    if lacking is not None:
+        raise ResultsError(f"{directory}: holds nothing to draw '{lacking}' from, expected {', '.join(drawings)}")
     try:
         with publishing(directory) as staging:
-            draw(*(staging / name for name in PICTURES))
+            for name in chosen:
+                drawings[name].save(staging / f"{name}.{picture_format}")
     except LimitError as err:
         raise LimitError(f"{directory}: {err}") from err
-    return tuple(directory / name for name in PICTURES[: 2 if is_filter else 3])
+    return tuple(directory / f"{name}.{picture_format}" for name in chosen)
 
 
-def save_trajectory_plot(poses: NDArray[np.float64], path: Path) -> None:
-    """Draw x, y and heading of every scan.
+@dataclass(frozen=True)
+class _Drawing:
+    """How one picture is drawn: as a figure, and as PNG perhaps without the plotting library, which takes time."""
 
-    Args:
-        poses: (n, 3) T_map_robot.
-        path: the PNG to write.
-    """
-    from matplotlib.figure import Figure
+    figure: Callable[[], "Figure"]
+    save_png: Callable[[Path], None] | None = None
 
-    figure = Figure(figsize=(9, 6), layout="constrained")
-    axes = figure.subplots(3, 1, sharex=True)
-    headings = np.degrees(np.unwrap(poses[:, 2]))
-    for axis, values, label in zip(axes, [*poses[:, :2].T, headings], ["x [m]", "y [m]", "heading [°]"], strict=True):
-        axis.plot(values, linewidth=0.8)
-        axis.set_ylabel(label)
-        axis.grid(alpha=0.3)
-    axes[-1].set_xlabel("scan")
-    _save(figure, path)
+    def save(self, path: Path) -> None:
+        """Write the picture in the format that its name ends in."""
+        if path.suffix == ".png" and self.save_png is not None:
+            self.save_png(path)
+        else:
+            save_figure(self.figure(), path)
 
 
-def save_uncertainty_plot(key_poses: NDArray[np.float64], covariances: NDArray[np.float64], path: Path) -> None:
-    """Draw the standard deviations of the key poses along the way.
+def save_figure(figure: "Figure", path: Path) -> None:
+    """Write a figure: the same bytes whenever it is written.
 
     Args:
-        key_poses: (k, 3) T_map_robot.
-        covariances: (k, 3, 3) in the tangent space at each.
-        path: the PNG to write.
+        figure: what to write.
+        path: of the picture, ending in png, svg or pdf.
     """
-    from matplotlib.figure import Figure
+    import matplotlib as mpl
 
-    steps = np.hypot(*np.diff(key_poses[:, :2], axis=0).T)
-    travelled = np.concatenate([[0.0], np.cumsum(steps)])
-    along = np.sqrt(eigvalsh(covariances[:, :2, :2]).clip(min=0.0))
-    figure = Figure(figsize=(9, 5), layout="constrained")
-    position, heading = figure.subplots(2, 1, sharex=True)
-    position.plot(travelled, along[:, 1], label="widest direction")
-    position.plot(travelled, along[:, 0], label="narrowest direction")
-    position.set_ylabel("position, 1σ [m]")
-    position.legend()
-    heading.plot(travelled, np.sqrt(covariances[:, 2, 2].clip(min=0.0)) * 180.0 / math.pi)
-    heading.set_ylabel("heading, 1σ [°]")
-    heading.set_xlabel("path length [m]")
-    for axis in (position, heading):
-        axis.set_ylim(bottom=0.0)
-        axis.grid(alpha=0.3)
-    _save(figure, path)
-
-
-def _drawing_of_dp_slam(directory: Path) -> Callable[[Path, Path, Path], None]:
-    with whole_results(directory):
-        trajectory = read_tum(directory / "trajectory.tum").poses
-        grid = read_ros_map(directory / "map.yaml")
-
-    def draw(map_png: Path, trajectory_png: Path, _uncertainty_png: Path) -> None:
-        save_map_png(map_png, MapLayers(grid=grid, trajectory=trajectory))
-        save_trajectory_plot(trajectory, trajectory_png)
-
-    return draw
-
-
-def _drawing_of_run(run: RunFolder) -> Callable[[Path, Path, Path], None]:
-    layers = MapLayers(
-        grid=run.grid,
-        trajectory=run.trajectory.poses,
-        key_poses=run.key_poses,
-        landmarks=run.landmarks,
-        closures=joined_scans(run.closures),
-    )
-
-    def draw(map_png: Path, trajectory_png: Path, uncertainty_png: Path) -> None:
-        save_map_png(map_png, layers)
-        save_trajectory_plot(run.trajectory.poses, trajectory_png)
-        save_uncertainty_plot(run.key_poses, run.covariances, uncertainty_png)
-
-    return draw
-
-
-def _save(figure: "Figure", path: Path) -> None:
-    figure.align_ylabels()
+    kind = path.suffix[1:]
+    dateless = {"png": {"Software": None}, "svg": {"Date": None}, "pdf": {"CreationDate": None}}[kind]
     buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_DOTS_PER_INCH, metadata={"Software": None})
+    with mpl.rc_context({"svg.hashsalt": "iceg"}):
+        figure.savefig(buffer, format=kind, dpi=_DOTS_PER_INCH, metadata=dateless)
     write_atomically(path, buffer.getvalue())
+
+
+def map_figure(layers: MapLayers) -> "Figure":
+    """The map with its key, tied to no display.
+
+    Args:
+        layers: what to show.
+    """
+    from matplotlib.figure import Figure
+
+    from iceg import plot
+
+    x_min, x_max, y_min, y_max = known_box(layers.grid, layers.trajectory)
+    scale = _MAP_SIDE / max(x_max - x_min, y_max - y_min)
+    width, height = max(5.0, scale * (x_max - x_min)), scale * (y_max - y_min) + _KEY_HEIGHT
+    figure = Figure(figsize=(width, height), layout="constrained")
+    plot.map(layers, figure.subplots())
+    return figure
+
+
+def _of_run(run: RunFolder, truth: NDArray[np.float64] | None) -> dict[PictureName, _Drawing]:
+    layers = drawn_run(run).layers()
+
+    def trajectory() -> "Figure":
+        from iceg import plot
+
+        return plot.trajectory_figure(run, truth=truth)
+
+    def uncertainty() -> "Figure":
+        from iceg import plot
+
+        return plot.uncertainty_figure(run)
+
+    def closures() -> "Figure":
+        from matplotlib.figure import Figure
+
+        from iceg import plot
+
+        figure = Figure(figsize=(5.0, 5.0), layout="constrained")
+        plot.closures(run, figure.subplots())
+        return figure
+
+    return {
+        "map": _map(layers),
+        "trajectory": _Drawing(trajectory),
+        "uncertainty": _Drawing(uncertainty),
+        "closures": _Drawing(closures),
+    }
+
+
+def _of_filter(directory: Path) -> dict[PictureName, _Drawing]:
+    with whole_results(directory):
+        path, grid = read_tum(directory / "trajectory.tum"), read_ros_map(directory / "map.yaml")
+    name = log_name(directory)
+
+    def trajectory() -> "Figure":
+        from iceg.plot.trajectory_axes import path_figure
+
+        return path_figure(path, name)
+
+    return {
+        "map": _map(MapLayers(grid=grid, trajectory=path.poses, name=name, seconds=duration(path.stamps))),
+        "trajectory": _Drawing(trajectory),
+    }
+
+
+def _map(layers: MapLayers) -> _Drawing:
+    return _Drawing(partial(map_figure, layers), partial(save_map_png, layers=layers))

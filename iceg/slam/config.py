@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from graph.errors import IcegError
 from graph.ranges import check_between, check_magnitudes, check_numbers
+from graph.units import Radians
 
 
 class SlamConfigError(IcegError):
@@ -20,7 +21,7 @@ class KeyScanConfig:
 
     distance: float = 0.35
     """A new key scan after driving this far [m]."""
-    angle: float = 0.4
+    angle: Radians = 0.4
     """A new key scan after turning this far [rad]."""
     window: int = 25
     """Key scans in the local reference."""
@@ -43,15 +44,15 @@ class FrontEndConfig:
     calibrate_odometry: bool = True
     """Learn bias, time shift and noise of the odometry from the log's own matches."""
     calibration_path: float = 40.0
-    """The first pass that calibrates ends after this much odometry path [m] …"""
-    calibration_turn: float = 25.0
-    """… and this much turning [rad] …"""
+    """Path by odometry that the first pass takes, which calibrates [m]; it ends once path and turning are enough."""
+    calibration_turn: Radians = 25.0
+    """Turning by odometry that the first pass takes [rad]."""
     calibration_scans: int = 2500
-    """… or after this many scans."""
+    """Scans after which the first pass ends in any case."""
     tracking_distance: float = 0.02
-    """Standard deviation of a pose between two key scans [m] …"""
-    tracking_angle: float = 0.01
-    """… and of its heading [rad]."""
+    """Standard deviation of the position between two key scans [m]."""
+    tracking_angle: Radians = 0.01
+    """Standard deviation of the heading between two key scans [rad]."""
     deskew: bool = True
     """Move every beam by the motion within the sweep of the laser: as long as the log says it takes, else as long as
     its scans tell. Off takes all beams of a scan as measured at once."""
@@ -71,9 +72,9 @@ class LoopClosureConfig:
     enabled: bool = True
     """Off leaves odometry and matches to recent key scans only."""
     spacing: float = 1.5
-    """Look for earlier passes again after driving this far [m] …"""
-    spacing_angle: float = 2.0
-    """… or turning this far [rad]."""
+    """Look for earlier passes again after driving this far [m]."""
+    spacing_angle: Radians = 2.0
+    """Look for earlier passes again after turning this far [rad]."""
     min_path: float = 8.0
     """A pass counts as earlier when the path since is longer than this [m]."""
     radius: float = 3.0
@@ -83,17 +84,17 @@ class LoopClosureConfig:
     pass_gap: int = 12
     """Key scans between two passes."""
     max_passes: int = 3
-    """Most earlier passes tried for one key scan …"""
+    """Most earlier passes tried for one key scan."""
     max_pieces: int = 8
-    """… and most pieces of passes after much drift."""
+    """Most pieces of passes tried for one key scan after much drift."""
     reference_half: int = 7
     """Key scans of the earlier pass on either side that make up the reference."""
     min_overlap: float = 0.4
-    """Least share of the beams of a key scan and its neighbours that fall on the earlier pass …"""
+    """Least share of the beams of a key scan and its neighbours that fall on the earlier pass."""
     min_fit: float = 0.8
-    """… of which so many must agree with it …"""
+    """Least share of the beams on the earlier pass that agree with it."""
     min_view: float = 0.8
-    """… and least share of the earlier pass in view that they see, instead of looking through it."""
+    """Least share of the earlier pass in view that the beams see, instead of looking through it."""
     revisits: bool = True
     """With loop closing off: still match against earlier key scans while the drift is small, so that the reference
     holds what was seen before."""
@@ -107,9 +108,9 @@ class LoopClosureConfig:
     """Smallest standard deviation of a search [m]."""
     max_drift: float = 8.0
     """Largest standard deviation of a search [m]."""
-    turn_floor: float = 0.03
+    turn_floor: Radians = 0.03
     """Smallest standard deviation of a search in heading [rad]."""
-    max_turn: float = 0.8
+    max_turn: Radians = 0.8
     """Largest standard deviation of a search in heading [rad]."""
     confirmations: int = 3
     """A closure far from the estimate waits until so many say the same."""
@@ -120,9 +121,9 @@ class LoopClosureConfig:
     """Where no closure ties what follows to what was before, look for places by what they look like, anywhere."""
     places: int = 120
     """Most pairs of places that look alike and are matched; where nothing gives a break away, no more than there are
-    steps that no closure ties …"""
+    steps that no closure ties."""
     places_each: int = 3
-    """… and most for one place."""
+    """Most such pairs for one place."""
     place_confirmations: int = 4
     """Key scans that must agree before places found by their looks are believed."""
     support_offsets: tuple[int, ...] = (-4, -2, 0, 2, 4)
@@ -156,22 +157,22 @@ class JointRefinementConfig:
     tolerance: float = 0.002
     """A step that moves the key poses by less than this on average is the last [m]."""
     cell: float = 0.1
-    """Points in one cell that face the same way are grouped together [m] …"""
+    """Side of a cell whose points are grouped together if they face the same way [m]."""
     half_length: float = 0.25
-    """… with those no farther than this along the wall [m] …"""
+    """Farthest along the wall that a point is grouped [m]."""
     half_width: float = 0.15
-    """… nor than this across it: so far may two passes lie apart [m] …"""
+    """Farthest across the wall that a point is grouped [m]: so far may two passes lie apart."""
     facing: float = 0.9
-    """… and no less alike in their facing (cosine)."""
+    """Least likeness in facing of points grouped together (cosine)."""
     scale: float = 0.03
     """Width of the Cauchy weight of a point [m]."""
     independence: float = 0.165
     """Share of the points that count as independent: neighbouring ones err alike. By simulated truth."""
     reach: float = 25.0
-    """Points farther than this from the robot are left out [m] …"""
+    """Points farther than this from the robot are left out [m]."""
     telling_reach: float = 15.0
-    """… and those beyond this tell nothing of how well the poses are known: near the end of a laser's range noise
-    decides which points return at all [m]."""
+    """Points farther than this from the robot tell nothing of how well the poses are known [m]: near the end of a
+    laser's range, noise decides which points return at all."""
     walls_gain: float = 1.75
     """The walls' standard deviations of the poses count as no more than so many times smaller than the graph's. On
     thirty simulated worlds the mean NEES is 1.7, 2.8, 3.9 and 4.3 with 1, 1.75, 3 and 4.5; the share of runs above 12
@@ -215,15 +216,16 @@ class FinishConfig:
     tolerance: float = 0.002
     """A round that moves no key pose farther than this is the last [m]."""
     spacing: float = 1.5
-    """Where no closure ties two passes, match again after this much path [m] …"""
-    spacing_angle: float = 2.0
-    """… or turning [rad]; in between, the joint refinement holds the passes together."""
+    """Where no closure ties two passes, match again after this much path [m]."""
+    spacing_angle: Radians = 2.0
+    """Where no closure ties two passes, match again after this much turning [rad]; in between, the joint refinement
+    holds the passes together."""
     max_passes: int = 4
     """Most earlier passes a key scan is matched against."""
     search_distance: float = 0.08
-    """Standard deviation of the search around the optimum [m]."""
-    search_angle: float = 0.03
-    """The same in heading [rad]."""
+    """Standard deviation in position of the search around the optimum [m]."""
+    search_angle: Radians = 0.03
+    """Standard deviation in heading of the search around the optimum [rad]."""
     kernel_width: float = 5.0
     """Φ of dynamic covariance scaling on closures (squared standard deviations)."""
     joint: JointRefinementConfig = field(default_factory=JointRefinementConfig)

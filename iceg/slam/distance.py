@@ -1,6 +1,5 @@
 """How far two points of a map are apart, and how well that is known: what the joint covariance of the poses is for."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +10,7 @@ from graph.elementary import cos_sin
 from graph.errors import IcegError
 from graph.se2 import inverse, transform_points
 from iceg.slam.joint_covariance import JointCovariance
+from iceg.slam.run_summary import LaserSummary
 
 SNAP = 0.1
 """A place no farther than this from where a beam ends [m] is taken to be on that wall."""
@@ -110,7 +110,7 @@ def measured_distance(
     key_scans: NDArray[np.int64],
     joint: JointCovariance,
     log: Log,
-    laser: Mapping[str, float] | None,
+    laser: LaserSummary | None,
 ) -> Distance:
     """How far two points are apart.
 
@@ -154,7 +154,7 @@ def _gradient(pose: NDArray[np.float64], p_map: NDArray[np.float64], along: NDAr
 
 
 def _of_laser(
-    seen: Sighting, pose: NDArray[np.float64], along: NDArray[np.float64], log: Log, laser: Mapping[str, float] | None
+    seen: Sighting, pose: NDArray[np.float64], along: NDArray[np.float64], log: Log, laser: LaserSummary | None
 ) -> float:
     """Variance along a direction of the map that the noise of a range brings [m²]."""
     if laser is None or not seen.is_return:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -23,6 +23,7 @@ from iceg.slam.config import FinishConfig, LoopClosureConfig
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.joint.covariance import PoseInformation
 from iceg.slam.joint.refinement import JointRefinement, key_clouds, refine_jointly
+from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.rematch import match_again
 from iceg.slam.track import Track
@@ -74,6 +75,7 @@ class Finished:
         rounds: one entry for each.
         covariances: (k, 3, 3) marginal covariances of the poses, None where only the graph knows them.
         information: what these rest on, None where they are.
+        walls: the pieces of wall that the joint refinement ended with, none without it.
     """
 
     poses: NDArray[np.float64]
@@ -82,6 +84,7 @@ class Finished:
     rounds: list[Round]
     covariances: NDArray[np.float64] | None = None
     information: PoseInformation | None = None
+    walls: WallPieces = field(default_factory=WallPieces.none)
 
 
 def finish(
@@ -129,13 +132,14 @@ def finish(
         if largest < config.tolerance:
             break
     attempts, loops = without_contradicted(graph.attempts, graph.loops, graph.poses)
-    poses, covariances, information = graph.poses, None, None
+    poses, covariances, information, walls = graph.poses, None, None, WallPieces.none()
     factors = FinalFactors.of([*graph.chain, *loops], solution.breaks, track)
     if config.joint.enabled:
         if isinstance(matcher, IceMatcher):  # what halves of scans say of ICE they say of the points
             config = _doubting(config, track.match_doubt)
         refined, done = _joint(factors, poses, track, config, scan_of, noise, parts, clock)
-        poses, covariances, information = refined.poses, refined.covariances, refined.information
+        poses, covariances = refined.poses, refined.covariances
+        information, walls = refined.information, refined.walls
         rounds.append(replace(done, closures=len(loops)))
     return Finished(
         poses=poses,
@@ -144,6 +148,7 @@ def finish(
         rounds=rounds,
         covariances=covariances,
         information=information,
+        walls=walls,
     )
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +24,13 @@ from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import beyond_allowed
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
+from iceg.result_tables import RunTables, TableName
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.closures.closure import Closure
 from iceg.slam.distance import Distance, Sighting, measured_distance, sighting_at
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.finish import Finished, finish
+from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.joint_covariance import JointCovariance
 from iceg.slam.manual_closures import (
     ManualClosure,
@@ -47,12 +49,16 @@ from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import ProgressCallback
 from iceg.slam.recording.repeated_scans import without_frozen_scans
 from iceg.slam.recording.standstill import with_odometry_between_readings
+from iceg.slam.run_summary import LaserSummary, RunSummary
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.summary import run_warnings, summarise
 from iceg.slam.track import Track
 from iceg.slam.tracking.broken_track import retied
 from iceg.slam.tracking.open_ground import is_open_ground
 from iceg.slam.tracking.split_half import with_measured_doubt
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -71,6 +77,7 @@ class SlamResult:
             quite the optimum of the factors alone.
         landmarks: the feature map, expired landmarks included.
         grid: the occupancy grid.
+        walls: short straight pieces of wall, none where poses and map were not refined together.
         closures: every loop closure tried.
         warnings: what is doubtful about it, besides what is about the log.
         summary: counts, warnings, seconds per stage and calibration.
@@ -86,16 +93,17 @@ class SlamResult:
     graph: PoseGraph
     landmarks: Landmarks
     grid: OccupancyGrid
+    walls: WallPieces
     closures: list[Closure]
     warnings: tuple[RunWarning, ...]
-    summary: dict[str, Any]
+    summary: RunSummary
 
     def __repr__(self) -> str:
         accepted = sum(closure.verdict == "accepted" for closure in self.closures)
         return (
             f"SlamResult({self.log.path.name}: {len(self.trajectory)} scans, {len(self.key_scans)} key poses, "
             f"{len(self.graph.factors)} factors, {accepted} of {len(self.closures)} closures accepted, "
-            f"{len(self.landmarks)} landmarks, {len(self.summary['warnings'])} warnings)"
+            f"{len(self.landmarks.settled())} landmarks, {len(self.summary['warnings'])} warnings)"
         )
 
     def sighting(self, x: float, y: float) -> Sighting:
@@ -123,6 +131,42 @@ class SlamResult:
         """
         a, b = (point if isinstance(point, Sighting) else self.sighting(*point) for point in (a, b))
         return measured_distance(a, b, self.trajectory, self.key_scans, self.joint, self.log, self.summary["laser"])
+
+    def _repr_html_(self) -> str:
+        """A small map and the figures, for notebooks."""
+        from iceg.show.result_html import result_html
+
+        return result_html(self)
+
+    def tables(self) -> RunTables:
+        """The result as tables of plain columns, for pandas, CSV and Parquet."""
+        tracking = (self.config.front_end.tracking_distance, self.config.front_end.tracking_angle)
+        return RunTables(
+            stamps=self.log.stamps,
+            trajectory=self.trajectory,
+            key_scans=self.key_scans,
+            key_poses=self.key_poses,
+            covariances=self.covariances,
+            tracking=tracking,
+            closures=self.closures,
+            landmarks=self.landmarks,
+            factors=self.graph.factors,
+        )
+
+    def to_frame(self, name: TableName) -> "pd.DataFrame":
+        """One table of the result for pandas.
+
+        Args:
+            name: "trajectory", "key_poses", "closures", "landmarks" or "factors".
+
+        Raises:
+            TableExportError: there is no such table, or no pandas.
+        """
+        return self.tables().frame(name)
+
+    def scan_covariances(self) -> NDArray[np.float64]:
+        """(n_scans, 3, 3) covariance of every scan's pose, see `iceg.slam.scan_covariances`."""
+        return self.tables().scan_covariances()
 
 
 def run(
@@ -177,6 +221,15 @@ def run(
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
     worst = least_known(key_scans, joint.marginals)
     warnings = run_warnings(track, solution, finished.rounds, worst, doubt, gyro)
+    summary: RunSummary = {
+        **summarise(log, track, solution, calibration, finished.rounds, worst, warnings),
+        "laser": _described(laser),
+        "sweep": sweep.record(),
+        "seconds": clock.seconds,
+        "cpu_seconds": clock.cpu_seconds,
+    }
+    if gyro is not None:
+        summary["gyro"] = gyro.record()
     return SlamResult(
         log=log,
         config=given,
@@ -188,16 +241,10 @@ def run(
         graph=solution.graph,
         landmarks=landmarks,
         grid=grid,
+        walls=finished.walls,
         closures=_closures(track, solution) + manual_records(closures, track),
         warnings=warnings,
-        summary={
-            **summarise(log, track, solution, calibration, finished.rounds, worst, warnings),
-            "laser": _described(laser),
-            "sweep": sweep.record(),
-            **({} if gyro is None else {"gyro": gyro.record()}),
-            "seconds": clock.seconds,
-            "cpu_seconds": clock.cpu_seconds,
-        },
+        summary=summary,
     )
 
 
@@ -225,7 +272,7 @@ def _laser_noise(log: Log, config: Config) -> LaserNoise | None:
     return stated if learned is None else replace(learned, constant=stated.constant, per_metre=stated.per_metre)
 
 
-def _described(laser: LaserNoise | None) -> dict[str, float] | None:
+def _described(laser: LaserNoise | None) -> LaserSummary | None:
     """The noise of the laser under the names of `summary.json`, None where too few beams meet walls."""
     if laser is None:
         return None

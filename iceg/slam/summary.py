@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import cast
 
 from frontends.scan import Log
 from graph.measurement import RelativePose
@@ -14,6 +14,7 @@ from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.gyro import GyroFinding
 from iceg.slam.path_uncertainty import LeastKnown
 from iceg.slam.recording.standstill import describe_dead
+from iceg.slam.run_summary import RoundSummary, RunCounts
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.track import Track
 
@@ -31,7 +32,7 @@ def summarise(
     rounds: list[Round],
     worst: LeastKnown,
     warnings: Sequence[RunWarning],
-) -> dict[str, Any]:
+) -> RunCounts:
     """Sum up a run, for `summary.json`.
 
     Args:
@@ -71,14 +72,14 @@ def summarise(
             "tried": len(solution.attempts),
             "accepted": sum(1 for attempt in solution.attempts if attempt.accepted),
         },
-        "finish": [asdict(done) for done in rounds],
+        "finish": [cast("RoundSummary", asdict(done)) for done in rounds],
         "odometry": {
             "translation_scale": calibration.translation_scale,
             "heading_scale": calibration.heading_scale,
             "heading_per_metre_rad": calibration.heading_per_metre,
             "heading_shift_scans": calibration.heading_shift,
             "translation_shift_scans": calibration.translation_shift,
-            "T_odometry_laser": list(calibration.T_odometry_laser),
+            "T_odometry_laser": calibration.T_odometry_laser,
         },
         "least_known": {"scan": worst.scan, "position_std_m": round(worst.deviation, 4)},
     }

@@ -163,6 +163,12 @@ def truth(n: int = 8) -> str:
     return "t_s,x_m,y_m,theta_rad\n" + "".join(f"{0.2 * k},{0.1 * k},0.0,0.0\n" for k in range(n))
 
 
+def euroc(n: int = 8) -> str:
+    """The same as a EuRoC table."""
+    header = "#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n"
+    return header + "".join(f"{200_000_000 * k},{0.1 * k},0.0,0.0,1.0,0.0,0.0,0.0\n" for k in range(n))
+
+
 def closures() -> str:
     """Closures by hand."""
     return "scan_i,scan_j,x_m,y_m,theta_rad,sigma_m,sigma_rad\n0,7,0.7,0.0,0.0,0.1,0.05\n1,6,0.5,0.0,0.0,0.1,0.05\n"
@@ -186,7 +192,7 @@ def settings() -> str:
 
 
 def run_folder(folder: Path, n: int = 6) -> None:
-    """The files of a run that `iceg plot` reads."""
+    """The files of a run that `iceg plot` and `iceg export` read."""
     folder.mkdir()
     (folder / "trajectory.tum").write_text(trajectory(n))
     head = "scan,x_m,y_m,theta_rad,xx,xy,xtheta,yy,ytheta,thetatheta\n"
@@ -194,6 +200,8 @@ def run_folder(folder: Path, n: int = 6) -> None:
     (folder / "covariances.csv").write_text(head + rows)
     head = "scan_i,scan_j,x_m,y_m,theta_rad,score,inliers,overlap,verdict,reason\n"
     (folder / "closures.csv").write_text(f"{head}0,4,0.4,0,0,0.9,100,0.8,accepted,\n")
+    walls = "".join(f"{x},0,{x + 0.4:.1f},0,90,0.005,7\n0,{x},0,{x + 0.4:.1f},90,0.005,7\n" for x in (0.1, 0.5, 0.9))
+    (folder / "walls.csv").write_text("x1_m,y1_m,x2_m,y2_m,points,deviation_m,key_poses\n" + walls)
     (folder / "map.yaml").write_text("image: map.pgm\nresolution: 0.05\norigin: [-1, -1, 0]\n")
     (folder / "map.pgm").write_bytes(b"P5\n40 40\n255\n" + bytes([0, 254, 205, 254] * 400))
     (folder / "features.geojson").write_text(

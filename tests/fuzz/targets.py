@@ -195,6 +195,12 @@ def _draw(folder: Any) -> None:
     plot_results(folder)
 
 
+def _draw_plan(folder: Any) -> None:
+    from iceg.export.formats import export_results
+
+    export_results(folder, "floorplan.svg")
+
+
 def _beside_trajectory(folder: Path) -> None:
     (folder / "t.tum").write_text(seeds.trajectory())
 
@@ -281,6 +287,15 @@ def _run_folder_targets() -> dict[str, Target]:
             words=("plot", "r"),
         )
         for name in names
+    } | {
+        "folder-walls.csv": Target(
+            file="r/walls.csv",
+            seeds=(_of_run_folder("walls.csv"),),
+            read=_run_folder,
+            use=_draw_plan,
+            prepare=_folder_of_run,
+            words=("export", "r", "--to", "floorplan.svg"),
+        )
     }
 
 
@@ -324,15 +339,15 @@ def _others() -> dict[str, Target]:
     } | {
         name: Target(
             file="x.csv",
-            seeds=(text.encode(),),
+            seeds=tuple(text.encode() for text in texts),
             read=_judged(name),
             prepare=_beside_trajectory,
             words=("eval", "t.tum", f"--{name}", "x.csv"),
         )
-        for name, text in (
-            ("relations", seeds.relations()),
-            ("reference", seeds.reference()),
-            ("truth", seeds.truth()),
+        for name, texts in (
+            ("relations", (seeds.relations(),)),
+            ("reference", (seeds.reference(),)),
+            ("truth", (seeds.truth(), seeds.trajectory(), seeds.euroc())),
         )
     }
 

@@ -113,8 +113,17 @@ def save_plot(runs: Sequence[LongRun], path: Path) -> None:
     time_axes.legend(fontsize=6, loc="upper right", ncols=2, reverse=True)
     time_axes.set_ylim(0.0, 1.5 * max(map(sum, zip(*per_scan, strict=True))))
     memory_axes.plot(scans, [run.peak_memory_mb for run in runs], "o-", color="#0072b2")
+    for run in runs:
+        memory_axes.annotate(
+            f"{run.peak_memory_mb:.0f}",
+            (run.scans, run.peak_memory_mb),
+            (0, 6),
+            textcoords="offset points",
+            ha="center",
+            fontsize=7,
+        )
     memory_axes.set_ylabel("peak memory [MB]")
-    memory_axes.set_ylim(bottom=0.0)
+    memory_axes.set_ylim(0.0, 1.15 * max(run.peak_memory_mb for run in runs))
     for axes in (time_axes, memory_axes):
         axes.set_xlabel("scans")
         axes.set_xlim(0.0, 1.02 * scans[-1])

@@ -1,4 +1,4 @@
-"""Pictures of an experiment: error and speed of each method, a panel for each log."""
+"""Pictures of an experiment: error and speed of each method with the mean's value, a panel for each log."""
 
 import io
 import statistics
@@ -16,7 +16,9 @@ from iceg.evaluation.bench.summary import by_method_and_log, error_of
 PICTURES = ("error.png", "speed.png")
 
 _DOT, _MEAN, _FAILED = "#0072b2", "#222222", "#c1272d"
-_PANEL_WIDTH, _ROW_HEIGHT = 4.2, 0.32  # inches
+_COLUMNS = 2
+_WIDTH, _ROOM, _ROW_HEIGHT = 8.5, 0.9, 0.38
+"""In inches: a figure that a README shows as it is, what a panel needs besides its rows, and a row."""
 _DOTS_PER_INCH = 130
 
 
@@ -49,35 +51,45 @@ def _figure(
     groups = by_method_and_log(outcomes)
     logs = list(dict.fromkeys(log for _, log in groups))
     methods = list(dict.fromkeys(method for method, _ in groups))
-    figure = Figure(
-        figsize=(1.5 + _PANEL_WIDTH * len(logs), 1.2 + _ROW_HEIGHT * max(2, len(methods))), layout="constrained"
-    )
-    panels = figure.subplots(1, len(logs), sharey=True, squeeze=False)[0]
-    for axes, log in zip(panels, logs, strict=True):
+    columns = min(len(logs), _COLUMNS)
+    rows = -(-len(logs) // columns)
+    height = rows * (_ROOM + _ROW_HEIGHT * max(2, len(methods)))
+    figure = Figure(figsize=(_WIDTH if columns > 1 else 0.6 * _WIDTH, height), layout="constrained")
+    panels = figure.subplots(rows, columns, sharey=True, squeeze=False)
+    for spare in panels.flat[len(logs) :]:
+        spare.set_axis_off()
+    for axes, log in zip(panels.flat, logs, strict=False):
         here = [groups.get((method, log), []) for method in methods]
         for row, group in enumerate(here):
             _draw_runs(axes, row, [value_of(outcome) for outcome in group])
-        axes.set_title(log)
+        axes.set_title(log, fontsize="medium")
         axes.set_xlabel(label_of([outcome for group in here for outcome in group]))
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.xaxis.set_major_formatter("{x:g}")
         axes.xaxis.set_minor_locator(NullLocator())
+        axes.margins(x=0.15)
         axes.grid(axis="x", alpha=0.25)
         axes.set_yticks(range(len(methods)), methods)
-        axes.set_ylim(len(methods) - 0.5, -0.5)
+        axes.set_ylim(len(methods) - 0.5, -0.6)
+    for axes in panels[:, 0]:
+        axes.set_ylabel("method")
     return figure
 
 
 def _draw_runs(axes: Axes, row: int, values: Sequence[float | None]) -> None:
-    """A dot a run and a stroke at their mean; what has no value is told at the margin."""
+    """A dot a run, a stroke at their mean with its value; what has no value is told at the margin."""
     present = [value for value in values if value is not None and value > 0]
     axes.plot(present, [row] * len(present), "o", color=_DOT, alpha=0.6, markersize=5)
     if present:
-        axes.plot([statistics.fmean(present)], [row], "|", color=_MEAN, markersize=13, markeredgewidth=1.6)
+        mean = statistics.fmean(present)
+        axes.plot([mean], [row], "|", color=_MEAN, markersize=13, markeredgewidth=1.6)
+        axes.annotate(
+            f"{mean:.3g}", (mean, row), (0, 7), textcoords="offset points", ha="center", color=_MEAN, fontsize=7
+        )
     if len(present) < len(values):
         text = f"{len(values) - len(present)} of {len(values)} without"
-        axes.text(0.99, row, text, transform=axes.get_yaxis_transform(), ha="right", va="center", color=_FAILED, size=7)
+        axes.text(0.99, row + 0.4, text, transform=axes.get_yaxis_transform(), ha="right", color=_FAILED, size=7)
 
 
 def _save(figure: Figure, path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Accuracy and speed of ICE on the embedded log and on the public ones at hand: the tables of the README."""
+"""Accuracy and speed of ICE on the embedded log and on the public ones at hand: the tables of docs/accuracy.md."""
 
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
@@ -10,8 +10,8 @@ import numpy as np
 from iceg.evaluation.bench.logs import BenchLog, find_logs
 from iceg.evaluation.bench.tables import Row, write_csv
 
-Part = Literal["runs", "recall", "consistency", "ablation", "growth"]
-PARTS: tuple[Part, ...] = ("runs", "recall", "consistency", "ablation")
+Part = Literal["runs", "recall", "consistency", "ablation", "solvers", "growth"]
+PARTS: tuple[Part, ...] = ("runs", "recall", "consistency", "ablation", "solvers")
 """What is made unless parts are named: growth takes many minutes."""
 _SEEDS = range(5)
 _THE_SAME = 1e-3
@@ -96,6 +96,12 @@ def _ablation(logs: list[BenchLog], _output: Path) -> Iterator[tuple[str, list[R
     )
 
 
+def _solvers(logs: list[BenchLog], _output: Path) -> Iterator[tuple[str, list[Row]]]:
+    from iceg.evaluation.bench.solvers import solver_rows
+
+    yield "solvers", [row for log in logs for row in solver_rows(log)]
+
+
 def _growth(_logs: list[BenchLog], output: Path) -> Iterator[tuple[str, list[Row]]]:
     from iceg.evaluation.bench.growth import PICTURE, growth_rows, long_runs, save_plot, simulated_log
 
@@ -111,5 +117,6 @@ _TABLES: dict[Part, Callable[[list[BenchLog], Path], Iterator[tuple[str, list[Ro
     "recall": _recall,
     "consistency": _consistency,
     "ablation": _ablation,
+    "solvers": _solvers,
     "growth": _growth,
 }

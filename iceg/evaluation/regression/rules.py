@@ -90,6 +90,7 @@ def _without_joint_refinement(config: Config) -> Config:
 
 _SLAM = "iceg.slam"
 _FRONT_END = f"{_SLAM}.tracking.front_end:FrontEnd"
+_CHECK = f"{_SLAM}.tracking.odometry_check:OdometryCheck"
 _BACK_END = f"{_SLAM}.back_end:BackEnd"
 _VOTES = f"{_SLAM}.broken_path.place_votes:PlaceVotes"
 _RELOCALISATION: dict[str, Any] = {f"{_SLAM}.back_end:relocalise": lambda _closer, _track, estimate, *_: estimate}
@@ -112,16 +113,16 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "plausible": Rule(
             what="a match far from odometry must explain all that is seen",
-            without={f"{_FRONT_END}._is_plausible": _yes},
+            without={f"{_CHECK}._is_plausible": _yes},
         ),
         "goes on": Rule(what="tells a jump of the odometry from a move", without={f"{_FRONT_END}._goes_on": _no}),
         "open ground": Rule(
             what="posts and trunks count where little stands near", without={f"{_SLAM}.pipeline:is_open_ground": _no}
         ),
-        "rash": Rule(what="few beams do not overrule odometry", without={f"{_FRONT_END}._rash": _nothing}),
-        "held": Rule(
+        "few beams": Rule(what="few beams do not overrule odometry", without={f"{_CHECK}._sees_too_little": _nothing}),
+        "near odometry": Rule(
             what="a match near odometry is preferred to one that contradicts it",
-            without={f"{_FRONT_END}._held": _nothing},
+            without={f"{_CHECK}._nearer": _nothing},
         ),
         "believed": Rule(
             what="odometry counts less where a match contradicts it",

@@ -26,6 +26,7 @@ from iceg.slam.joint import _wall_kernels as kernels
 from iceg.slam.joint._system_kernels import product
 from iceg.slam.joint.covariance import PoseInformation, Walls, joint_information
 from iceg.slam.joint.wall_claims import believed_covariances
+from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.track import Track
 
 _LEAST_NOISE = 0.004
@@ -67,6 +68,7 @@ class JointRefinement:
         covariances: (k, 3, 3) marginal covariances of the poses in the end, None if the points do not determine them or
             claim more than is credible.
         information: what the covariances rest on, None where they are.
+        walls: the pieces of wall in the end, in the frame of the poses.
     """
 
     poses: NDArray[np.float64]
@@ -78,6 +80,7 @@ class JointRefinement:
     residual: float
     on_walls_before: float
     on_walls: float
+    walls: WallPieces
     covariances: NDArray[np.float64] | None = None
     information: PoseInformation | None = None
 
@@ -159,7 +162,8 @@ def refine_jointly(
             information.covariances, known.marginal_covariances(poses), config.walls_gain
         )
     # As a whole the map may move, held by the prior alone: put the first pose back.
-    refined = compose(compose(poses[0], inverse(refined[0])), refined) if steps else poses
+    back = compose(poses[0], inverse(refined[0]))
+    refined = compose(back, refined) if steps else poses
     return JointRefinement(
         poses=refined,
         pieces=pieces[1],
@@ -170,6 +174,7 @@ def refine_jointly(
         residual=last.residual,
         on_walls_before=on_walls,
         on_walls=last.on_walls,
+        walls=WallPieces.of(last, clouds.spreads, clouds.key_starts, back),
         covariances=covariances,
         information=None if covariances is None else information,
     )

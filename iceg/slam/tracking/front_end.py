@@ -13,19 +13,27 @@ from frontends.scan import Scan, ScanGeometry
 from graph import dense
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import squared_norm, summed_ratios
-from graph.odometry import OdometryModel
-from graph.se2 import between, compose, expmap, inverse, logmap, wrap_angle
+from graph.odometry import OdometryModel, OdometryMotion
+from graph.se2 import between, compose, expmap, inverse, logmap
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.map_matcher import FollowingMatcher, MapMatcher
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan
+from iceg.slam.tracking.odometry_check import (
+    CONTRADICTED,
+    JUMP_DISTANCE,
+    JUMP_TURN,
+    LEAST_SHARE,
+    Expectation,
+    OdometryCheck,
+    apart,
+)
 from iceg.slam.tracking.sight import (
     BLIND_RANGE,
     BLIND_SHARE,
     FEWEST_RETURNS,
     is_blind,
-    sees_little,
     sees_next_to_nothing,
 )
 
@@ -33,18 +41,10 @@ _ODOMETRY_SPEAKS = 4.0
 """Ratio of variances (match over odometry) from which on a direction is shared with odometry."""
 
 
-_JUMP_DISTANCE, _JUMP_TURN, _JUMP_SIGMAS = 0.3, 0.26, 4.0
-"""A match farther from odometry than this [m, rad] and than so many standard deviations is a jump …"""
-_JUMP_FIT, _JUMP_VIEW = 0.75, 0.75
-"""… and needs this share of beams on the reference, and of the reference in view seen."""
 _TURNING_STEP = 2.0
 """A step that is no longer than so many of the one before is sudden, if it is, for its turn."""
 _KNOWN, _AGREED = 0.3, 0.8
 """A scan is explained if this share of its beams is on known ground and agrees with it to this share, both ways."""
-_CONTRADICTED = 25.0
-"""Squared Mahalanobis distance from which on a match contradicts odometry: one near odometry is preferred …"""
-_LEAST_SHARE, _SHARE_PER_DISTANCE2 = 0.75, 1.0 / 800.0
-"""… if it explains nearly as much: this share at least, and all of it but for so much per squared distance."""
 _ALONG = 0.5
 """Key scans on trial come along to what was known if together they explain this share of what the newest does there."""
 _REFUTED = 200.0
@@ -74,7 +74,6 @@ _FASTEST = 10.0
 
 COVERED = NoMatch(reason="the laser is covered")
 """What becomes of a scan that sees nothing."""
-_IMPLAUSIBLE = NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
 
 
 class FrontEnd:
@@ -99,6 +98,7 @@ class FrontEnd:
         self._odometry = odometry or self._unknown
         self._config = config
         self._limits = _limits(config)
+        self._check = OdometryCheck(self._map_matcher, self._limits.apart, self._limits.twisted)
         self._tracking_covariance = _tracking_covariance(config)
         self.keys: list[KeyScan] = []
         self._reference: Any = None
@@ -216,11 +216,13 @@ class FrontEnd:
         self, scan: Scan, step: NDArray[np.float64], guess: NDArray[np.float64]
     ) -> NDArray[np.float64] | NoMatch:
         """Pose of a scan if the robot made a step that leads to `guess`."""
-        motion = self._motion
-        self._motion = self._odometry.extend(motion, step)
-        found = self._find(self._reference, scan, guess)
-        self._motion = motion
-        return found
+        return self._find(self._reference, scan, guess, self._expected(self._odometry.extend(self._motion, step)))
+
+    def _expected(self, motion: OdometryMotion | None = None) -> Expectation:
+        """Where odometry puts the robot, or would if it had moved so since the newest key scan."""
+        return Expectation(
+            T_track_key=self.keys[-1].T_track_robot, motion=motion or self._motion, is_known=self._knows_motion
+        )
 
     def _explains(self, scan: Scan, found: NDArray[np.float64]) -> bool:
         """Whether scan and reference agree both ways at a pose, though much may be new."""
@@ -254,10 +256,10 @@ class FrontEnd:
 
     def _follow(self, scan: Scan, guess: NDArray[np.float64]) -> None:
         """Pose of a scan in the track frame; odometry carries it where nothing credible is found."""
-        found = self._find(self._reference, scan, guess)
+        found = self._find(self._reference, scan, guess, self._expected())
         self._on_trial = False
         if self._trial is not None and (isinstance(found, NoMatch) or self._is_off(found)):
-            on_trial = self._find(self._trial, scan, guess)
+            on_trial = self._find(self._trial, scan, guess, self._expected())
             self._on_trial = isinstance(found, NoMatch) or self._is_clearer(scan, on_trial, found)
             if self._on_trial:
                 found = on_trial
@@ -270,11 +272,9 @@ class FrontEnd:
         else:
             self._T_track_robot, self._newest_step = found, (before, found)
 
-    def _is_off(self, found: NDArray[np.float64], covariance: NDArray[np.float64] | None = None) -> bool:
-        """Whether a pose, known with this covariance or a tracked one's, contradicts odometry since the key scan."""
-        covariance = self._tracking_covariance if covariance is None else covariance
-        expected = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
-        return squared_norm(between(found, expected), self._motion.covariance + covariance) >= _CONTRADICTED
+    def _is_off(self, found: NDArray[np.float64]) -> bool:
+        """Whether a tracked pose contradicts odometry since the key scan."""
+        return self._expected().contradicts(found, self._tracking_covariance)
 
     def _is_clearer(self, scan: Scan, on_trial: NDArray[np.float64] | NoMatch, found: NDArray[np.float64]) -> bool:
         """Whether a scan speaks for where the reference on trial has it, and against a pose on the other one.
@@ -285,7 +285,7 @@ class FrontEnd:
         if isinstance(on_trial, NoMatch) or self._map_matcher is None or self._is_off(on_trial):
             return False
         known = self._map_matcher.agreement(self._reference, scan, found).evidence
-        if known >= _LEAST_SHARE * self._map_matcher.agreement(self._trial, scan, on_trial).evidence:
+        if known >= LEAST_SHARE * self._map_matcher.agreement(self._trial, scan, on_trial).evidence:
             return False
         moved = compose(found, inverse(on_trial))
         keys = [self.keys[key] for key in self._trial_keys]
@@ -296,80 +296,23 @@ class FrontEnd:
         ]
         return sum(along) < _ALONG * known
 
-    def _find(self, reference: Any, scan: Scan, guess: NDArray[np.float64]) -> NDArray[np.float64] | NoMatch:  # noqa: ANN401
-        """Pose of a scan against one reference, in the track frame."""
-        if self._is_blind:
-            return COVERED
-        found = self._track(reference, scan, guess, self._motion.covariance)
-        if isinstance(found, NoMatch):
-            return found
-        held = self._held(reference, scan, found, self._tracking_covariance)
-        if held is not None:
-            return held.T_ref_cur
-        rash = self._rash(scan, found, self._tracking_covariance)
-        if rash is not None:
-            return rash
-        return found if self._is_plausible(reference, scan, guess, found) else _IMPLAUSIBLE
-
-    def _rash(
-        self, scan: Scan, found: NDArray[np.float64], covariance: NDArray[np.float64], *, is_vague: bool = False
-    ) -> NoMatch | None:
-        """Why not to believe a match that contradicts odometry on the word of a few beams, or of one direction alone.
-
-        Where hardly anything else is in reach, people close by pass for walls, and take the robot with them.
-        """
-        few_see = sees_little(scan)
-        if not (self._knows_motion and (few_see or is_vague) and self._is_off(found, covariance)):
-            return None
-        return FEW_SEE if few_see else SEES_TOO_LITTLE
-
-    def _held(
-        self,
-        reference: Any,  # noqa: ANN401
-        scan: Scan,
-        found: NDArray[np.float64],
-        covariance: NDArray[np.float64],
-    ) -> RelativePose | None:
-        """A match nearer to odometry than one that contradicts it, if it explains the scan nearly as well.
-
-        What moves, and what looks alike a little farther on, draws a match along where walls do not hold it.
-        """
-        if self._map_matcher is None:
-            return None
-        expected = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
-        if self._are_one_optimum(found, expected):
-            return None
-        distance2 = squared_norm(between(found, expected), self._motion.covariance + covariance)
-        if distance2 < _CONTRADICTED:
-            return None
-        held = self._map_matcher.held(reference, scan, expected)
-        if isinstance(held, NoMatch) or self._are_one_optimum(found, held.T_ref_cur):
-            return None
-        share = max(_LEAST_SHARE, 1.0 - distance2 * _SHARE_PER_DISTANCE2)
-        free, near = (self._map_matcher.agreement(reference, scan, T).evidence for T in (found, held.T_ref_cur))
-        return held if near >= share * free else None
-
-    def _are_one_optimum(self, T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> bool:
-        distance, turn = _apart(T_a_b, T_a_c)
-        return distance < self._limits.apart and turn < self._limits.twisted
-
-    def _is_plausible(
+    def _find(
         self,
         reference: Any,  # noqa: ANN401
         scan: Scan,
         guess: NDArray[np.float64],
-        found: NDArray[np.float64],
-    ) -> bool:
-        """A pose far from the guess (odometry jumped, or the robot was carried) must explain all that is seen."""
-        distance, turn = _apart(guess, found)
-        if distance < _JUMP_DISTANCE and turn < _JUMP_TURN:
-            return True
-        (xx, _, _), (_, yy, _), (_, _, hh) = self._motion.covariance.tolist()
-        is_near = distance < max(_JUMP_DISTANCE, _JUMP_SIGMAS * math.sqrt(max(xx, yy)))
-        if (is_near and turn < max(_JUMP_TURN, _JUMP_SIGMAS * math.sqrt(hh))) or self._map_matcher is None:
-            return True
-        support = self._map_matcher.agreement(reference, scan, found)
-        return support.fit >= _JUMP_FIT and support.view >= _JUMP_VIEW
+        expected: Expectation,
+    ) -> NDArray[np.float64] | NoMatch:
+        """Pose of a scan against one reference, in the track frame."""
+        if self._is_blind:
+            return COVERED
+        found = self._track(reference, scan, guess, expected.motion.covariance)
+        if isinstance(found, NoMatch):
+            return found
+        instead = self._check.judge(reference, scan, guess, found, self._tracking_covariance, expected)
+        if instead is None:
+            return found
+        return instead if isinstance(instead, NoMatch) else instead.T_ref_cur
 
     def _match(self, scan: Scan) -> RelativePose | NoMatch:
         """Match with covariance from the tracked pose, expressed in the track frame."""
@@ -379,13 +322,16 @@ class FrontEnd:
         match = self._matcher.match(reference, scan, self._T_track_robot, self._motion.covariance)
         if isinstance(match, NoMatch):
             return match
-        held = self._held(reference, scan, match.T_ref_cur, match.covariance)
-        if held is not None:
-            return held
-        rash = self._rash(scan, match.T_ref_cur, match.covariance, is_vague=len(match.weak_directions) > 1)
-        if rash is not None:
-            return rash
-        return match if self._is_plausible(reference, scan, self._T_track_robot, match.T_ref_cur) else _IMPLAUSIBLE
+        instead = self._check.judge(
+            reference,
+            scan,
+            self._T_track_robot,
+            match.T_ref_cur,
+            match.covariance,
+            self._expected(),
+            is_degenerate=len(match.weak_directions) > 1,
+        )
+        return match if instead is None else instead
 
     def _anchor(self) -> int:
         """The key scan that stands for the reference: the newest in it."""
@@ -416,7 +362,7 @@ class FrontEnd:
         return compose(match.T_ref_cur, dense.matvec(odometry, pulled))
 
     def _is_key(self) -> bool:
-        distance, turn = _apart(self.keys[-1].T_track_robot, self._T_track_robot)
+        distance, turn = apart(self.keys[-1].T_track_robot, self._T_track_robot)
         limits = self._config.key_scans
         return distance > limits.distance or turn > limits.angle
 
@@ -486,31 +432,25 @@ def _limits(config: FrontEndConfig) -> Limits:
         blind_range=BLIND_RANGE,
         blind_share=BLIND_SHARE,
         fewest_returns=FEWEST_RETURNS,
-        moved=_JUMP_DISTANCE,
-        turned=_JUMP_TURN,
+        moved=JUMP_DISTANCE,
+        turned=JUMP_TURN,
         apart=_SAME_OPTIMUM[0] * config.tracking_distance,
         twisted=_SAME_OPTIMUM[1] * config.tracking_angle,
-        contradicted=_CONTRADICTED,
+        contradicted=CONTRADICTED,
         variances=tuple(np.diag(_tracking_covariance(config)).tolist()),
         key_distance=key_scans.distance,
         key_turn=key_scans.angle,
     )
 
 
-def _apart(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> tuple[float, float]:
-    """Distance [m] and angle [rad] between two poses; plain floats, for the loop over scans."""
-    (x, y, heading), (x_c, y_c, heading_c) = T_a_b.tolist(), T_a_c.tolist()
-    return math.hypot(x_c - x, y_c - y), abs(wrap_angle(heading_c - heading))
-
-
 def _is_turn(step: NDArray[np.float64], usual: NDArray[np.float64]) -> bool:
     """Whether a step that stands out does so by its turn: a robot may turn on the spot from one scan to the next."""
-    return math.hypot(*step[:2]) <= max(_JUMP_DISTANCE, _TURNING_STEP * math.hypot(*usual[:2]))
+    return math.hypot(*step[:2]) <= max(JUMP_DISTANCE, _TURNING_STEP * math.hypot(*usual[:2]))
 
 
 def _is_nearer(pose: NDArray[np.float64], one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
     """Whether a pose is no farther from one than from another."""
-    return sum(_apart(pose, one)) <= sum(_apart(pose, other))
+    return sum(apart(pose, one)) <= sum(apart(pose, other))
 
 
 def _tracking_by_match(matcher: Matcher) -> Callable[..., NDArray[np.float64] | NoMatch]:

@@ -58,3 +58,6 @@ def folders() -> Iterator[Case]:
         "0,0,0,0,-1,0,0,-1,0,-1",
     ):
         yield damaged(f"covariance {row[:14]}", "covariances.csv", f"{covariances}0,0,0,0,1,0,0,1,0,1\n{row}\n")
+    walls = "x1_m,y1_m,x2_m,y2_m,points,deviation_m,key_poses\n"
+    for row in ("0,0,1e300,0,9,0,9", "0,0,1,0,-9,0,9", "0,0,1,0,0.5,0,9", "0,0,1,0,9,nan,9", f"0,0,1,0,{LONG},0,9"):
+        yield damaged(f"wall {row[:20]}", "walls.csv", f"{walls}{row}\n")

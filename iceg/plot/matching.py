@@ -1,7 +1,4 @@
-"""Pictures: the map, and the parts that notebooks put together.
-
-Everything draws on axes it is given; no global state, no display needed.
-"""
+"""Scans, their features, and how one was matched."""
 
 import math
 from typing import TYPE_CHECKING
@@ -15,62 +12,21 @@ from numpy.typing import ArrayLike, NDArray
 from frontends.scan import Scan
 from graph.dense import eigh
 from graph.se2 import transform_points
-from iceg.show.canvas import Box
-from iceg.show.map_image import (
-    INK,
-    KIND_COLOURS,
-    KIND_LABELS,
-    TIME_COLOURS,
-    MapLayers,
-    known_box,
-    map_image,
-    wall_strokes,
-)
+from iceg.show.map_image import INK, KIND_COLOURS, KIND_LABELS, TIME_COLOURS, wall_strokes
 
 if TYPE_CHECKING:
     from iceg.ice.features import Features
 
 _KIND_MARKERS = ("s", "o", "x")
-_MAP_PIXELS = 2000
 
 
-def draw_map(
-    ax: Axes, layers: MapLayers, *, min_seen: int = 3, box: Box | None = None, line_width: float = 0.8
-) -> None:
-    """Draw a map as `map_image` paints it.
-
-    Args:
-        ax: axes to draw on; aspect and limits are set, ticks removed.
-        layers: what to draw.
-        min_seen: landmarks seen less often are left out, as are those that have expired.
-        box: x_min, x_max, y_min, y_max to show [m]; the known area when left out.
-        line_width: of the trajectory, about [points]; other strokes and markers follow it.
-    """
-    layers = layers.settled(min_seen)
-    box = box or known_box(layers.grid, layers.trajectory)
-    pixels = line_width * _MAP_PIXELS / _long_side_in_points(ax, box)
-    image = map_image(layers, box=box, long_side=_MAP_PIXELS, line_width=pixels)
-    ax.imshow(image, extent=box, interpolation="antialiased")
-    ax.set(xlim=box[:2], ylim=box[2:], xticks=[], yticks=[], aspect="equal")
-    for spine in ax.spines.values():
-        spine.set_visible(False)
-
-
-def _long_side_in_points(ax: Axes, box: Box) -> float:
-    """Length of the longer side of a box that fills the axes as far as its shape allows [points]."""
-    width, height = box[1] - box[0], box[3] - box[2]
-    assert ax.figure is not None
-    pixels = min(ax.bbox.width / width, ax.bbox.height / height) * max(width, height)
-    return float(72.0 * pixels / ax.figure.dpi)
-
-
-def draw_scan_features(ax: Axes, scan: Scan, features: "Features", *, stroke: float = 0.4) -> None:
+def scan_features(scan: Scan, features: "Features", ax: Axes, *, stroke: float = 0.4) -> None:
     """Draw one scan with its features in the robot frame.
 
     Args:
-        ax: axes to draw on.
         scan: the scan; its points become dots, its laser a triangle.
         features: its features; weak ones are drawn hollow and pale.
+        ax: axes to draw on.
         stroke: length of the strokes along the walls of a feature [m].
     """
     points = scan.points
@@ -98,21 +54,21 @@ def draw_scan_features(ax: Axes, scan: Scan, features: "Features", *, stroke: fl
     ax.legend(fontsize="small", frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
 
 
-def draw_alignment(
-    ax: Axes,
+def alignment(
     reference_points: NDArray[np.float64],
     scan: Scan,
     T_ref_guess: NDArray[np.float64],
     T_ref_match: NDArray[np.float64],
+    ax: Axes,
 ) -> None:
     """Draw a scan on its reference, where it was expected and where it was matched.
 
     Args:
-        ax: axes to draw on.
         reference_points: (n, 2) points of the reference [m].
         scan: the scan.
         T_ref_guess: (3,) where the robot was expected.
         T_ref_match: (3,) where the match put it.
+        ax: axes to draw on.
     """
     ax.plot(*reference_points.T, ".", color="#999999", markersize=2.5, label="reference", zorder=1)
     poses = ((T_ref_guess, TIME_COLOURS[0], "scan as expected"), (T_ref_match, "#0072b2", "scan as matched"))
@@ -124,10 +80,10 @@ def draw_alignment(
     ax.legend(fontsize="small", frameon=False)
 
 
-def draw_covariance_ellipse(
-    ax: Axes,
+def covariance_ellipse(
     mean: ArrayLike,
     covariance: ArrayLike,
+    ax: Axes,
     sigmas: float = 2.0,
     *,
     colour: str = "#c1272d",
@@ -136,9 +92,9 @@ def draw_covariance_ellipse(
     """Draw where a point lies with its covariance.
 
     Args:
-        ax: axes to draw on.
         mean: (2,) or longer; x and y come first.
         covariance: (2, 2) or larger, the same order.
+        ax: axes to draw on.
         sigmas: size of the ellipse in standard deviations.
         colour: of its line.
         label: for a legend.
@@ -165,21 +121,21 @@ def draw_covariance_ellipse(
     return ellipse
 
 
-def draw_correlation_surface(
-    ax: Axes,
+def correlation_surface(
     xs: NDArray[np.float64],
     ys: NDArray[np.float64],
     scores: NDArray[np.float64],
+    ax: Axes,
     best: ArrayLike | None = None,
     covariance: ArrayLike | None = None,
 ) -> None:
     """Draw the correlation score over (dx, dy) around a match.
 
     Args:
-        ax: axes to draw on.
         xs: (n_x,) shifts along x [m], evenly spaced.
         ys: (n_y,) shifts along y [m], evenly spaced.
         scores: (n_y, n_x) score of each shift.
+        ax: axes to draw on.
         best: (2,) or longer, where the match came out [m].
         covariance: (2, 2) or larger, drawn as the ellipse of two standard deviations.
     """
@@ -190,39 +146,7 @@ def draw_correlation_surface(
         x, y = np.asarray(best, dtype=np.float64)[:2]
         ax.plot([x], [y], "+", color="#7fdbca", markersize=9, zorder=6)
         if covariance is not None:
-            draw_covariance_ellipse(ax, best, covariance, 2.0, colour="#7fdbca")
+            covariance_ellipse(best, covariance, ax, 2.0, colour="#7fdbca")
     ax.set(xlabel="x [m]", ylabel="y [m]")
     if ax.figure is not None:
         ax.figure.colorbar(image, ax=ax, label="correlation score")
-
-
-def draw_error_over_time(
-    ax: Axes,
-    stamps: NDArray[np.float64],
-    errors: NDArray[np.float64],
-    sigmas: NDArray[np.float64] | None = None,
-    *,
-    label: str = "position error [m]",
-    bound: float = 3.0,
-) -> None:
-    """Draw an error along the trajectory against the uncertainty that was claimed for it.
-
-    Args:
-        ax: axes to draw on.
-        stamps: (n,) time or path length of each pose.
-        errors: (n,) signed or absolute error.
-        sigmas: (n,) claimed standard deviation; the band of ± `bound` of them is shaded.
-        label: of the vertical axis.
-        bound: size of the band in standard deviations.
-    """
-    if sigmas is not None:
-        low = -bound * sigmas if (errors < 0).any() else np.zeros_like(sigmas)
-        ax.fill_between(
-            stamps, low, bound * sigmas, color="#0072b2", alpha=0.15, linewidth=0, label=f"{bound:g} σ claimed"
-        )
-    ax.plot(stamps, errors, color=INK, linewidth=1.0, label="error")
-    ax.set(xlabel="time [s]", ylabel=label)
-    ax.margins(x=0)
-    for side in ("top", "right"):
-        ax.spines[side].set_visible(False)
-    ax.legend(fontsize="small", frameon=False, ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)

@@ -1,0 +1,63 @@
+"""`iceg export`: a run's results for other programs."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from iceg.cli.options import UsageError
+
+
+@dataclass(frozen=True, kw_only=True)
+class Export:
+    """Write a run's results for other programs: trajectory, corrected log, graph, tables or floor plan."""
+
+    results: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR", help="The folder of a run.")]
+    to: Annotated[
+        Literal[
+            "tum",
+            "euroc",
+            "kitti",
+            "carmen",
+            "g2o",
+            "gtsam",
+            "csv",
+            "parquet",
+            "floorplan.svg",
+            "floorplan.pdf",
+            "floorplan.dxf",
+        ],
+        tyro.conf.arg(
+            help="Trajectory as tum, euroc or kitti; the log with corrected poses as carmen; the graph as g2o or "
+            "serialised by gtsam; trajectory, key poses, closures, landmarks and factors as tables in csv or parquet; "
+            "walls as straight lines as floorplan."
+        ),
+    ]
+    output: Annotated[
+        Path | None,
+        tyro.conf.arg(
+            aliases=["-o"],
+            metavar="OUT",
+            help="File, for gtsam, csv and parquet a folder; replaced if it is there; in DIR when left out.",
+            help_behavior_hint="",
+        ),
+    ] = None
+    log: Annotated[
+        Path | None, tyro.conf.arg(metavar="LOG", help="carmen: the recorded log.", help_behavior_hint="")
+    ] = None
+    stamps: Annotated[
+        Literal["recorded", "repaired"],
+        tyro.conf.arg(help="tum, euroc: as in trajectory.tum, or repaired so that they increase from scan to scan."),
+    ] = "recorded"
+
+    def __call__(self) -> None:
+        """Read, write, name the file."""
+        from iceg.export.formats import export_results
+        from iceg.export.options import ExportOptions
+
+        if (self.log is None) == (self.to == "carmen"):
+            raise UsageError("--to carmen needs the recorded --log, and no other format takes one")
+        if self.stamps != "recorded" and self.to not in ("tum", "euroc"):
+            raise UsageError(f"--stamps repaired goes with tum and euroc, found --to {self.to}")
+        print(export_results(self.results, self.to, self.output, ExportOptions(log=self.log, stamps=self.stamps)))

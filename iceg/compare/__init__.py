@@ -1,0 +1,1 @@
+"""Two runs of one log side by side, scan by scan."""

@@ -1,0 +1,78 @@
+"""What a run can be exported to: a row for each format."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+from iceg.export.options import ExportError, ExportOptions
+from iceg.results import ResultsError
+
+Writer = Callable[[Path, Path, ExportOptions], None]
+"""Writes what the run in a folder has to a file or folder."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Format:
+    """One format.
+
+    Attributes:
+        writer: module in `iceg.export` and function, loaded when needed.
+        name: of the file or folder, in that of the run, unless another is given.
+        is_folder: whether it is several files in a folder.
+    """
+
+    writer: str
+    name: str
+    is_folder: bool = False
+
+
+FORMATS: Mapping[str, Format] = {
+    "tum": Format(writer="trajectories.write_tum", name="exported.tum"),
+    "euroc": Format(writer="trajectories.write_euroc", name="trajectory.euroc.csv"),
+    "kitti": Format(writer="trajectories.write_kitti", name="trajectory.kitti.txt"),
+    "carmen": Format(writer="corrected_log.write_corrected_carmen", name="corrected.clf"),
+    "g2o": Format(writer="graphs.write_plain_g2o", name="exported.g2o"),
+    "gtsam": Format(writer="graphs.write_gtsam", name="gtsam", is_folder=True),
+    "csv": Format(writer="tables.write_csv_tables", name="csv", is_folder=True),
+    "floorplan.svg": Format(writer="floor_plans.write_floor_plan_svg", name="floorplan.svg"),
+    "floorplan.pdf": Format(writer="floor_plans.write_floor_plan_pdf", name="floorplan.pdf"),
+    "floorplan.dxf": Format(writer="floor_plans.write_floor_plan_dxf", name="floorplan.dxf"),
+    "parquet": Format(writer="tables.write_parquet_tables", name="parquet", is_folder=True),
+}
+"""By the name that asks for it."""
+
+
+def export_results(
+    directory: Path | str, to: str, path: Path | str | None = None, options: ExportOptions | None = None
+) -> Path:
+    """Write a run's results as another program reads them.
+
+    Args:
+        directory: of the run.
+        to: one of `FORMATS`.
+        path: the file, or the folder of several, replaced if it is there; in the run's folder when left out.
+        options: what some formats need.
+
+    Returns:
+        The file or folder.
+
+    Raises:
+        IcegError: the folder is none of a run, or lacks what the format holds.
+    """
+    directory = Path(directory)
+    if to not in FORMATS:
+        raise ExportError(f"found the format '{to[:40]}', expected one of {', '.join(FORMATS)}")
+    if not directory.is_dir():
+        raise ResultsError(f"{directory}: is no folder, expected one that a run has written")
+    form = FORMATS[to]
+    target = directory / form.name if path is None else Path(path)
+    if target.exists() and target.is_dir() != form.is_folder:
+        found, expected = ("a folder", "a file") if target.is_dir() else ("a file", "a folder")
+        raise ExportError(f"{target}: is {found}, expected {expected} for {to}")
+    if target.resolve() == directory.resolve():
+        raise ExportError(f"{target}: is the folder of the run, expected another one for {to}")
+    module, _, function = form.writer.partition(".")
+    writer: Writer = getattr(import_module(f"iceg.export.{module}"), function)
+    writer(directory, target, options or ExportOptions())
+    return target

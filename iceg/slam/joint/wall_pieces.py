@@ -1,0 +1,97 @@
+"""What a run tells of the walls: the pieces that the joint refinement ended with, as short straight segments."""
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.se2 import transform_points
+from iceg.slam.joint.covariance import Walls
+
+_ON_THE_WALL = 0.5
+"""Points of at least this Cauchy weight, nearer to the line than its width, tell how far a piece reaches."""
+
+_MARKS = 4_000_000
+"""So many pairs of a piece and a key pose are marked at a time."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WallPieces:
+    """Short straight pieces of wall, at most half a metre long each.
+
+    Attributes:
+        ends: (m, 2, 2) both ends in the map frame [m]; the side that was seen lies to the left.
+        points: (m,) how many points lie on each.
+        deviations: (m,) root mean square distance of these from the piece [m].
+        key_poses: (m,) from how many key poses it was seen.
+    """
+
+    ends: NDArray[np.float64]
+    points: NDArray[np.int64]
+    deviations: NDArray[np.float64]
+    key_poses: NDArray[np.int64]
+
+    def __len__(self) -> int:
+        """Number of pieces."""
+        return len(self.points)
+
+    @classmethod
+    def none(cls) -> Self:
+        """Without a piece, as where nothing was refined."""
+        whole = np.empty(0, np.int64)
+        return cls(ends=np.empty((0, 2, 2)), points=whole, deviations=np.empty(0), key_poses=whole)
+
+    @classmethod
+    def of(
+        cls, walls: Walls, spreads: NDArray[np.float64], key_starts: NDArray[np.int64], T_map_walls: NDArray[np.float64]
+    ) -> Self:
+        """From the walls of a joint refinement.
+
+        Args:
+            walls: pieces, and how the points lie on them.
+            spreads: (n,) variance of each point in that of a typical one.
+            key_starts: (k + 1,) first point of each key pose.
+            T_map_walls: (3,) where the walls' frame lies in the map.
+
+        Returns:
+            The pieces that some points lie on, in the order of the walls.
+        """
+        chosen = np.flatnonzero((walls.piece_of >= 0) & (walls.weights * spreads >= _ON_THE_WALL))
+        piece, n = walls.piece_of[chosen], len(walls.lines)
+        x, y, normal_x, normal_y = walls.lines.T
+        at_middle = x * normal_y - y * normal_x
+        placed = walls.placed[chosen]
+        along = placed[:, 0] * normal_y[piece] - placed[:, 1] * normal_x[piece] - at_middle[piece]
+        low, high = np.full(n, np.inf), np.full(n, -np.inf)
+        np.minimum.at(low, piece, along)
+        np.maximum.at(high, piece, along)
+        points = np.bincount(piece, minlength=n)
+        squares = np.bincount(piece, walls.residuals[chosen] ** 2, minlength=n)
+        present = points > 0
+        lines = walls.lines[present]
+        reaches = np.stack([low[present], high[present]], axis=1)
+        tangents = np.stack([lines[:, 3], -lines[:, 2]], axis=1)
+        ends = lines[:, None, :2] + reaches[:, :, None] * tangents[:, None, :]
+        return cls(
+            ends=transform_points(T_map_walls, ends),
+            points=points[present],
+            deviations=np.sqrt(squares[present] / points[present]),
+            key_poses=_key_poses(piece, chosen, key_starts, n)[present],
+        )
+
+
+def _key_poses(
+    piece: NDArray[np.int64], points: NDArray[np.int64], key_starts: NDArray[np.int64], n: int
+) -> NDArray[np.int64]:
+    """(n,) from how many key poses the points on each of n pieces were seen; points come key pose by key pose."""
+    keys = len(key_starts) - 1
+    borders = np.searchsorted(points, key_starts)
+    key = np.repeat(np.arange(keys), np.diff(borders))
+    counts, at_once = np.zeros(n, np.int64), max(1, _MARKS // max(n, 1))
+    for first in range(0, keys, at_once):
+        part = slice(borders[first], borders[min(first + at_once, keys)])
+        seen = np.zeros((n, at_once), np.bool_)
+        seen[piece[part], key[part] - first] = True
+        counts += np.count_nonzero(seen, axis=1)
+    return counts

@@ -1,0 +1,177 @@
+"""Whether a match is believed that odometry does not expect: another, near odometry, may explain as much."""
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import Scan
+from graph.measurement import NoMatch, RelativePose
+from graph.noise import squared_norm
+from graph.odometry import OdometryMotion
+from graph.se2 import between, compose, wrap_angle
+from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE
+from iceg.slam.tracking.sight import sees_little
+
+JUMP_DISTANCE, JUMP_TURN = 0.3, 0.26
+"""A match farther from odometry than this [m, rad] …"""
+_JUMP_SIGMAS = 4.0
+"""… and than so many standard deviations is a jump …"""
+_JUMP_FIT, _JUMP_VIEW = 0.75, 0.75
+"""… and needs this share of beams on the reference, and of the reference in view seen."""
+CONTRADICTED = 25.0
+"""Squared Mahalanobis distance from which on a match contradicts odometry: one near odometry is preferred …"""
+LEAST_SHARE = 0.75
+"""… if it explains nearly as much: this share at least …"""
+_SHARE_PER_DISTANCE2 = 1.0 / 800.0
+"""… and all of it but for so much per squared distance."""
+
+_IMPLAUSIBLE = NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Expectation:
+    """Where odometry since the newest key scan puts the robot.
+
+    Attributes:
+        T_track_key: (3,) the newest key pose.
+        motion: since then.
+        is_known: whether odometry told all of the way.
+    """
+
+    T_track_key: NDArray[np.float64]
+    motion: OdometryMotion
+    is_known: bool
+
+    @property
+    def T_track_robot(self) -> NDArray[np.float64]:
+        """(3,) the pose expected."""
+        return compose(self.T_track_key, self.motion.T_key_robot)
+
+    def contradicts(self, found: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
+        """Whether a pose, (3,), known with a (3, 3) covariance, is not what odometry says."""
+        offset = between(found, self.T_track_robot)
+        return squared_norm(offset, self.motion.covariance + covariance) >= CONTRADICTED
+
+
+class OdometryCheck:
+    """Judges matched poses by what odometry expects, and by what else explains the scan."""
+
+    def __init__(self, map_matcher: MapMatcher | None, apart: float, twisted: float) -> None:
+        """Take what is asked and what counts as one optimum.
+
+        Args:
+            map_matcher: says what a pose explains; None where the matcher cannot.
+            apart: poses no farther apart than this [m] …
+            twisted: … and this [rad] do not contradict each other.
+        """
+        self._map_matcher = map_matcher
+        self._apart, self._twisted = apart, twisted
+
+    def judge(
+        self,
+        reference: Any,  # noqa: ANN401
+        scan: Scan,
+        guess: NDArray[np.float64],
+        found: NDArray[np.float64],
+        covariance: NDArray[np.float64],
+        expected: Expectation,
+        *,
+        is_degenerate: bool = False,
+    ) -> RelativePose | NoMatch | None:
+        """What to believe instead of a match.
+
+        Args:
+            reference: what the scan was matched to.
+            scan: it.
+            guess: (3,) where the search began.
+            found: (3,) where it ended …
+            covariance: (3, 3) … and how well that is known.
+            expected: by odometry.
+            is_degenerate: whether the match leaves more than one direction open.
+
+        Returns:
+            Another match, why there is none, or None where the match is believed.
+        """
+        nearer = self._nearer(reference, scan, found, covariance, expected)
+        if nearer is not None:
+            return nearer
+        too_little = self._sees_too_little(scan, found, covariance, expected, is_degenerate=is_degenerate)
+        if too_little is not None:
+            return too_little
+        return None if self._is_plausible(reference, scan, guess, found, expected) else _IMPLAUSIBLE
+
+    @staticmethod
+    def _sees_too_little(
+        scan: Scan,
+        found: NDArray[np.float64],
+        covariance: NDArray[np.float64],
+        expected: Expectation,
+        *,
+        is_degenerate: bool,
+    ) -> NoMatch | None:
+        """Why not to believe a match that contradicts odometry on the word of a few beams, or of one direction alone.
+
+        Where hardly anything else is in reach, people close by pass for walls, and take the robot with them.
+        """
+        few_see = sees_little(scan)
+        if not (expected.is_known and (few_see or is_degenerate) and expected.contradicts(found, covariance)):
+            return None
+        return FEW_SEE if few_see else SEES_TOO_LITTLE
+
+    def _nearer(
+        self,
+        reference: Any,  # noqa: ANN401
+        scan: Scan,
+        found: NDArray[np.float64],
+        covariance: NDArray[np.float64],
+        expected: Expectation,
+    ) -> RelativePose | None:
+        """A match nearer to odometry than one that contradicts it, if it explains the scan nearly as well.
+
+        What moves, and what looks alike a little farther on, draws a match along where walls do not hold it.
+        """
+        pose = expected.T_track_robot
+        if self._map_matcher is None or self._are_one_optimum(found, pose):
+            return None
+        distance2 = squared_norm(between(found, pose), expected.motion.covariance + covariance)
+        if distance2 < CONTRADICTED:
+            return None
+        nearer = self._map_matcher.held(reference, scan, pose)
+        if isinstance(nearer, NoMatch) or self._are_one_optimum(found, nearer.T_ref_cur):
+            return None
+        share = max(LEAST_SHARE, 1.0 - distance2 * _SHARE_PER_DISTANCE2)
+        free, near = (self._map_matcher.agreement(reference, scan, T).evidence for T in (found, nearer.T_ref_cur))
+        return nearer if near >= share * free else None
+
+    def _are_one_optimum(self, T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> bool:
+        distance, turn = apart(T_a_b, T_a_c)
+        return distance < self._apart and turn < self._twisted
+
+    def _is_plausible(
+        self,
+        reference: Any,  # noqa: ANN401
+        scan: Scan,
+        guess: NDArray[np.float64],
+        found: NDArray[np.float64],
+        expected: Expectation,
+    ) -> bool:
+        """A pose far from the guess (odometry jumped, or the robot was carried) must explain all that is seen."""
+        distance, turn = apart(guess, found)
+        if distance < JUMP_DISTANCE and turn < JUMP_TURN:
+            return True
+        (xx, _, _), (_, yy, _), (_, _, hh) = expected.motion.covariance.tolist()
+        is_near = distance < max(JUMP_DISTANCE, _JUMP_SIGMAS * math.sqrt(max(xx, yy)))
+        if (is_near and turn < max(JUMP_TURN, _JUMP_SIGMAS * math.sqrt(hh))) or self._map_matcher is None:
+            return True
+        support = self._map_matcher.agreement(reference, scan, found)
+        return support.fit >= _JUMP_FIT and support.view >= _JUMP_VIEW
+
+
+def apart(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> tuple[float, float]:
+    """Distance [m] and angle [rad] between two poses; plain floats, for the loop over scans."""
+    (x, y, heading), (x_c, y_c, heading_c) = T_a_b.tolist(), T_a_c.tolist()
+    return math.hypot(x_c - x, y_c - y), abs(wrap_angle(heading_c - heading))
