@@ -10,7 +10,7 @@ import tyro
 
 @dataclass(frozen=True, kw_only=True)
 class Compare:
-    """Tell where two runs of one log differ, scan by scan, and write a page with both maps under a slider."""
+    """Tell where two runs of one log differ, and lay both maps under a slider."""
 
     a: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="A", help="The folder of a run.")]
     b: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="B", help="The folder of another.")]

@@ -11,7 +11,7 @@ from iceg.cli.options import UsageError
 
 @dataclass(frozen=True, kw_only=True)
 class Export:
-    """Write a run's results for other programs: trajectory, corrected log, graph, tables or floor plan."""
+    """Write results for other programs: trajectory, log, graph, tables, floor plan."""
 
     results: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR", help="The folder of a run.")]
     to: Annotated[

@@ -51,7 +51,7 @@ class Info:
 
 @dataclass(frozen=True, kw_only=True)
 class Eval:
-    """Judge a trajectory against the truth or by benchmark relations, or a run's factors by each other."""
+    """Judge a trajectory by the truth or relations, or a run's factors by each other."""
 
     trajectory: Annotated[
         tyro.conf.Positional[Path], tyro.conf.arg(metavar="TRAJECTORY", help="A trajectory.tum or the folder of a run.")

@@ -70,7 +70,7 @@ class Run(RunOptions):
 
 @dataclass(frozen=True, kw_only=True)
 class DpSlam:
-    """The same by DP-SLAM, a particle filter over whole maps, to compare: trajectory, map and summary."""
+    """The same by DP-SLAM, a particle filter over whole maps, to compare."""
 
     log: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LOG", help="The recorded log, with odometry.")]
     output: Annotated[

@@ -35,7 +35,7 @@ class BenchError(IcegError):
 
 @dataclass(frozen=True, kw_only=True)
 class Bench:
-    """Compare methods on logs; without FILE, ICE's accuracy and speed on the embedded and the public logs.
+    """Compare methods on logs; without FILE, accuracy and speed on the known logs.
 
     FILE names methods, logs, seeds and parameter sweeps (docs/benchmark.md). Runs that are in DIR already, with the
     same settings and logs, are not made again.
@@ -169,7 +169,7 @@ class Bench:
 
 @dataclass(frozen=True, kw_only=True)
 class Ablation:
-    """What each stage of a run gains, and what calibrated covariances buy: tables for logs with a reference."""
+    """What each stage of a run, and what calibrated covariances buy."""
 
     logs: Annotated[
         tyro.conf.Positional[tuple[Path, ...]],
@@ -266,7 +266,7 @@ class Ablation:
 
 @dataclass(frozen=True, kw_only=True)
 class Nees:
-    """Whether the covariances are right: NEES of factors and poses against the truth, over many simulated runs."""
+    """Whether the covariances are right: NEES over many simulated runs."""
 
     logs: Annotated[
         tyro.conf.Positional[tuple[Path, ...]],

@@ -58,7 +58,7 @@ class Simulate:
 
 @dataclass(frozen=True, kw_only=True)
 class Convert:
-    """Write a log in another format: CARMEN, USARSim, DP-SLAM, bags of ROS 1 and ROS 2, tables."""
+    """Write a log in another format: bags, tables, CARMEN, USARSim, DP-SLAM."""
 
     log: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="LOG", help="The recorded log.")]
     output: Annotated[
