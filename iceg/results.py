@@ -24,12 +24,15 @@ from graph.files import read_text
 from graph.publish import check_replaceable, publishing, settle
 from iceg.config import format_config
 from iceg.memory import peak_memory_mb
+from iceg.slam.closures.closure import CLOSURE_COLUMNS
 from iceg.tables import TableError, read_csv_table
 from iceg.tum import format_tum
 
 if TYPE_CHECKING:
     from iceg.slam.pipeline import SlamResult
 
+FINDINGS = "run.npz"
+"""What the run found before it concluded, for `iceg resolve`."""
 RESULT_FILES = (
     "trajectory.tum",
     "graph.g2o",
@@ -40,13 +43,13 @@ RESULT_FILES = (
     "map.png",
     "features.geojson",
     "config.toml",
+    FINDINGS,
     "summary.json",
 )
 
-_VOUCHED_FOR = ("trajectory.tum", "graph.g2o", "covariances.csv", "closures.csv", "features.geojson")
+_VOUCHED_FOR = ("trajectory.tum", "graph.g2o", "covariances.csv", "closures.csv", "features.geojson", FINDINGS)
 """Files whose digests `summary.json` holds: those that are read together. Maps and settings are there to be edited."""
 _COVARIANCE_COLUMNS = ("scan", "x_m", "y_m", "theta_rad", "xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
-CLOSURE_COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad", "score", "inliers", "overlap", "verdict", "reason")
 _UPPER_TRIANGLE = np.triu_indices(3)
 
 
@@ -305,6 +308,12 @@ def _write_config(result: "SlamResult", folder: Path) -> None:
     _write_text(folder / "config.toml", format_config(result.config))
 
 
+def _write_findings(result: "SlamResult", folder: Path) -> None:
+    from iceg.findings_file.codec import write_findings
+
+    write_findings(folder / FINDINGS, result.findings)
+
+
 _WRITERS: Mapping[str, Callable[["SlamResult", Path], None]] = {
     "trajectory": _write_trajectory,
     "graph": _write_graph,
@@ -314,6 +323,7 @@ _WRITERS: Mapping[str, Callable[["SlamResult", Path], None]] = {
     "picture": _write_picture,
     "features": _write_features,
     "config": _write_config,
+    "findings": _write_findings,
 }
 
 

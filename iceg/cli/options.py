@@ -8,7 +8,7 @@ import tyro
 from iceg.cli.usage_error import UsageError
 from iceg.config import Config
 
-__all__ = ["ConfigFile", "GivenPath", "Overwrite", "Settings", "SkipBadLines", "UsageError"]
+__all__ = ["ConfigFile", "CorrectionsFile", "GivenPath", "Overwrite", "Settings", "SkipBadLines", "UsageError"]
 
 
 GivenPath = Optional[Path]  # noqa: UP045
@@ -18,6 +18,16 @@ ConfigFile = Annotated[
     GivenPath,
     tyro.conf.arg(
         metavar="FILE", help="TOML file of settings; flags given here override it.", help_behavior_hint="(optional)"
+    ),
+]
+
+
+CorrectionsFile = Annotated[
+    GivenPath,
+    tyro.conf.arg(
+        metavar="FILE",
+        help="What a person corrects: corrections.toml, or a closures.csv with other verdicts.",
+        help_behavior_hint="(optional)",
     ),
 ]
 

@@ -11,6 +11,7 @@ from tyro.extras import subcommand_cli_from_dict
 
 from frontends.dp_slam.config import DpSlamConfig
 from iceg.cli.judge import Eval, Info, Plot
+from iceg.cli.resolve import Resolve
 from iceg.cli.run import Demo, DpSlam, Run, RunOptions
 from iceg.cli.studies import Ablation, Bench, Nees
 from iceg.cli.tools import Convert, Optimize, PrintConfig, Simulate
@@ -18,7 +19,20 @@ from iceg.config import Config
 from iceg.settings_file import read_settings
 
 Command = (
-    Run | DpSlam | Demo | Info | Eval | Plot | Simulate | Convert | Optimize | Bench | Ablation | Nees | PrintConfig
+    Run
+    | Resolve
+    | DpSlam
+    | Demo
+    | Info
+    | Eval
+    | Plot
+    | Simulate
+    | Convert
+    | Optimize
+    | Bench
+    | Ablation
+    | Nees
+    | PrintConfig
 )
 Kind = TypeVar("Kind", bound=Command | RunOptions)
 Settings = TypeVar("Settings", Config, DpSlamConfig)
@@ -31,6 +45,7 @@ _DESCRIPTION = (
 _COMMANDS: dict[str, type[Command]] = {
     "run": Run,
     "dp-slam": DpSlam,
+    "resolve": Resolve,
     "demo": Demo,
     "info": Info,
     "eval": Eval,

@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from frontends.dp_slam.config import DpSlamConfig
-from iceg.cli.options import ConfigFile, GivenPath, Overwrite, Settings, SkipBadLines
+from iceg.cli.options import ConfigFile, CorrectionsFile, GivenPath, Overwrite, Settings, SkipBadLines
 from iceg.cli.run_log import run_log, tell_warnings, what_was_kept, written_at
 from iceg.config import Config
 
@@ -29,6 +29,7 @@ class RunOptions:
             help_behavior_hint="(optional)",
         ),
     ] = None
+    corrections: CorrectionsFile = None
     overwrite: Overwrite = False
     skip_bad_lines: SkipBadLines = False
 
@@ -46,6 +47,7 @@ class Run(RunOptions):
             self.output,
             self.settings,
             closures=self.closures,
+            corrections=self.corrections,
             overwrite=self.overwrite,
             skip_bad_lines=self.skip_bad_lines,
         )

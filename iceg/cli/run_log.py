@@ -28,6 +28,7 @@ def run_log(
     overwrite: bool,
     skip_bad_lines: bool,
     closures: Path | None = None,
+    corrections: Path | None = None,
 ) -> None:
     """Read a log, run, write the results, and say on the way what a person should know.
 
@@ -38,6 +39,7 @@ def run_log(
         overwrite: whether earlier results may be replaced.
         skip_bad_lines: pass over malformed lines and count them.
         closures: a file of loops closed by hand.
+        corrections: a file of corrections.
 
     Raises:
         IcegError: the log cannot be read, or the results not be written.
@@ -57,14 +59,14 @@ def run_log(
             with reading_bar(path) as reading:
                 log = read_log(path, skip_bad_lines=skip_bad_lines, progress=reading, **dataclasses.asdict(config.log))
             tell_warnings(log)
-            from iceg.slam.closures.manual import check_manual_closures, read_manual_closures
+            from iceg.slam.corrections.reading import read_all_corrections
             from iceg.slam.pipeline import run
 
-            by_hand = read_manual_closures(closures) if closures else []
-            check_manual_closures(by_hand, len(log))
+            asked = read_all_corrections(path for path in (corrections, closures) if path)
+            asked.check(len(log))
             try:
                 with ProgressBar(log) as progress:
-                    result = run(log, config, progress, closures=by_hand)
+                    result = run(log, config, progress, corrections=asked)
             except GraphError as err:
                 raise GraphError(f"{path}: {err}") from err
             write_results(result, directory, overwrite=overwrite)
@@ -73,8 +75,13 @@ def run_log(
     told = log.warnings
     _tell_results(result, progress.matching, time.perf_counter() - started)
     _warn([warning for warning in result.log.warnings if warning not in told])
-    _warn(in_short([*_tracking_warnings(result), *result.warnings], "warnings and lost_at_scans in summary.json"))
+    tell_result_warnings(result)
     print(f"Results are in {directory}: map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more")
+
+
+def tell_result_warnings(result: "SlamResult") -> None:
+    """Print what a run has found doubtful."""
+    _warn(in_short([*_tracking_warnings(result), *result.warnings], "warnings and lost_at_scans in summary.json"))
 
 
 def tell_warnings(log: "Log") -> None:

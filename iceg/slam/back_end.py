@@ -23,7 +23,7 @@ from iceg.slam.closures.attempt import PARTNER_KEYS, Attempt, is_near, say_the_s
 from iceg.slam.closures.candidates import Candidate, is_adrift
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
-from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.tracking.track import Track
 
 _UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
@@ -305,6 +305,7 @@ def solve_track(
     graph_config: PoseGraphConfig,
     closures: LoopClosureConfig,
     progress: Callable[[int], None] | None = None,
+    is_forbidden: Forbids | None = None,
 ) -> Solution:
     """Build and solve the graph of a whole track.
 
@@ -316,11 +317,12 @@ def solve_track(
         graph_config: how the graph is solved.
         closures: how loops are found.
         progress: called with the number of scans whose key poses are in the graph.
+        is_forbidden: see `LoopCloser`.
 
     Returns:
         The solved graph.
     """
-    closer = LoopCloser(matcher, track, closures)
+    closer = LoopCloser(matcher, track, closures, is_forbidden=is_forbidden)
     back_end = BackEnd(track, closer, graph_config)
     steps = None if odometry is None else between(odometry[:-1], odometry[1:])
     unknown, standing = track.keys_without_odometry(), noise.start()

@@ -17,6 +17,7 @@ from frontends.scan import Log
 from graph.batch import marginal_covariances
 from graph.factors import Factor
 from graph.pose_graph import PoseGraph
+from graph.se2 import compose
 from iceg.config import Config
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.features import extract_features
@@ -26,15 +27,18 @@ from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.closures.closure import Closure
-from iceg.slam.closures.manual import (
-    ManualClosure,
-    add_by_hand,
-    check_manual_closures,
-    manual_factors,
-    manual_records,
-)
+from iceg.slam.closures.manual import ManualClosure
+from iceg.slam.corrections.corrected import Corrected, corrected
+from iceg.slam.corrections.corrections import Corrections, MapFrame
+from iceg.slam.corrections.cut import KeptScans
+from iceg.slam.corrections.cut_findings import cut_findings
+from iceg.slam.corrections.errors import CorrectionsError
+from iceg.slam.corrections.forbidden import forbids
+from iceg.slam.corrections.map_frame import frame_transform, moved_priors
 from iceg.slam.final_factors import FinalFactors
-from iceg.slam.finish import Finished, finish
+from iceg.slam.findings import Findings, without
+from iceg.slam.finish import Finished, Round, closure_kernel, matched_again, refined
+from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.noise_widths import widened
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.constant_velocity import constant_velocity
@@ -72,6 +76,7 @@ class SlamResult:
         closures: every loop closure tried.
         warnings: what is doubtful about it, besides what is about the log.
         summary: counts, warnings, seconds per stage and calibration.
+        findings: what the run found before it concluded: `resolve` concludes anew from it.
     """
 
     log: Log
@@ -87,6 +92,7 @@ class SlamResult:
     closures: list[Closure]
     warnings: tuple[RunWarning, ...]
     summary: dict[str, Any]
+    findings: Findings
 
     def __repr__(self) -> str:
         accepted = sum(closure.verdict == "accepted" for closure in self.closures)
@@ -104,6 +110,7 @@ def run(
     *,
     matcher: Matcher | None = None,
     closures: Sequence[ManualClosure] = (),
+    corrections: Corrections | None = None,
 ) -> SlamResult:
     """Estimate the trajectory and the maps of a log.
 
@@ -112,14 +119,59 @@ def run(
         config: settings; the defaults when left out.
         progress: called as the front end proceeds.
         matcher: any scan matcher; the one that the settings name when left out.
-        closures: loops closed by hand.
+        closures: loops closed by hand, besides those of the corrections.
+        corrections: what a person corrects, scans counted as in `log`.
 
     Returns:
         Everything that was found.
+
+    Raises:
+        IcegError: a correction that does not fit the log.
     """
-    given = config or Config()
-    check_manual_closures(closures, len(log))
+    asked = (corrections or Corrections()).with_closures(closures)
+    kept = asked.check(len(log))
     clock = _StageClock()
+    findings = _find(kept.of(log), kept, config or Config(), asked.counted_in(kept), matcher, progress, clock)
+    return _conclude(findings, asked, matcher, clock)
+
+
+def resolve(findings: Findings, corrections: Corrections | None = None) -> SlamResult:
+    """Solve, refine and render what a run has found, corrected otherwise; nothing is matched anew.
+
+    Closures by hand that only name scans are matched.
+
+    Args:
+        findings: of a run, as in its result, or read back from its folder.
+        corrections: all of them: those that the run was given before count no more. Scans are counted as recorded.
+
+    Returns:
+        The same as a run.
+
+    Raises:
+        IcegError: a correction that does not fit the log, or the run was made with a matcher that no settings name.
+    """
+    if findings.is_own_matcher:
+        raise CorrectionsError(
+            "the run was made with a matcher of the caller's own, expected one that the settings name: run again"
+        )
+    asked = corrections or Corrections()
+    kept = asked.check(findings.kept.recorded)
+    if kept != findings.kept:
+        findings = cut_findings(findings, kept, asked.cut.where)
+    return _conclude(findings, asked, None, _StageClock())
+
+
+def _find(
+    log: Log,
+    kept: KeptScans,
+    given: Config,
+    corrections: Corrections,
+    matcher: Matcher | None,
+    progress: ProgressCallback | None,
+    clock: "_StageClock",
+) -> Findings:
+    """Track a log and close its loops; corrections guide the search, and are taken out of what it finds."""
+    own_matcher = matcher is not None
     with clock.stage("front_end"):
         laser = _laser_noise(log, given)
         noise = beyond_allowed(laser)
@@ -132,14 +184,53 @@ def run(
     with clock.stage("graph"):
         track = with_measured_doubt(track, matcher, config.front_end.split_scans)
         calibration = _recalibrate(track, log, first, config)
-        by_hand = manual_factors(closures, track)
-        solution = _solve(track, log, matcher, calibration, config)
-        solution = add_by_hand(solution, by_hand, config.graph)
+        is_forbidden = forbids(corrections.forbidden, track)
+        solution = _solve(track, log, matcher, calibration, config, is_forbidden)
+        guided = _corrected(solution, corrections, track, matcher, config)
+        solution = _with_factors(solution, guided, config)
         track = _retied(track, solution, log, matcher)
     with clock.stage("finish"):
-        solution, finished = _finish(solution, track, log, matcher, config, noise, by_hand)
+        rounds: list[Round] = []
+        if config.finish.enabled and len(track.keys) > 1:
+            solution, rounds = matched_again(
+                solution,
+                track,
+                matcher,
+                config.loops,
+                config.finish,
+                config.graph,
+                kept=guided.held,
+                is_forbidden=is_forbidden,
+            )
+    return Findings(
+        log=log,
+        kept=kept,
+        config=given,
+        is_own_matcher=own_matcher,
+        laser=laser,
+        sweep=sweep.record(),
+        track=track,
+        calibration=calibration,
+        solution=without(solution, guided.held, config),
+        rounds=tuple(rounds),
+    )
+
+
+def _conclude(
+    findings: Findings, corrections: Corrections, matcher: Matcher | None, clock: "_StageClock"
+) -> SlamResult:
+    """Correct, refine and render what was found."""
+    log, track, given = findings.log, findings.track, findings.config
+    noise = beyond_allowed(findings.laser)
+    config = widened(given, sqrt(noise.typical))
+    matcher = matcher or _matcher(log, config, noise)
+    own = corrections.counted_in(findings.kept)
+    with clock.stage("finish"):
+        corrected = _corrected(findings.solution, own, track, matcher, config)
+        solution, finished = _finish(corrected, findings.rounds, track, log, matcher, config, noise)
     with clock.stage("covariances"):
         covariances = _covariances(finished, solution, track, config)
+    solution, finished = _in_frame(own.frame, solution, finished, track, config)
     trajectory = track.trajectory(solution.poses)
     with clock.stage("feature_map"):
         landmarks = _landmarks(track, solution.poses, matcher, config)
@@ -147,7 +238,7 @@ def run(
         grid, doubt = render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
     worst = least_known(key_scans, covariances)
-    warnings = run_warnings(track, solution, finished.rounds, worst, doubt)
+    warnings = corrected.warnings + run_warnings(track, solution, finished.rounds, worst, doubt)
     return SlamResult(
         log=log,
         config=given,
@@ -159,20 +250,22 @@ def run(
         measured=finished.factors.measured,
         landmarks=landmarks,
         grid=grid,
-        closures=_closures(track, solution) + manual_records(closures, track),
+        closures=[*_closures(track, solution), *corrected.by_hand],
         warnings=warnings,
         summary={
-            **summarise(log, track, solution, calibration, finished.rounds, worst, warnings),
-            "laser": _described(laser),
-            "sweep": sweep.record(),
+            **summarise(log, track, solution, findings.calibration, finished.rounds, worst, warnings),
+            "laser": _described(findings.laser),
+            "sweep": findings.sweep,
+            **_corrections_record(corrections, findings.kept),
             "seconds": clock.seconds,
             "cpu_seconds": clock.cpu_seconds,
         },
+        findings=findings,
     )
 
 
 class _StageClock:
-    """Seconds spent in each stage: on the wall, and of the processor."""
+    """Seconds spent in each stage, whenever it goes on: on the wall, and of the processor."""
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
@@ -182,8 +275,9 @@ class _StageClock:
     def stage(self, name: str) -> Iterator[None]:
         started, cpu_started = time.perf_counter(), time.process_time()
         yield
-        self.seconds[name] = round(time.perf_counter() - started, 4)
-        self.cpu_seconds[name] = round(time.process_time() - cpu_started, 4)
+        taken, cpu_taken = time.perf_counter() - started, time.process_time() - cpu_started
+        self.seconds[name] = round(self.seconds.get(name, 0.0) + taken, 4)
+        self.cpu_seconds[name] = round(self.cpu_seconds.get(name, 0.0) + cpu_taken, 4)
 
 
 def _laser_noise(log: Log, config: Config) -> LaserNoise | None:
@@ -244,12 +338,36 @@ def _track_swept(
     return track_swept(followed, lambda log: _track(log, matcher, config, progress))
 
 
-def _solve(track: Track, log: Log, matcher: Matcher, calibration: OdometryCalibration, config: Config) -> Solution:
+def _solve(
+    track: Track,
+    log: Log,
+    matcher: Matcher,
+    calibration: OdometryCalibration,
+    config: Config,
+    is_forbidden: Forbids,
+) -> Solution:
     if log.has_odometry:
         odometry, noise = calibration.apply(log.odometry), calibration.lasting_noise
-        return solve_track(track, odometry, noise, matcher, config.graph, config.loops)
+        return solve_track(track, odometry, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden)
     poses, noise = constant_velocity(track) or (None, calibration.lasting_noise)
-    return solve_track(track, poses, noise, matcher, config.graph, config.loops)
+    return solve_track(track, poses, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden)
+
+
+def _corrected(
+    solution: Solution, corrections: Corrections, track: Track, matcher: Matcher, config: Config
+) -> Corrected:
+    def closer() -> LoopCloser:
+        return LoopCloser(matcher, track, config.loops)
+
+    return corrected(solution, corrections, track, closer, closure_kernel(config.finish), config.graph)
+
+
+def _with_factors(solution: Solution, guided: Corrected, config: Config) -> Solution:
+    """The graph with closures by hand that fit it more, at the poses that they lead to."""
+    if not guided.held:
+        return solution
+    together, poses = [*solution.graph.factors, *guided.held], guided.solution.poses
+    return replace(solution, graph=PoseGraph.from_factors(together, poses, config.graph), poses=poses)
 
 
 def _retied(track: Track, solution: Solution, log: Log, matcher: Matcher) -> Track:
@@ -261,21 +379,29 @@ def _retied(track: Track, solution: Solution, log: Log, matcher: Matcher) -> Tra
 
 
 def _finish(
-    solution: Solution,
+    corrected: Corrected,
+    rounds: Sequence[Round],
     track: Track,
     log: Log,
     matcher: Matcher,
     config: Config,
     noise: RangeNoise,
-    by_hand: list[Factor],
 ) -> tuple[Solution, Finished]:
-    """The solution after the offline finish, and what that did; one with no rounds where it is switched off.
+    """The solution with poses and map refined together, and what that did; as it is where that is switched off.
 
-    Its closures join the record; those it dropped stay in it with the reason.
+    The closures that were dropped stay in the record with the reason.
     """
+    solution = corrected.solution
     if config.finish.enabled and len(track.keys) > 1:
-        finished = finish(
-            solution, track, matcher, config.loops, config.finish, kept=by_hand, scan_of=log.scan, noise=noise
+        finished = refined(
+            solution,
+            rounds,
+            track,
+            matcher,
+            config.finish,
+            scan_of=log.scan,
+            noise=noise,
+            distrusted=corrected.distrusted,
         )
     else:
         factors = FinalFactors.of(solution.graph.factors, solution.breaks, track)
@@ -284,6 +410,29 @@ def _finish(
             return solution, finished
     graph = PoseGraph.from_factors(finished.factors.carried, finished.poses, config.graph)
     return replace(solution, graph=graph, poses=finished.poses, attempts=finished.attempts), finished
+
+
+def _in_frame(
+    frame: MapFrame, solution: Solution, finished: Finished, track: Track, config: Config
+) -> tuple[Solution, Finished]:
+    """The same in the frame of the map that is asked for."""
+    if frame.is_as_found:
+        return solution, finished
+    T_new_map = frame_transform(frame, track, solution.poses, config.ice.segments)
+    poses = compose(T_new_map, solution.poses)
+    factors = replace(
+        finished.factors,
+        measured=moved_priors(finished.factors.measured, T_new_map),
+        carried=moved_priors(finished.factors.carried, T_new_map),
+    )
+    graph = PoseGraph.from_factors(moved_priors(solution.graph.factors, T_new_map), poses, config.graph)
+    return replace(solution, graph=graph, poses=poses), replace(finished, poses=poses, factors=factors)
+
+
+def _corrections_record(corrections: Corrections, kept: KeptScans) -> dict[str, Any]:
+    """What was corrected and cut, for `summary.json`; nothing of a run that was not."""
+    record = corrections.record()
+    return ({"corrections": record} if record else {}) | ({} if kept.is_all else {"cut": kept.record()})
 
 
 def _covariances(finished: Finished, solution: Solution, track: Track, config: Config) -> NDArray[np.float64]:
