@@ -86,7 +86,7 @@ def _range_arrays(ranges: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
         if np.array_equal((counts / per_metre).astype(np.float32), ranges[hit]):
             whole = np.full(ranges.shape, _NO_RETURN, dtype=np.uint16)
             whole[hit] = counts.astype(np.uint16)
-            return {"log_ranges": whole, "log_ranges_per_metre": np.array(per_metre)}
+            return {"log_ranges": whole, "log_ranges_per_metre": np.array([per_metre])}
     return {"log_ranges": ranges}
 
 
@@ -98,7 +98,7 @@ def _ranges(table: Table, n_beams: int) -> NDArray[np.float32]:
         return stored
     if stored.dtype != np.uint16:
         raise table.error(f"'log_ranges' is of type {stored.dtype}, expected uint16")
-    per_metre = float(table.floats("log_ranges_per_metre"))
+    per_metre = float(table.floats("log_ranges_per_metre", 1)[0])
     if per_metre not in _STEPS:
         raise table.error(f"'log_ranges_per_metre' is {per_metre:g}, expected one of {_STEPS}")
     ranges = (stored / per_metre).astype(np.float32)
