@@ -21,7 +21,7 @@ from iceg.slam.back_end import BackEnd
 from iceg.slam.broken_path import place_search, relocalisation, untied_steps
 from iceg.slam.broken_path.estimate import Estimate
 from iceg.slam.broken_path.examination import Exam
-from iceg.slam.broken_path.path_break import LOST, REFUTED, Doubt
+from iceg.slam.broken_path.path_break import Doubt, DoubtKind
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_single_steps
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.broken_path.untied_steps import UntiedSteps
@@ -29,8 +29,8 @@ from iceg.slam.closures.attempt import Attempt, Place, closure_factor
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.config import FrontEndConfig, LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
-from iceg.slam.tracking.track import Track
 
 Array = NDArray[np.float64]
 
@@ -111,23 +111,26 @@ def _relocalised(
     track: Track,
     places: Mapping[int, Sequence[Array]],
     monkeypatch: pytest.MonkeyPatch,
-    strength: float | None = LOST,
+    kind: DoubtKind | None = DoubtKind.LOST,
     held: Sequence[Attempt] = (),
 ) -> Estimate:
     """With the places found alike; closures found on the way hold the path."""
     monkeypatch.setattr(place_search, "alike_places", lambda *_: [(_EARLIER, key) for key in places])
     monkeypatch.setattr(relocalisation, "Examiner", _Examiner)
-    return _searched(track, places, strength, held)
+    return _searched(track, places, kind, held)
 
 
 def _searched(
-    track: Track, places: Mapping[int, Sequence[Array]], strength: float | None = LOST, held: Sequence[Attempt] = ()
+    track: Track,
+    places: Mapping[int, Sequence[Array]],
+    kind: DoubtKind | None = DoubtKind.LOST,
+    held: Sequence[Attempt] = (),
 ) -> Estimate:
     factors = _path(track) + [closure_factor(closure) for closure in held]
     before = Estimate(factors=factors, poses=_poses(track), attempts=list(held))
     doubts = {}
-    if strength is not None:
-        doubts[_BREAK] = Doubt(reason="nothing matched what was known before", strength=strength)
+    if kind is not None:
+        doubts[_BREAK] = Doubt(reason="nothing matched what was known before", kind=kind)
     return relocalise(_Closer(track, places), track, before, doubts, LoopClosureConfig())
 
 
@@ -153,21 +156,23 @@ def test_the_set_that_agrees_picks_among_the_places_of_each(track: Track, monkey
 
 
 @pytest.mark.parametrize(
-    ("n_alone", "strength", "expected"),
+    ("n_alone", "kind", "expected"),
     [
-        (4, REFUTED, ["joined"]),
+        (4, DoubtKind.UNMATCHED, ["joined"]),
         (3, 1.0, []),
-        pytest.param(3, REFUTED, ["contradicted"], id="told where match and odometry contradict each other"),
-        (2, REFUTED, []),
+        pytest.param(
+            3, DoubtKind.UNMATCHED, ["contradicted"], id="told where match and odometry contradict each other"
+        ),
+        (2, DoubtKind.UNMATCHED, []),
     ],
 )
 def test_a_path_that_was_not_lost_is_not_broken_by_what_fits_elsewhere_too(
-    track: Track, monkeypatch: pytest.MonkeyPatch, n_alone: int, strength: float, expected: list[str]
+    track: Track, monkeypatch: pytest.MonkeyPatch, n_alone: int, kind: DoubtKind, expected: list[str]
 ) -> None:
     places = {k: [_moved(track, k, _HERE), _by_chance(k)] for k in _AGAIN}
     for key in list(_AGAIN)[:n_alone]:
         places[key] = places[key][:1]
-    found = _relocalised(track, places, monkeypatch, strength=strength)
+    found = _relocalised(track, places, monkeypatch, kind=kind)
     assert [at.outcome for at in found.breaks] == expected
     if expected != ["joined"]:
         np.testing.assert_array_equal(found.poses, _poses(track))
@@ -189,7 +194,7 @@ def test_what_is_told_without_acting_on_it_is_credible(
     )
     places = {k: [_moved(track, k, _HERE)] for k in _AGAIN}
     held = [_over_the_whole_path(track)] * n_held
-    found = _relocalised(track, places, monkeypatch, strength=REFUTED, held=held)
+    found = _relocalised(track, places, monkeypatch, kind=DoubtKind.UNMATCHED, held=held)
     assert [at.outcome for at in found.breaks] == ["contradicted"] * is_told
     assert [attempt for attempt in found.attempts if attempt.accepted] == held
 
@@ -245,7 +250,7 @@ def test_two_places_that_both_beat_the_path_are_told_though_closures_hold_the_pa
         places[key] = places[key][:1]
     as_it_is = _Closer(track, {k: [_moved(track, k, np.zeros(3))] for k in (112, 116, 120)})
     held = [as_it_is.match_anywhere(_EARLIER, key, _poses(track)) for key in (112, 116, 120)]
-    found = _relocalised(track, places, monkeypatch, strength=REFUTED, held=held)
+    found = _relocalised(track, places, monkeypatch, kind=DoubtKind.UNMATCHED, held=held)
     assert [attempt for attempt in found.attempts if attempt.accepted] == held
     assert found.breaks == ()
     (vote,) = found.alike
@@ -281,7 +286,7 @@ def test_closures_that_hold_the_path_speak_against_those_that_contradict_it(
     monkeypatch.setattr(untied_steps, "_WEAK_SCORE", 2.0)
     monkeypatch.setattr(relocalisation, "_EXPLAINED", 2.0)
     held = [_over_the_whole_path(track)] * n_held
-    found = _relocalised(track, {k: [_moved(track, k, far)] for k in _AGAIN}, monkeypatch, strength=None, held=held)
+    found = _relocalised(track, {k: [_moved(track, k, far)] for k in _AGAIN}, monkeypatch, kind=None, held=held)
     assert [at.outcome for at in found.breaks] == outcomes
 
 
@@ -309,7 +314,7 @@ def test_few_pairs_are_matched_where_nothing_is_doubtful_and_little_untied(
     after = closer.match_anywhere(first + n_untied - 1 - config.reference_half, last, _poses(track))
     held = [before] * 20 + [after] * 20  # as many as settle what little explains
     estimate = Estimate(factors=_path(track) + [closure_factor(c) for c in held], poses=_poses(track), attempts=held)
-    doubts = {first: Doubt(reason="the odometry jumped", strength=REFUTED)} if is_doubtful else {}
+    doubts = {first: Doubt(reason="the odometry jumped", kind=DoubtKind.UNMATCHED)} if is_doubtful else {}
     relocalise(closer, track, estimate, doubts, config)
     assert asked == [expected]
 
@@ -341,7 +346,9 @@ def test_a_part_that_only_a_later_one_is_tied_to_moves_with_it(track: Track, mon
     pairs = [(second if key in again else _EARLIER, key) for key in places]
     monkeypatch.setattr(place_search, "alike_places", lambda *_: pairs)
     monkeypatch.setattr(relocalisation, "Examiner", _Examiner)
-    doubts = {key: Doubt(reason="nothing matched what was known before", strength=LOST) for key in (before, third)}
+    doubts = {
+        key: Doubt(reason="nothing matched what was known before", kind=DoubtKind.LOST) for key in (before, third)
+    }
     estimate = Estimate(factors=_path(track), poses=poses, attempts=[])
     found = relocalise(_Closer(track, places), track, estimate, doubts, LoopClosureConfig())
     assert [(at.key, at.outcome) for at in found.breaks] == [(before, "joined"), (third, "joined")]
@@ -360,7 +367,10 @@ def test_what_spans_one_doubtful_step_is_heard_before_what_spans_two(
     pairs = [(_EARLIER, key) for key in places] + [(70, key) for key in within]
     monkeypatch.setattr(place_search, "alike_places", lambda *_: pairs)
     monkeypatch.setattr(relocalisation, "Examiner", _Examiner)
-    doubts = {key: Doubt(reason="scripted", strength=s) for key, s in ((second, LOST), (_BREAK, REFUTED))}
+    doubts = {
+        second: Doubt(reason="scripted", kind=DoubtKind.LOST),
+        _BREAK: Doubt(reason="scripted", kind=DoubtKind.UNMATCHED),
+    }
     estimate = Estimate(factors=_path(track), poses=poses, attempts=[])
     found = relocalise(_Closer(track, places | within), track, estimate, doubts, LoopClosureConfig())
     assert [(at.key, at.outcome) for at in found.breaks] == [(second, "joined"), (_BREAK, "joined")]
@@ -375,7 +385,7 @@ def test_a_set_that_speaks_of_two_breaks_is_two_hypotheses(track: Track) -> None
 
     before = [claim(20 + k, 60 + k) for k in range(4)]
     after = [claim(70 + k, 120 + k) for k in range(6)]
-    doubts = {key: Doubt(reason="nothing matched what was known before", strength=LOST) for key in (50, _BREAK)}
+    doubts = {key: Doubt(reason="nothing matched what was known before", kind=DoubtKind.LOST) for key in (50, _BREAK)}
     steps = UntiedSteps(track, _path(track), doubts, LoopClosureConfig())
     found = about_single_steps([*before, *after], steps)
     assert [(hypothesis.key, hypothesis.closures) for hypothesis in found] == [(_BREAK, after), (50, before)]
@@ -385,7 +395,7 @@ def test_of_two_steps_that_odometry_contradicts_the_one_whose_match_explains_les
     scores = np.array([0.0 if isinstance(key.match, NoMatch) else key.match.score for key in track.keys])
     keys = np.arange(80, 110)
     worse, better = int(keys[scores[keys].argmin()]), int(keys[scores[keys].argmax()])
-    doubts = {worse: Doubt(reason="", strength=1.995), better: Doubt(reason="", strength=1.999)}
+    doubts = {worse: _contradicted(200.0), better: _contradicted(1000.0)}
     steps = UntiedSteps(track, _path(track), doubts, LoopClosureConfig())
     closure = Attempt(key_old=70, key_new=120, match=None, accepted=True, reason="scripted")
     (found,) = about_single_steps([closure], steps)
@@ -393,13 +403,13 @@ def test_of_two_steps_that_odometry_contradicts_the_one_whose_match_explains_les
     assert found.key == worse
 
 
-@pytest.mark.parametrize(("strength", "expected"), [(1.98, _BREAK), (REFUTED, 50)])
-def test_only_what_is_beyond_chance_outweighs_a_closure(track: Track, strength: float, expected: int) -> None:
+@pytest.mark.parametrize(("distance2", "expected"), [(50.0, _BREAK), (100.0, 50)])
+def test_only_what_is_beyond_chance_outweighs_a_closure(track: Track, distance2: float, expected: int) -> None:
     # Four of five closures span the step in doubt, all of them one that nothing speaks against.
     claims = [
         Attempt(key_old=old, key_new=120, match=None, accepted=True, reason="scripted") for old in (20, 25, 30, 35, 60)
     ]
-    steps = UntiedSteps(track, _path(track), {50: Doubt(reason="", strength=strength)}, LoopClosureConfig())
+    steps = UntiedSteps(track, _path(track), {50: _contradicted(distance2)}, LoopClosureConfig())
     steps.untied[:] = False
     steps.untied[[50, _BREAK]] = True
     (found, *_) = about_single_steps(claims, steps)
@@ -411,7 +421,7 @@ def test_drift_beyond_chance_is_told(
     track: Track, monkeypatch: pytest.MonkeyPatch, share: float, outcomes: list[str]
 ) -> None:
     monkeypatch.setattr(untied_steps, "_WEAK_SCORE", 2.0)
-    found = _relocalised(track, {k: [_moved(track, k, share * _HERE)] for k in _AGAIN}, monkeypatch, strength=None)
+    found = _relocalised(track, {k: [_moved(track, k, share * _HERE)] for k in _AGAIN}, monkeypatch, kind=None)
     assert [at.outcome for at in found.breaks] == outcomes
     assert any(factor.kind == "closure" for factor in found.factors)
 
@@ -475,3 +485,7 @@ def test_hypotheses_are_apart_by_how_far_they_put_the_same_scan(track: Track) ->
     assert here.apart_from(there, poses) == pytest.approx(expected)
     assert there.apart_from(here, poses) == pytest.approx(expected)
     assert there.apart_from(later, poses) == 0.0, "about other scans"
+
+
+def _contradicted(distance2: float) -> Doubt:
+    return Doubt(kind=DoubtKind.CONTRADICTED, reason="", distance2=distance2)

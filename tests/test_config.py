@@ -125,7 +125,7 @@ def test_importing_the_configuration_is_light() -> None:
         ("grid.resolution", "inf", "resolution is inf m, expected a positive number from 0.0001 to 100000"),
         ("loops.spacing", "-1.0", "found spacing -1.0, expected 0 or more"),
         ("loops.place_confirmations", "0", "found place_confirmations 0, expected 1 or more"),
-        ("finish.doubts", "0", "found doubts 0, expected 1 or more"),
+        ("finish.rounds", "-1", "found rounds -1, expected 0 or more"),
         ("finish.kernel_width", "inf", "found kernel_width inf, expected a positive number"),
         ("front_end.calibration_scans", "0", "found calibration_scans 0, expected 1 or more"),
         ("ice.hypotheses.field_sigma", "0.0", "found field_sigma 0.0, expected a positive number"),

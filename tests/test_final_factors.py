@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 import iceg
-from graph.batch import optimize
 from graph.factors import Factor
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryMotion
-from graph.se2 import between, compose
+from graph.se2 import compose
 from iceg.slam.broken_path.path_break import UNKNOWN_STEP, Break
 from iceg.slam.final_factors import FinalFactors
-from iceg.slam.tracking.track import KeyScan, Track
+from iceg.slam.track import KeyScan, Track
 
 _STEP = np.array([0.5, 0.0, 0.1])
 _MOVED = np.array([[0.0, 0.0, 0.0], [0.01, -0.02, 0.003], [-0.03, 0.01, -0.01]])
@@ -52,22 +51,3 @@ def test_odometry_that_is_no_longer_believed_still_has_its_say_in_what_was_solve
     assert changed == [2]
     np.testing.assert_allclose(factors.measured[2].covariance, UNKNOWN_STEP)
     np.testing.assert_array_equal(factors.measured[2].T_i_j, factors.solved[2].T_i_j)
-    assert factors.carried == factors.measured
-
-
-def test_carried_factors_have_their_optimum_where_the_poses_went(factors: FinalFactors) -> None:
-    before = optimize(factors.measured, np.array([k * _STEP for k in range(3)]))
-    after = compose(before.poses, _MOVED)
-    moved = factors.moved(before.poses, after)
-    assert (moved.solved, moved.measured) == (factors.solved, factors.measured)
-    assert moved.carried[0] is factors.measured[0]
-    again = optimize(moved.carried, after)
-    np.testing.assert_allclose(again.poses, after, atol=1e-6)
-    assert again.error_after == pytest.approx(before.error_after)
-    for was, now in zip(factors.measured[1:], moved.carried[1:], strict=True):
-        assert was.i is not None
-        residuals = [
-            between(poses[was.i], poses[was.j]) - factor.T_i_j for poses, factor in ((before.poses, was), (after, now))
-        ]
-        assert now.covariance is was.covariance
-        assert np.abs(residuals[0] - residuals[1]).max() < 1e-3

@@ -15,10 +15,10 @@ from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.verification import Agreement
 from iceg.slam.config import FrontEndConfig
+from iceg.slam.map_matcher import FollowingMatcher, MapMatcher
+from iceg.slam.track import Track
 from iceg.slam.tracking.front_end import FrontEnd
 from iceg.slam.tracking.log_tracking import track_log
-from iceg.slam.tracking.map_matcher import FollowingMatcher, MapMatcher
-from iceg.slam.tracking.track import Track
 
 
 class ScanByScan:

@@ -14,9 +14,9 @@ from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.verification import Agreement
 from iceg.slam.config import FrontEndConfig, KeyScanConfig
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.tracking.front_end import FrontEnd
 from iceg.slam.tracking.log_tracking import track_log
-from iceg.slam.tracking.map_matcher import MapMatcher
 from tests.walls import see
 
 _GEOMETRY = ScanGeometry(bearings=np.linspace(-1.5, 1.5, 31), range_min=0.1, range_max=20.0)

@@ -22,10 +22,10 @@ from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.finish import matched_again, refined
 from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.match_errors import placement_covariance
 from iceg.slam.rematch import _spaced_keys
+from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, Track
 from iceg.slam.tracking.log_tracking import track_log
-from iceg.slam.tracking.match_errors import placement_covariance
-from iceg.slam.tracking.track import FEW_SEE, SEES_TOO_LITTLE, Track
 
 
 @pytest.fixture(scope="module")

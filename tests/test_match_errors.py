@@ -11,8 +11,8 @@ from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import compose, expmap
 from iceg.evaluation.consistency import nees, relative_pose_errors
-from iceg.slam.tracking.match_errors import OWN, closure_covariance, placement_covariance
-from iceg.slam.tracking.track import KeyScan, Track
+from iceg.slam.match_errors import OWN, closure_covariance, placement_covariance
+from iceg.slam.track import KeyScan, Track
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
-from iceg.slam.tracking.track import KeyScan, Track
+from iceg.slam.track import KeyScan, Track
 
 _GEOMETRY = ScanGeometry(bearings=np.linspace(-1.5, 1.5, 31), range_min=0.1, range_max=20.0)
 

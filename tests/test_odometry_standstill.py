@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from frontends.logs import read_log
 from frontends.scan import Log
 from iceg.demo import demo_log_path
-from iceg.slam.odometry.standstill import (
+from iceg.slam.recording.standstill import (
     between_readings,
     dead_stretches,
     reading_period,

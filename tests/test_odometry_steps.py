@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from graph.odometry import OdometryModel
 from graph.se2 import compose
 from iceg.slam.odometry.calibration import OdometryCalibration
-from iceg.slam.odometry.steps import sudden_steps
+from iceg.slam.recording.steps import sudden_steps
 
 
 def _driven(steps: NDArray[np.float64]) -> NDArray[np.float64]:

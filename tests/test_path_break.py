@@ -8,7 +8,7 @@ from graph.factors import Factor
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryMotion
 from iceg.slam.broken_path.path_break import UNKNOWN_STEP, Break, Outcome, let_go
-from iceg.slam.tracking.track import KeyScan, Track
+from iceg.slam.track import KeyScan, Track
 
 _SCAN = iceg.Scan.from_ranges(np.full(31, 4.0), field_of_view=np.pi)
 _NOTHING = NoMatch(reason="nothing")

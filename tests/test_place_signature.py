@@ -14,8 +14,8 @@ from iceg.ice.matcher import IceMatcher
 from iceg.slam.closures import _signature_kernels as kernels
 from iceg.slam.closures.place_signature import PlaceSignatures, place_signatures
 from iceg.slam.config import FrontEndConfig
+from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
-from iceg.slam.tracking.track import Track
 
 
 @pytest.fixture(scope="module")

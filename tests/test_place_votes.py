@@ -21,8 +21,8 @@ from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.finish import matched_again
 from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
-from iceg.slam.tracking.track import Track
 
 Array = NDArray[np.float64]
 

@@ -79,10 +79,10 @@ def test_a_rule_that_is_gone_is_told(monkeypatch: pytest.MonkeyPatch, path: str)
 
 def test_a_study_compares_each_rule_with_nothing_switched_off(tmp_path: Path) -> None:
     cell = Cell(group="simulated", source="home lds")
-    rows = rule_rows([cell], None, ["both ways"], tmp_path, 1, lambda _rule, _outcomes: None)
-    assert [row["off"] for row in rows] == ["nothing", "both ways"]
+    rows = rule_rows([cell], None, ["plausible"], tmp_path, 1, lambda _rule, _outcomes: None)
+    assert [row["off"] for row in rows] == ["nothing", "plausible"]
     assert rows[1]["p error"] == rows[1]["error ratio"] == 1.0
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["rule-both-ways.csv", "rule-nothing.csv", "rules.csv"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["rule-nothing.csv", "rule-plausible.csv", "rules.csv"]
 
 
 @pytest.mark.parametrize(

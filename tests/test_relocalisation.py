@@ -28,9 +28,9 @@ from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.pipeline import SlamResult, run
+from iceg.slam.track import Track
 from iceg.slam.tracking.broken_track import retied
 from iceg.slam.tracking.log_tracking import track_log
-from iceg.slam.tracking.track import Track
 
 _QUICK = Config(grid=GridConfig(resolution=0.2), finish=FinishConfig(enabled=False))
 

@@ -19,8 +19,8 @@ from iceg.slam.closures.record import with_earlier
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.rematch import match_again
+from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
-from iceg.slam.tracking.track import Track
 
 F64 = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ import pytest
 from frontends.logs import read_log
 from frontends.scan import Log
 from iceg.demo import demo_log_path
-from iceg.slam.odometry.standstill import with_odometry_between_readings
-from iceg.slam.tracking.repeated_scans import frozen_stretches, is_repeated, without_frozen_scans
+from iceg.slam.recording.repeated_scans import frozen_stretches, is_repeated, without_frozen_scans
+from iceg.slam.recording.standstill import with_odometry_between_readings
 
 
 @pytest.fixture(scope="module")

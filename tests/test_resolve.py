@@ -18,11 +18,11 @@ from iceg.resolving import findings_of, resolve
 from iceg.results import RESULT_FILES, ResultsError
 from iceg.run_folder import read_closures
 from iceg.slam.closures.closure import Closure
-from iceg.slam.closures.manual import ManualClosure
 from iceg.slam.corrections.corrections import Corrections, Distrusted, Forbidden, MapFrame, Pinned
 from iceg.slam.corrections.cut import Cut
 from iceg.slam.corrections.map_frame import walls_heading
 from iceg.slam.findings import Findings
+from iceg.slam.manual_closures import ManualClosure
 from iceg.slam.pipeline import SlamResult
 from iceg.slam.pipeline import resolve as conclude
 from iceg.tables import read_csv_table

@@ -18,11 +18,11 @@ from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
 from iceg.slam.config import FrontEndConfig, SlamConfigError
+from iceg.slam.match_errors import closure_covariance
 from iceg.slam.pipeline import SlamResult, run
+from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
-from iceg.slam.tracking.match_errors import closure_covariance
 from iceg.slam.tracking.split_half import halves, match_doubt, split_half_distances, with_measured_doubt
-from iceg.slam.tracking.track import Track
 
 Array = NDArray[np.float64]
 

@@ -201,7 +201,9 @@ class Ablation:
     off: Annotated[
         tuple[str, ...],
         tyro.conf.arg(
-            metavar="[RULE ...]", help="--rules: the rules to switch off; left out: each.", help_behavior_hint=""
+            metavar="[RULE ...]",
+            help="--rules: the rules to switch off, 'A + B' for both at once; left out: each.",
+            help_behavior_hint="",
         ),
     ] = ()
     groups: Groups = ()
@@ -241,13 +243,13 @@ class Ablation:
     def _without_rules(self) -> None:
         from iceg.evaluation.bench.tables import format_markdown
         from iceg.evaluation.regression.cells import chosen
-        from iceg.evaluation.regression.rules import RULES
+        from iceg.evaluation.regression.rules import RULES, unknown_rules
         from iceg.evaluation.regression.study import rule_rows
         from iceg.results import check_directory
 
         if self.logs or self.faults:
             raise UsageError("--rules goes with neither logs nor --faults: it runs the regression table")
-        unknown = [rule for rule in self.off if rule not in RULES]
+        unknown = unknown_rules(self.off)
         if unknown:
             raise UsageError(f"found --off '{unknown[0]}', expected some of {', '.join(RULES)}")
         if self.workers is not None and self.workers < 1:

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from frontends.logs import read_log
 from frontends.scan import Log
 from frontends.simulator.simulation import simulate
+from graph.batch import optimize
 from graph.factors import Factor
 from graph.publish import publishing
 from graph.se2 import between
@@ -119,14 +120,14 @@ def judge_run(recording: Recording, config: Config = _COARSE) -> JudgedRun:
     """Run the whole pipeline and compare its factors and key poses with the truth."""
     result = run(recording.log, config)
     truth, factors = recording.truth[result.key_scans], result.graph.factors
-    left_out = leave_one_out(factors, result.key_poses)
+    left_out = leave_one_out(factors, optimize(factors, result.key_poses).poses)
     values: dict[str, NDArray[np.float64]] = {}
     without_truth: dict[str, NDArray[np.float64]] = {}
     faded = left_out.weights <= FADED
     for kind in KINDS:
         chosen = np.array([factor.kind == kind for factor in factors]) & ~faded
         if chosen.any():
-            values[kind] = factor_nees([result.measured[k] for k in np.flatnonzero(chosen)], truth)
+            values[kind] = factor_nees([factors[k] for k in np.flatnonzero(chosen)], truth)
             without_truth[kind] = left_out.chi_square[chosen & ~np.isnan(left_out.chi_square)]
     if len(truth) > 1:
         values[POSES] = pose_nees(result.key_poses, truth, result.covariances)

@@ -15,7 +15,7 @@ from iceg.evaluation.scan_pairs import SEPARATE_PASSES, errors_against, is_succe
 from iceg.ice.hypotheses import SearchWindow
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _HALF = 8
 """Key scans to either side that make up the reference."""

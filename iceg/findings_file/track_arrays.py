@@ -11,7 +11,7 @@ from graph.measurement import NoMatch
 from graph.odometry import OdometryMotion
 from iceg.findings_file.match_arrays import match_arrays, matches_of
 from iceg.findings_file.table import Table
-from iceg.slam.tracking.track import KeyScan, Track
+from iceg.slam.track import KeyScan, Track
 
 
 def track_arrays(track: Track) -> dict[str, NDArray[Any]]:

@@ -16,7 +16,7 @@ from graph.odometry import OdometryModel, OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose, wrap_angle
 from iceg.slam.broken_path.estimate import Estimate
-from iceg.slam.broken_path.path_break import ADRIFT, LOST, Break, Doubt
+from iceg.slam.broken_path.path_break import Break, Doubt, DoubtKind
 from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, unsettled
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.closures.attempt import PARTNER_KEYS, Attempt, is_near, say_the_same
@@ -24,7 +24,7 @@ from iceg.slam.closures.candidates import Candidate, is_adrift
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import Forbids, LoopCloser
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
 """Covariance of a step between key scans that neither odometry nor a match has seen."""
@@ -39,9 +39,6 @@ KNOWN_SPACING = 3.0
 """On known ground loops are looked for so many times more seldom."""
 _CARRIED = 0.6
 """A match so far from odometry [m, or metres per metre driven if that is more] makes one wonder."""
-_UNMATCHED_DOUBT = 2.0
-"""How doubtful a step is whose scan matched nothing, or that odometry made as no robot can; one whose match contradicts
-odometry is between this and 1."""
 _JUMP_DISTANCE2, _USUAL_DISTANCE2 = 25.0, 3.0
 """Squared Mahalanobis distance from which on odometry contradicts a match, and the one it is then widened to."""
 
@@ -132,7 +129,7 @@ class BackEnd:
         self._unmatched = 0 if match is not None else self._unmatched + 1
         self._is_led = match is not None or (self._is_led and motion is not None)
         doubt = self.doubts.get(key)
-        if doubt is not None and doubt.strength < ADRIFT and self._is_led and self._unmatched > 1:
+        if doubt is not None and doubt.kind < DoubtKind.ADRIFT and self._is_led and self._unmatched > 1:
             self.doubts[key] = replace(doubt, is_led=True)
 
     def _believed(self, motion: OdometryMotion, match: RelativePose, key: int) -> NDArray[np.float64]:
@@ -144,7 +141,7 @@ class BackEnd:
         far = math.hypot(offset[0], offset[1])
         if distance2 > _JUMP_DISTANCE2 or far > _CARRIED * max(1.0, motion.distance):
             reason = f"the match lies {far:.2f} m and {np.degrees(abs(offset[2])):.0f}° from odometry"
-            self.doubts.setdefault(key, Doubt(reason=reason, strength=_UNMATCHED_DOUBT - 1.0 / (1.0 + distance2)))
+            self.doubts.setdefault(key, Doubt(kind=DoubtKind.CONTRADICTED, reason=reason, distance2=distance2))
         if distance2 <= _JUMP_DISTANCE2:
             return motion.covariance
         self.odometry_jumps.append(key)
@@ -374,15 +371,15 @@ def _front_end_doubts(track: Track) -> dict[int, Doubt]:
     lost, adrift = set(track.lost), set(track.adrift)
     jumps = np.searchsorted([scan.index for scan in track.keys], track.breaks).tolist()
     doubts = {
-        key: Doubt(reason="the odometry jumped, and the laser did not see it", strength=_UNMATCHED_DOUBT)
+        key: Doubt(kind=DoubtKind.UNMATCHED, reason="the odometry jumped, and the laser did not see it")
         for key in jumps
         if key < len(track.keys)
     }
     for key, scan in enumerate(track.keys):
         if scan.index in lost:
-            doubts[key] = Doubt(reason="nothing matched what was known before", strength=LOST)
+            doubts[key] = Doubt(kind=DoubtKind.LOST, reason="nothing matched what was known before")
         elif scan.index in adrift:
-            doubts[key] = Doubt(reason="neither odometry nor laser told the way there", strength=ADRIFT)
+            doubts[key] = Doubt(kind=DoubtKind.ADRIFT, reason="neither odometry nor laser told the way there")
         elif key not in doubts and isinstance(scan.match, NoMatch):
-            doubts[key] = Doubt(reason=scan.match.reason, strength=_UNMATCHED_DOUBT)
+            doubts[key] = Doubt(kind=DoubtKind.UNMATCHED, reason=scan.match.reason)
     return doubts

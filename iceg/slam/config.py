@@ -216,25 +216,15 @@ class FinishConfig:
     """The same in heading [rad]."""
     kernel_width: float = 5.0
     """Φ of dynamic covariance scaling on closures (squared standard deviations)."""
-    doubt_overlap: float = 0.5
-    """Passes whose views overlap by this share and yet do not match are in doubt: they are searched wider …"""
-    doubt_distance: float = 1.0
-    """… with this standard deviation [m] …"""
-    doubt_angle: float = 0.15
-    """… and this in heading [rad] …"""
-    doubts: int = 120
-    """… but no more than so many of them."""
     joint: JointRefinementConfig = field(default_factory=JointRefinementConfig)
     """In the end, poses and map together."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("kernel_width", "doubts"))
+        check_numbers(self, SlamConfigError, positive=("kernel_width",))
         check_between(
             self,
             SlamConfigError,
             rounds=(0, 1000),
             max_passes=(0, 1000),
-            doubts=(1, 100_000),
             search_distance=(0.0, 100.0),
-            doubt_distance=(0.0, 100.0),
         )

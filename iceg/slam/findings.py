@@ -13,7 +13,7 @@ from iceg.slam.back_end import Solution
 from iceg.slam.corrections.cut import KeptScans
 from iceg.slam.finish import Round
 from iceg.slam.odometry.calibration import OdometryCalibration
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -25,8 +25,8 @@ from iceg.slam.config import FinishConfig, LoopClosureConfig
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.joint.refinement import Clouds, JointRefinement, key_clouds, refine_jointly
 from iceg.slam.loop_closure import Forbids, LoopCloser
-from iceg.slam.rematch import match_again, second_look
-from iceg.slam.tracking.track import Track
+from iceg.slam.rematch import match_again
+from iceg.slam.track import Track
 
 Stage = Literal["solve", "rematch", "joint"]
 
@@ -164,7 +164,6 @@ def refined(
             config = _doubting(config, track.match_doubt)
         clouds = key_clouds(track, scan_of, config.joint, noise).without(distrusted)
         joint, last = _joint(final, poses, clouds, config, _parts(solution), clock)
-        final = final.moved(poses, joint.poses)
         poses, covariances = joint.poses, joint.covariances
         done.append(replace(last, closures=len(loops)))
     return Finished(poses=poses, factors=final, attempts=attempts, rounds=done, covariances=covariances)
@@ -246,15 +245,6 @@ def _parts(solution: Solution) -> list[int]:
 def _rematched(graph: _Graph, closer: LoopCloser, track: Track, config: FinishConfig) -> _Graph:
     """The graph with closures where none tied two passes, and with those in doubt tried again."""
     sure, doubtful = graph.judged()
-    tried = match_again(closer, track, graph.poses, sure, doubtful, config)
-    graph = graph.with_tried(sure, tried, config)
-    found = second_look(closer, tried, graph.poses, config)
-    if not found:
-        return graph
-    # Without a kernel first: they are far off, and a robust kernel would let the graph ignore them.
-    pull = [closure_factor(attempt) for attempt in found]
-    graph = replace(graph, poses=optimize([*graph.chain, *graph.loops, *pull], graph.poses, BATCH).poses)
-    sure, doubtful = graph.with_tried(graph.loops, found, config).judged()
     tried = match_again(closer, track, graph.poses, sure, doubtful, config)
     return graph.with_tried(sure, tried, config)
 

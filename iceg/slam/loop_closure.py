@@ -16,7 +16,7 @@ from iceg.slam.closures.candidates import Candidate, EarlierPasses
 from iceg.slam.closures.verification import ClosureVerifier
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 Forbids = Callable[[int, int], bool]
 """Whether a closure between an earlier and a later key pose must not be."""

@@ -15,7 +15,6 @@ from frontends.matcher import Matcher
 from frontends.matchers import make_matcher
 from frontends.scan import Log
 from graph.batch import marginal_covariances
-from graph.factors import Factor
 from graph.pose_graph import PoseGraph
 from graph.se2 import compose
 from iceg.config import Config
@@ -27,7 +26,6 @@ from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.closures.closure import Closure
-from iceg.slam.closures.manual import ManualClosure
 from iceg.slam.corrections.corrected import Corrected, corrected
 from iceg.slam.corrections.corrections import Corrections, MapFrame
 from iceg.slam.corrections.cut import KeptScans
@@ -39,23 +37,23 @@ from iceg.slam.final_factors import FinalFactors
 from iceg.slam.findings import Findings, without
 from iceg.slam.finish import Finished, Round, closure_kernel, matched_again, refined
 from iceg.slam.loop_closure import Forbids, LoopCloser
+from iceg.slam.manual_closures import ManualClosure
 from iceg.slam.noise_widths import widened
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.constant_velocity import constant_velocity
-from iceg.slam.odometry.contradicted_steps import with_both_ways
-from iceg.slam.odometry.standstill import with_odometry_between_readings
 from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import Progress, ProgressCallback
+from iceg.slam.recording.repeated_scans import without_frozen_scans
+from iceg.slam.recording.standstill import with_odometry_between_readings
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.summary import run_warnings, summarise
 from iceg.slam.sweep.tracking import Followed, SweepFinding, track_swept
+from iceg.slam.track import Track
 from iceg.slam.tracking.broken_track import retied
 from iceg.slam.tracking.laser_orientation import track_as_mounted
 from iceg.slam.tracking.log_tracking import track_calibrating
 from iceg.slam.tracking.open_ground import is_open_ground
-from iceg.slam.tracking.repeated_scans import without_frozen_scans
 from iceg.slam.tracking.split_half import with_measured_doubt
-from iceg.slam.tracking.track import Track
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,8 +67,8 @@ class SlamResult:
         key_scans: (k,) which scans are key scans.
         key_poses: (k, 3) their T_map_robot.
         covariances: (k, 3, 3) their marginal covariances, tangent space at each.
-        graph: the factor graph; its factors are carried along with the poses by the joint refinement of poses and map.
-        measured: the same factors as they were measured, in the same order, see `FinalFactors`.
+        graph: the factors as they were measured. The key poses rest on the walls that scans share, too, and are not
+            quite the optimum of the factors alone.
         landmarks: the feature map, expired landmarks included.
         grid: the occupancy grid.
         closures: every loop closure tried.
@@ -86,7 +84,6 @@ class SlamResult:
     key_poses: NDArray[np.float64]
     covariances: NDArray[np.float64]
     graph: PoseGraph
-    measured: list[Factor]
     landmarks: Landmarks
     grid: OccupancyGrid
     closures: list[Closure]
@@ -98,7 +95,7 @@ class SlamResult:
         accepted = sum(closure.verdict == "accepted" for closure in self.closures)
         return (
             f"SlamResult({self.log.path.name}: {len(self.trajectory)} scans, {len(self.key_scans)} key poses, "
-            f"{len(self.measured)} factors, {accepted} of {len(self.closures)} closures accepted, "
+            f"{len(self.graph.factors)} factors, {accepted} of {len(self.closures)} closures accepted, "
             f"{len(self.landmarks)} landmarks, {len(self.summary['warnings'])} warnings)"
         )
 
@@ -229,8 +226,8 @@ def _conclude(
         corrected = _corrected(findings.solution, own, track, matcher, config)
         solution, finished = _finish(corrected, findings.rounds, track, log, matcher, config, noise)
     with clock.stage("covariances"):
-        covariances = _covariances(finished, solution, track, config)
-    solution, finished = _in_frame(own.frame, solution, finished, track, config)
+        covariances = _covariances(finished, solution)
+    solution = _in_frame(own.frame, solution, track, config)
     trajectory = track.trajectory(solution.poses)
     with clock.stage("feature_map"):
         landmarks = _landmarks(track, solution.poses, matcher, config)
@@ -247,7 +244,6 @@ def _conclude(
         key_poses=solution.poses,
         covariances=covariances,
         graph=solution.graph,
-        measured=finished.factors.measured,
         landmarks=landmarks,
         grid=grid,
         closures=[*_closures(track, solution), *corrected.by_hand],
@@ -408,25 +404,18 @@ def _finish(
         finished = Finished(poses=solution.poses, factors=factors, attempts=solution.attempts, rounds=[])
         if factors.are_all_believed:
             return solution, finished
-    graph = PoseGraph.from_factors(finished.factors.carried, finished.poses, config.graph)
+    graph = PoseGraph.from_factors(finished.factors.measured, finished.poses, config.graph)
     return replace(solution, graph=graph, poses=finished.poses, attempts=finished.attempts), finished
 
 
-def _in_frame(
-    frame: MapFrame, solution: Solution, finished: Finished, track: Track, config: Config
-) -> tuple[Solution, Finished]:
+def _in_frame(frame: MapFrame, solution: Solution, track: Track, config: Config) -> Solution:
     """The same in the frame of the map that is asked for."""
     if frame.is_as_found:
-        return solution, finished
+        return solution
     T_new_map = frame_transform(frame, track, solution.poses, config.ice.segments)
     poses = compose(T_new_map, solution.poses)
-    factors = replace(
-        finished.factors,
-        measured=moved_priors(finished.factors.measured, T_new_map),
-        carried=moved_priors(finished.factors.carried, T_new_map),
-    )
     graph = PoseGraph.from_factors(moved_priors(solution.graph.factors, T_new_map), poses, config.graph)
-    return replace(solution, graph=graph, poses=poses), replace(finished, poses=poses, factors=factors)
+    return replace(solution, graph=graph, poses=poses)
 
 
 def _corrections_record(corrections: Corrections, kept: KeptScans) -> dict[str, Any]:
@@ -435,12 +424,11 @@ def _corrections_record(corrections: Corrections, kept: KeptScans) -> dict[str, 
     return ({"corrections": record} if record else {}) | ({} if kept.is_all else {"cut": kept.record()})
 
 
-def _covariances(finished: Finished, solution: Solution, track: Track, config: Config) -> NDArray[np.float64]:
-    """(k, 3, 3) of the key poses: as the walls tell, else the graph, and wider where a match is in doubt."""
-    known = finished.covariances
-    if known is None:
-        known = marginal_covariances(solution.graph.factors, solution.poses)
-    return with_both_ways(known, solution, finished.factors.measured, track, config.loops)
+def _covariances(finished: Finished, solution: Solution) -> NDArray[np.float64]:
+    """(k, 3, 3) of the key poses: as the walls tell, else the graph."""
+    if finished.covariances is not None:
+        return finished.covariances
+    return marginal_covariances(solution.graph.factors, solution.poses)
 
 
 def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, config: Config) -> Landmarks:

@@ -1,4 +1,4 @@
-"""Matching again between optimised poses: passes that no closure ties yet, closures in doubt, and what they hide.
+"""Matching again between optimised poses: passes that no closure ties yet, and closures in doubt.
 
 A closure that the optimum agrees with is not matched again: it would say the same. Nor is a pass that such a closure
 ties, a few key poses away: the joint refinement holds them together better than another match would.
@@ -10,20 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.factors import Factor
-from graph.se2 import between
 from iceg.slam.back_end import KNOWN_SPACING
-from iceg.slam.closures.attempt import Attempt, say_the_same
+from iceg.slam.closures.attempt import Attempt
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.config import FinishConfig
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.tracking.track import Track
-
-_ELSEWHERE_DISTANCE, _ELSEWHERE_TURN = 0.25, 0.08
-"""A match farther than this from the estimate contradicts it [m, rad]."""
-_AROUND = (-4, -2, 0, 2, 4)
-"""Key scans around a doubtful one that are searched, too …"""
-_AROUND_FIRST = (-2, 0, 2)
-"""… once these have found something: where three of five say the same, one of these is among them."""
+from iceg.slam.track import Track
 
 
 def match_again(
@@ -87,56 +79,6 @@ class _Ties:
             for b in range(j // reach - 1, j // reach + 2)
             for other_i, other_j in self._at.get((a, b), ())
         )
-
-
-def second_look(
-    closer: LoopCloser,
-    attempts: list[Attempt],
-    poses: NDArray[np.float64],
-    config: FinishConfig,
-) -> list[Attempt]:
-    """Where two passes lie on each other and contradict each other: search wider, believe what several say.
-
-    Args:
-        closer: matches and verifies.
-        attempts: those of the last round.
-        poses: (k, 3) T_map_robot of the key poses.
-        config: what counts as doubt, and how many are looked at.
-
-    Returns:
-        The attempts that agree with others on another place.
-    """
-    if not closer.config.enabled:
-        return []
-    doubtful = [a for a in attempts if not a.accepted and a.overlap >= config.doubt_overlap]
-    pairs = sorted({(a.key_old, a.key_new + step) for a in doubtful for step in _AROUND})
-    pairs = [(old, new) for old, new in pairs if old < new < len(poses)]
-    pairs = pairs[:: max(1, -(-len(pairs) // config.doubts))]
-    first = {(a.key_old, a.key_new + step) for a in doubtful for step in _AROUND_FIRST}
-    accepted = _elsewhere(closer, [pair for pair in pairs if pair in first], poses, config)
-    if accepted:
-        accepted += _elsewhere(closer, [pair for pair in pairs if pair not in first], poses, config)
-    return [
-        attempt
-        for attempt in accepted
-        if sum(say_the_same(attempt, other, poses) for other in accepted) + 1 >= closer.config.confirmations
-    ]
-
-
-def _elsewhere(
-    closer: LoopCloser, pairs: Sequence[tuple[int, int]], poses: NDArray[np.float64], config: FinishConfig
-) -> list[Attempt]:
-    """Closures of an earlier and a later key pose each, searched wide, that would move them against each other."""
-    deviations = np.array([config.doubt_distance, config.doubt_distance, config.doubt_angle])
-    wide = [closer.match(Candidate.of(old, new, poses, deviations), poses) for old, new in pairs]
-    return [attempt for attempt in wide if attempt.accepted and _is_elsewhere(attempt, poses)]
-
-
-def _is_elsewhere(attempt: Attempt, poses: NDArray[np.float64]) -> bool:
-    """Whether a closure would move the passes against each other, not only confirm how they lie."""
-    assert attempt.match is not None
-    x, y, turn = between(between(poses[attempt.key_old], poses[attempt.key_new]), attempt.match.T_ref_cur).tolist()
-    return bool(x * x + y * y > _ELSEWHERE_DISTANCE**2 or abs(turn) > _ELSEWHERE_TURN)
 
 
 def _spaced_keys(track: Track, config: FinishConfig, offered: NDArray[np.bool_]) -> list[int]:

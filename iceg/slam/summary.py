@@ -11,10 +11,10 @@ from iceg.slam.broken_path.path_break import describe_break
 from iceg.slam.broken_path.place_votes import describe_vote
 from iceg.slam.finish import Round
 from iceg.slam.odometry.calibration import OdometryCalibration
-from iceg.slam.odometry.standstill import describe_dead
 from iceg.slam.path_uncertainty import LeastKnown
+from iceg.slam.recording.standstill import describe_dead
 from iceg.slam.run_warning import RunWarning
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _COVARIANCES_OF_GRAPH = (
     "how sure the poses are (covariances.csv) is told by the matches between scans alone, as the walls of the map do "

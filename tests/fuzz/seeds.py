@@ -232,7 +232,7 @@ def findings() -> bytes:
     from iceg.slam.corrections.cut import KeptScans
     from iceg.slam.findings import Findings
     from iceg.slam.odometry.calibration import OdometryCalibration
-    from iceg.slam.tracking.track import KeyScan, Track
+    from iceg.slam.track import KeyScan, Track
 
     n, poses = 6, np.array([[0.2 * k, 0.0, 0.0] for k in range(6)])
     beside = 1.0 / np.maximum(np.abs(np.sin(np.linspace(-1.5, 1.5, 37))), 0.1)

@@ -5,9 +5,10 @@ function that holds it, and switched off by another in its place. A name that no
 row of the rule goes with the rule.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from importlib import import_module
 from types import MappingProxyType
 from typing import Any
@@ -18,12 +19,12 @@ import numpy as np
 from iceg.config import Config
 from iceg.evaluation.errors import EvaluationError
 from iceg.slam.broken_path.estimate import Estimate
-from iceg.slam.broken_path.path_break import LOST, Doubt
+from iceg.slam.broken_path.path_break import Doubt
 from iceg.slam.broken_path.place_votes import Vote
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 Change = Callable[[Config], Config]
 
@@ -73,7 +74,7 @@ def _second(_self: object, second: Any, *_args: object, **_named: object) -> Any
 def _only_after_a_loss(
     closer: LoopCloser, track: Track, estimate: Estimate, doubts: Mapping[int, Doubt], config: LoopClosureConfig
 ) -> Estimate:
-    if not any(doubt.strength >= LOST for doubt in doubts.values()):
+    if not any(doubt.is_lost for doubt in doubts.values()):
         return estimate
     return relocalise(closer, track, estimate, doubts, config)
 
@@ -100,10 +101,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="the same where something always matched: against drift, and matches that lead astray",
             without={f"{_SLAM}.back_end:relocalise": _only_after_a_loss},
         ),
-        "parted": Rule(
-            what="closures across a loss are taken out where they do not stand an examination",
-            without={f"{_SLAM}.broken_path.estimate:ChangingEstimate.part": _nothing},
-        ),
         "place votes": Rule(
             what="no closure after much drift while key scans fit another place as well",
             without={
@@ -112,13 +109,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
                     first=attempt.key_new, last=attempt.key_new, count=1
                 ),
             },
-        ),
-        "both ways": Rule(
-            what="covariances with room for a match and the odometry it contradicts",
-            without={f"{_SLAM}.pipeline:with_both_ways": _first},
-        ),
-        "second look": Rule(
-            what="searches wider where passes contradict each other", without={f"{_SLAM}.finish:second_look": _empty}
         ),
         "plausible": Rule(
             what="a match far from odometry must explain all that is seen",
@@ -232,12 +222,17 @@ RULES: Mapping[str, Rule] = MappingProxyType(
 """Every rule by its name."""
 
 
+def unknown_rules(names: Iterable[str]) -> list[str]:
+    """Those parts of names, each of `RULES` or several joined by " + ", that no rule has."""
+    return [part for name in names for part in _parts(name) if part not in RULES]
+
+
 @contextmanager
 def switched_off(name: str) -> Iterator[Change]:
-    """Runs within do without a rule.
+    """Runs within do without a rule, or without several.
 
     Args:
-        name: of `RULES`.
+        name: of `RULES`, or several joined by " + ".
 
     Yields:
         What the settings must become, too.
@@ -245,14 +240,20 @@ def switched_off(name: str) -> Iterator[Change]:
     Raises:
         EvaluationError: there is no such rule, or what it names is not there any more.
     """
-    rule = RULES.get(name)
-    if rule is None:
-        raise EvaluationError(f"found no rule '{name}', expected one of {', '.join(RULES)}")
+    unknown = unknown_rules([name])
+    if unknown:
+        raise EvaluationError(f"found no rule '{unknown[0]}', expected one of {', '.join(RULES)}")
+    rules = [RULES[part] for part in _parts(name)]
     with ExitStack() as stack:
-        for path, off in rule.without.items():
-            owner, attribute = _owner(name, path)
-            stack.enter_context(patch.object(owner, attribute, off))
-        yield rule.config or _first
+        for part, rule in zip(_parts(name), rules, strict=True):
+            for path, off in rule.without.items():
+                owner, attribute = _owner(part, path)
+                stack.enter_context(patch.object(owner, attribute, off))
+        yield lambda config: reduce(lambda so_far, rule: (rule.config or _first)(so_far), rules, config)
+
+
+def _parts(name: str) -> list[str]:
+    return [part.strip() for part in name.split("+")]
 
 
 def _owner(rule: str, path: str) -> tuple[Any, str]:

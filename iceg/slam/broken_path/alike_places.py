@@ -9,7 +9,7 @@ from iceg.ice.matcher import IceMatcher
 from iceg.slam.closures.candidates import ANCHOR_SPACING
 from iceg.slam.closures.place_signature import PlaceSignatures, place_signatures
 from iceg.slam.config import LoopClosureConfig
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _PLACES_AT_ONCE = 512
 """Rows of the matrix of likeness that are held in memory."""

@@ -77,11 +77,6 @@ class ChangingEstimate:
         self._take_out(torn, f"contradicted by {len(closures)} closures that agree")
         self.close(closures)
 
-    def part(self, across: Sequence[Attempt]) -> None:
-        """Take out the closures across a break, too few of which agree, and solve the graph without them."""
-        self._take_out(across, "too few agree across a break of the path")
-        self._solve()
-
     def _take_out(self, closures: Sequence[Attempt], why: str) -> None:
         """Remove closures that were accepted."""
         gone = {(closure.key_old, closure.key_new) for closure in closures}

@@ -15,7 +15,7 @@ from iceg.slam.broken_path.place_hypothesis import Hypothesis
 from iceg.slam.closures.attempt import Attempt, closed_pose, lies_near
 from iceg.slam.closures.candidates import ANCHOR_SPACING, Candidate
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _FEWEST_VOTES, _MAJORITY = 6, 3.0
 """A hypothesis needs at least so many votes, and so many times those against it …"""

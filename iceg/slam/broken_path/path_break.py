@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from typing import Literal
 
 import numpy as np
@@ -9,21 +10,31 @@ import numpy as np
 from graph.factors import Factor
 from graph.measurement import NoMatch
 from iceg.slam.run_warning import Kind, RunWarning
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 Outcome = Literal["joined", "apart", "contradicted", "credible", "drifted"]
 
-REFUTED = 1.99
-"""Strength of a doubt from which on odometry and match contradict each other beyond all chance."""
-LOST = 3.0
-"""Strength of a doubt from which on nothing was known when the robot went on …"""
-ADRIFT = 4.0
-"""… and not even odometry told the way."""
-
+_BEYOND_CHANCE = 100.0
+"""Squared Mahalanobis distance of a match from odometry that no chance explains."""
 _WITNESSES = 3
 """So many scans that agree with odometry make it credible that the robot was not carried, even where as many do not."""
 UNKNOWN_STEP = np.diag([100.0, 100.0, np.pi]) ** 2
 """Covariance of a step on which the robot was carried [m², rad²]."""
+
+
+class DoubtKind(IntEnum):
+    """What speaks against a step of the path, the worst last."""
+
+    WEAK_MATCH = 0
+    """The match explains little of its scan."""
+    CONTRADICTED = 1
+    """Match and odometry contradict each other."""
+    UNMATCHED = 2
+    """The scan matched nothing, or odometry made a step that no robot can make."""
+    LOST = 3
+    """Nothing that was known matched any more, and the robot went on."""
+    ADRIFT = 4
+    """The same, and not even odometry told the way."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,16 +42,41 @@ class Doubt:
     """Why the path may be broken just before a key pose.
 
     Attributes:
+        kind: what speaks against it.
         reason: what was noticed there, for a person.
-        strength: compares doubts: the strongest is where a break is put.
+        unexplained: share of the scan that a weak match does not explain.
+        distance2: squared Mahalanobis distance of a contradicted match from odometry.
         is_led: whether the laser saw nothing it knew at the key pose before either, and odometry told the way: on
             ground where little is in reach that is what losing it looks like. Who is carried is lost at once (143 of
             143 carries on recorded logs that were found again), for odometry does not drive on meanwhile.
     """
 
+    kind: DoubtKind
     reason: str
-    strength: float
+    unexplained: float = 0.0
+    distance2: float = 0.0
     is_led: bool = False
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether nothing was known when the robot went on."""
+        return self.kind >= DoubtKind.LOST
+
+    @property
+    def is_beyond_chance(self) -> bool:
+        """Whether nothing matched, or match and odometry contradict each other by more than chance explains."""
+        if self.kind is DoubtKind.CONTRADICTED:
+            return self.distance2 >= _BEYOND_CHANCE - 1.0
+        return self.kind > DoubtKind.CONTRADICTED
+
+    @property
+    def rank(self) -> float:
+        """Compares doubts: the highest is where a break is put."""
+        if self.kind is DoubtKind.WEAK_MATCH:
+            return self.unexplained
+        if self.kind is DoubtKind.CONTRADICTED:
+            return DoubtKind.UNMATCHED - 1.0 / (1.0 + self.distance2)
+        return float(self.kind)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,6 +93,7 @@ class Break:
         reason: what was noticed there.
         closures: how many agree about it; of one that is "apart", how many agree with where odometry led on.
         moved: how far they say that the robot is from where the path puts it [m].
+        across: how many closures span one that is "apart", too few or too uncertain to join it.
     """
 
     key: int
@@ -64,6 +101,7 @@ class Break:
     reason: str
     closures: int = 0
     moved: float = 0.0
+    across: int = 0
 
 
 def let_go(factors: Sequence[Factor], breaks: Sequence[Break], track: Track) -> list[Factor]:
@@ -111,9 +149,12 @@ def _told(found: Break, where: str) -> tuple[Kind, str]:
     if found.outcome == "joined":
         return "found again", f"tracking was lost {where}, and the robot found again: {elsewhere}; the map follows them"
     if found.outcome == "apart":
-        return "cut off", (
-            f"tracking was lost {where}: no loop closure ties the rest to what was before, it may be displaced"
+        ties = (
+            f"the loop closures across ({found.across}) do not agree well enough to tie"
+            if found.across
+            else ("no loop closure ties")
         )
+        return "cut off", f"tracking was lost {where}: {ties} the rest to what was before, it may be displaced"
     if found.outcome == "credible":
         return "odometry led on", (
             f"tracking may have been lost {where}: odometry led on, and {found.closures} scans agree with it there, "

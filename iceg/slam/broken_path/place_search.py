@@ -13,7 +13,7 @@ from iceg.slam.closures.attempt import Attempt, is_near, lies_near
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _MOST_PLACES = 3
 """Of a pair of places that look alike and fit several ways, so many are kept."""

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from graph.se2 import between, compose
 from iceg.slam.closures.attempt import PARTNER_DISTANCE, PARTNER_KEYS, PARTNER_TURN, Attempt
 from iceg.slam.run_warning import RunWarning
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _SAME_PLACE, _SAME_TURN = 0.5, 0.1
 """Places of one key scan no farther apart than this are one [m, rad]."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from graph.se2 import compose, inverse
 from iceg.slam.broken_path.estimate import ChangingEstimate, Estimate
 from iceg.slam.broken_path.examination import Exam, Examiner
-from iceg.slam.broken_path.path_break import ADRIFT, LOST, Break, Doubt, Outcome
+from iceg.slam.broken_path.path_break import Break, Doubt, DoubtKind, Outcome
 from iceg.slam.broken_path.path_parts import PathParts
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_parts, about_single_steps
 from iceg.slam.broken_path.place_search import PlaceSearch
@@ -26,7 +26,7 @@ from iceg.slam.broken_path.untied_steps import UntiedSteps, closures_across
 from iceg.slam.closures.attempt import Attempt, is_near
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _MOST_HYPOTHESES = 6
 """So many sets of closures that agree are weighed, the largest."""
@@ -220,7 +220,7 @@ class _Relocalisation:
 
     def _lost(self) -> list[int]:
         """The key poses before which the robot was lost, and nothing says yet how they lie to what was before."""
-        return [key for key, doubt in self._steps.doubts.items() if doubt.strength >= LOST]
+        return [key for key, doubt in self._steps.doubts.items() if doubt.is_lost]
 
     def _rival(self, hypothesis: Hypothesis, exam: Exam, others: Sequence[Hypothesis]) -> Vote | None:
         """What speaks for another place of the same scans, if a hypothesis does not clearly beat it."""
@@ -274,7 +274,7 @@ class _Relocalisation:
         doubt = self._steps.doubts.get(key)
         is_known = doubt is not None and not doubt.is_led
         if not is_known:
-            if self._steps.doubt(key).strength <= 1.0 - _EXPLAINED:
+            if self._steps.doubt(key).rank <= 1.0 - _EXPLAINED:
                 return "open"
             exam = self._against_the_path(key, exam)
         is_broad = hypothesis.breadth >= self._config.place_confirmations
@@ -323,7 +323,7 @@ class _Relocalisation:
         return parts.moving_with(moving)
 
     def _part(self, key: int, doubt: Doubt) -> None:
-        """What follows a break hangs on odometry alone, unless the closures across it stand an examination.
+        """Nothing sure ties what follows a break to what was before, unless the closures across stand an examination.
 
         Where odometry told the way it is one witness more: a robot that was carried does not happen to come where
         several closures agree with the odometry that knows nothing of it.
@@ -335,14 +335,12 @@ class _Relocalisation:
             exam = self._examiner.of_estimate(claimed, self._now.poses)
             if exam.is_passed:
                 return
-            if doubt.strength < ADRIFT:
+            if doubt.kind < DoubtKind.ADRIFT:
                 agreeing = len(exam.agreeing)
                 if exam.is_credible:
                     self._breaks[key] = Break(key=key, outcome="credible", reason=doubt.reason, closures=agreeing)
                     return
-        self._breaks[key] = Break(key=key, outcome="apart", reason=doubt.reason, closures=agreeing)
-        if across:
-            self._now.part(across)
+        self._breaks[key] = Break(key=key, outcome="apart", reason=doubt.reason, closures=agreeing, across=len(across))
 
 
 def _distinct(closures: Sequence[Attempt]) -> list[Attempt]:

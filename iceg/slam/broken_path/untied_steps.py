@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from graph.factors import Factor
 from graph.measurement import NoMatch
-from iceg.slam.broken_path.path_break import LOST, REFUTED, Doubt
+from iceg.slam.broken_path.path_break import Doubt, DoubtKind
 from iceg.slam.config import LoopClosureConfig
-from iceg.slam.tracking.track import KeyScan, Track
+from iceg.slam.track import KeyScan, Track
 
 _LOG_END = 12.0
 """A break so near to the beginning or the end of the path matters to nobody [m]."""
@@ -38,9 +38,7 @@ class UntiedSteps:
         inner = amid_the_path(track)
         spanned = closures_across(factors, len(track.keys), config)
         self.doubts = {
-            key: doubt
-            for key, doubt in doubts.items()
-            if doubt.strength >= LOST or (inner[key] and spanned[key] < _VOUCHED)
+            key: doubt for key, doubt in doubts.items() if doubt.is_lost or (inner[key] and spanned[key] < _VOUCHED)
         }
         """Those that closures have not settled."""
         scores = np.array([_score(key) for key in track.keys])
@@ -55,11 +53,12 @@ class UntiedSteps:
         if known is not None:
             return known
         score = _score(self._keys[key])
-        return Doubt(reason=f"only {score:.0%} of the beams agreed with what was known before", strength=1.0 - score)
+        reason = f"only {score:.0%} of the beams agreed with what was known before"
+        return Doubt(kind=DoubtKind.WEAK_MATCH, reason=reason, unexplained=1.0 - score)
 
     def refuted(self) -> list[int]:
         """The key poses before which odometry and match contradict each other, or the robot was lost."""
-        return [key for key, doubt in self.doubts.items() if doubt.strength >= REFUTED]
+        return [key for key, doubt in self.doubts.items() if doubt.is_beyond_chance]
 
     def rank(self, key: int) -> float:
         """Compares the steps that may be broken: the highest is where a break is put.
@@ -67,7 +66,7 @@ class UntiedSteps:
         A match that explains all of a scan knows better than an odometry that jumped or slipped.
         """
         unexplained = 1.0 - _score(self._keys[key])
-        return self.doubts[key].strength + unexplained if key in self.doubts else unexplained
+        return self.doubts[key].rank + unexplained if key in self.doubts else unexplained
 
     def tie(self, factors: Sequence[Factor]) -> None:
         """Leave out the steps that the closures of a graph span by now."""

@@ -15,7 +15,7 @@ from graph.elementary import cos_sin
 from graph.se2 import between
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 TRUSTED_DEVIATIONS = np.array([0.3, 0.3, 0.1])
 """Up to here a search trusts the estimate [m, m, rad]."""

@@ -20,7 +20,7 @@ from iceg.ice.features import FeatureRows
 from iceg.ice.matcher import IceMatcher, Observation
 from iceg.ice.sweeps import joined, starts_of
 from iceg.slam.closures import _signature_kernels as kernels
-from iceg.slam.tracking.track import KeyScan
+from iceg.slam.track import KeyScan
 
 _HALF = 5
 """Key scans on either side that make up the place."""

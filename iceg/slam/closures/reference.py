@@ -10,7 +10,7 @@ from frontends.matcher import Matcher
 from graph.se2 import between
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _KEPT = 6
 """References kept: the key scans of a pass ask for the same ones."""

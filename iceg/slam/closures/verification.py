@@ -20,9 +20,9 @@ from iceg.slam.closures.attempt import Attempt, Place
 from iceg.slam.closures.candidates import TRUSTED_DEVIATIONS, Candidate, is_adrift
 from iceg.slam.closures.reference import Reference, References
 from iceg.slam.config import LoopClosureConfig
-from iceg.slam.tracking.map_matcher import MapMatcher
-from iceg.slam.tracking.match_errors import closure_covariance, placement_covariance
-from iceg.slam.tracking.track import Track
+from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.match_errors import closure_covariance, placement_covariance
+from iceg.slam.track import Track
 
 _LEAST_OVERLAP = 0.5
 """A key scan that overlaps with a pass by less than this share of what is asked of a closure, at the pose where the

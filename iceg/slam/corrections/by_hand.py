@@ -11,9 +11,9 @@ from graph.se2 import compose, inverse
 from iceg.slam.closures.attempt import Attempt, closure_factor
 from iceg.slam.closures.candidates import TRUSTED_DEVIATIONS, Candidate
 from iceg.slam.closures.closure import Closure, Verdict
-from iceg.slam.closures.manual import ManualClosure, manual_factor
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.tracking.track import Track
+from iceg.slam.manual_closures import ManualClosure, manual_factor
+from iceg.slam.track import Track
 
 _SAME_KEY = "by hand; both scans hang on the same key pose"
 

@@ -21,7 +21,7 @@ from iceg.slam.corrections.settled import Contradiction, Settled, contradiction,
 from iceg.slam.corrections.verdicts import from_verdicts
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.run_warning import RunWarning
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +31,7 @@ class Corrected:
     Attributes:
         solution: the graph at its optimum, each closure that is not pinned under a robust kernel.
         by_hand: the record of closures by hand.
-        held: factors of closures by hand that the rest does not contradict.
+        held: factors of closures by hand that the rest follows without being torn.
         distrusted: key poses whose points are not to be believed.
         warnings: what contradicts what, and corrections that had no effect.
     """
@@ -90,7 +90,7 @@ def corrected(
     return Corrected(
         solution=after,
         by_hand=tuple(_record(each, doubts[id(each)], lost, track) for each in by_hand),
-        held=tuple(factor for factor in added if against[id(factor)] is None),
+        held=tuple(factor for factor in added if _is_held(factor, here, against[id(factor)])),
         distrusted=frozenset(distrusted),
         warnings=(
             *warnings,
@@ -221,6 +221,10 @@ def _moved(before: NDArray[np.float64], after: NDArray[np.float64], key: int) ->
     return float(np.hypot(*(after[key] - before[key])[:2]))
 
 
+def _is_held(factor: Factor, here: Settled, doubt: Contradiction | None) -> bool:
+    return doubt is None or (not doubt.closures and here.weight_of(factor) >= 1.0 and factor.kernel is not None)
+
+
 def _record(each: ByHand, doubt: Contradiction | None, lost: Sequence[Factor], track: Track) -> Closure:
     if each.factor is None:
         return each.record("rejected", track)
@@ -234,7 +238,9 @@ def _record(each: ByHand, doubt: Contradiction | None, lost: Sequence[Factor], t
 def _contradicts(doubt: Contradiction) -> str:
     off = f"{doubt.sigmas:.0f} standard deviations off"
     if not doubt.closures:
-        return f"the path contradicts it, {off}"
+        return (
+            f"the path, bent for it, contradicts it, {off}" if doubt.is_followed else f"the path contradicts it, {off}"
+        )
     others = "another closure contradicts" if doubt.closures == 1 else f"{doubt.closures} other closures contradict"
     return f"{others} it, {off}"
 

@@ -8,9 +8,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from iceg.slam.closures.manual import ManualClosure
 from iceg.slam.corrections.cut import Cut, KeptScans, Stretch
 from iceg.slam.corrections.errors import CorrectionsError
+from iceg.slam.manual_closures import ManualClosure
 
 VerdictWord = Literal["accepted", "rejected", "removed", "pinned"]
 _LEAST_FACTOR, _MOST_FACTOR = 1.0, 1e4

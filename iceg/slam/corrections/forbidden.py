@@ -6,7 +6,7 @@ import numpy as np
 
 from iceg.slam.corrections.corrections import Forbidden
 from iceg.slam.loop_closure import Forbids
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 
 def forbids(forbidden: Sequence[Forbidden], track: Track) -> Forbids:

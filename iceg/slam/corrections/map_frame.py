@@ -12,7 +12,7 @@ from graph.se2 import compose
 from iceg.ice.config import SegmentConfig
 from iceg.ice.segments import extract_segments
 from iceg.slam.corrections.corrections import MapFrame
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _LOOKED_AT = 400
 """Key scans whose walls are asked, spread over the path."""

@@ -5,18 +5,18 @@ import re
 from collections.abc import Iterable, Mapping
 from functools import reduce
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any, get_args
 
 import numpy as np
 
 from graph.files import read_text
 from iceg.settings_file import ConfigError, build_settings, parse_toml, shown_value
 from iceg.slam.closures.closure import CLOSURE_COLUMNS
-from iceg.slam.closures.manual import read_manual_closures
 from iceg.slam.corrections.corrections import Corrections, GivenVerdict, VerdictWord
 from iceg.slam.corrections.errors import CorrectionsError
 from iceg.slam.corrections.toml_entries import ENTRIES, SINGLE_ENTRIES
 from iceg.slam.corrections.toml_lines import line_of, line_of_fault
+from iceg.slam.manual_closures import read_manual_closures
 from iceg.tables import TableError, check_row, open_table, parse_numbers
 
 _WORDS: tuple[VerdictWord, ...] = get_args(VerdictWord)
@@ -136,6 +136,6 @@ def _verdict(row: list[str], where: str) -> GivenVerdict:
         scan_i=int(scans[0]),
         scan_j=int(scans[1]),
         T_i_j=np.array(parse_numbers(row[2:5], CLOSURE_COLUMNS[2:5], where)) if has_pose else None,
-        verdict=cast("VerdictWord", word),
+        verdict=word,
         where=where,
     )

@@ -1,8 +1,8 @@
 """Where a graph settles with closures by hand in it, and what they contradict.
 
 A closure by hand may lie far from the estimate, where its robust kernel lets go of it although it is right: so it is
-also tried with the graph pulled there first, and what costs less is kept. A wrong one costs more there, for it bends
-what measures the path, or the closures that agree.
+also tried with the graph pulled there first. That is kept where it costs less; and where it costs no other closure, for
+then a person's word stands against the path alone, which drifts by more than it claims.
 """
 
 from collections.abc import Collection, Sequence
@@ -18,6 +18,12 @@ from iceg.slam.finish import BATCH
 
 _GAIN = 1e-6
 """Costs that differ by less are equal."""
+_PATH_SIGMAS = 10.0
+"""By so many of its standard deviations the path is bent for a closure by hand that costs no other one. Successive
+matches err alike, so that a long path may be off by thrice what it claims; with 5, a square driven by wheels that turn
+it by 25° stays open (4.6 standard deviations would do), with 20 a mistyped pose bends a corridor."""
+_TOLD_SIGMAS = 5.0
+"""From so many on it is told."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,12 +31,14 @@ class Contradiction:
     """How far a closure by hand is from what the rest of the graph says.
 
     Attributes:
-        sigmas: by so many of its standard deviations.
+        sigmas: by so many standard deviations: of its own, or of the path where the path follows it.
         closures: so many others hold without it, and not with it.
+        is_followed: whether the path is bent for it all the same.
     """
 
     sigmas: float
     closures: int
+    is_followed: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -84,7 +92,9 @@ def settled(factors: Sequence[Factor], added: Sequence[Factor], poses: NDArray[n
         if all(best.weight_of(factor) >= 1.0 for factor in trial):
             continue
         found = _solved(factors, _pulled(factors, trial, best.poses))
-        if found.cost < best.cost - _GAIN:
+        loses_none = not best.holding - found.holding
+        most = best.cost + 0.5 * _PATH_SIGMAS**2 * len(trial) if loses_none else best.cost - _GAIN
+        if found.cost < most and all(found.weight_of(factor) >= 1.0 for factor in trial):
             best = found
     return best
 
@@ -101,9 +111,12 @@ def contradiction(here: Settled, factor: Factor, poses: NDArray[np.float64]) -> 
         without = _solved([other for other in here.factors if other is not factor], poses)
         lost = without.holding - here.holding
         sigmas = _sigmas(factor, without.poses)
-        return Contradiction(sigmas=sigmas, closures=len(lost)) if lost else None
+        return Contradiction(sigmas=sigmas, closures=len(lost), is_followed=True) if lost else None
     if here.weight_of(factor) >= 1.0:
-        return None
+        without = _solved([other for other in here.factors if other is not factor], poses)
+        bent = (2.0 * max(0.0, here.cost - without.cost)) ** 0.5
+        lost = without.holding - here.holding
+        return Contradiction(sigmas=bent, closures=len(lost), is_followed=True) if bent > _TOLD_SIGMAS else None
     believed = _at(here.factors, _pulled(here.factors, [factor], here.poses))
     lost = here.holding - believed.holding - {id(factor)}
     return Contradiction(sigmas=here.sigmas_of(factor), closures=len(lost))

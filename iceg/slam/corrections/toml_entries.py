@@ -6,10 +6,10 @@ from typing import Any
 import numpy as np
 
 from graph.limits import LIMITS
-from iceg.slam.closures.manual import SIGMA_M, SIGMA_RAD, ManualClosure
 from iceg.slam.corrections.corrections import Distrusted, Forbidden, MapFrame, Pinned
 from iceg.slam.corrections.cut import Cut, Stretch
 from iceg.slam.corrections.errors import CorrectionsError
+from iceg.slam.manual_closures import SIGMA_M, SIGMA_RAD, ManualClosure
 
 Pair = tuple[int, int]
 

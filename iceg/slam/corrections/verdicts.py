@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from iceg.slam.closures.attempt import Attempt
-from iceg.slam.closures.manual import ManualClosure
 from iceg.slam.corrections.corrections import Corrections, Forbidden, GivenVerdict, Pinned
-from iceg.slam.tracking.track import Track
+from iceg.slam.manual_closures import ManualClosure
+from iceg.slam.track import Track
 
 
 def from_verdicts(corrections: Corrections, attempts: Sequence[Attempt], track: Track) -> Corrections:

@@ -26,7 +26,7 @@ from iceg.slam.joint import _wall_kernels as kernels
 from iceg.slam.joint._system_kernels import product
 from iceg.slam.joint.covariance import Walls, joint_covariances
 from iceg.slam.joint.wall_claims import believed_covariances
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _LEAST_NOISE = 0.004
 """The residuals of points are never taken to be smaller than this [m]."""

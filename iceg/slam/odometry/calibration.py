@@ -14,8 +14,8 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse, wrap_angle
 from iceg.slam.odometry.delay import whole_delay
 from iceg.slam.odometry.noise import Differences, lasting_noise, odometry_noise, robust_deviation
-from iceg.slam.odometry.steps import sudden_steps
-from iceg.slam.tracking.track import KeyScan, Track
+from iceg.slam.recording.steps import sudden_steps
+from iceg.slam.track import KeyScan, Track
 
 # Standard deviations of the parameters before any data: what is usual among robots.
 _HEADING_PRIOR = np.array([0.05, 0.05, 0.7])

@@ -13,7 +13,7 @@ from graph.measurement import NoMatch
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap, logmap
 from iceg.slam.odometry.noise import robust_deviation
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _BEFORE = 5
 """Scans whose motion tells the velocity."""

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.se2 import between, wrap_angle
-from iceg.slam.odometry.steps import sudden_steps
+from iceg.slam.recording.steps import sudden_steps
 
 _MOST = 16
 """Scans up to which a delay is looked for."""

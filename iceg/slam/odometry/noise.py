@@ -19,7 +19,7 @@ from graph import dense
 from graph.elementary import arctan2, cos_sin
 from graph.odometry import OdometryModel
 from graph.se2 import between
-from iceg.slam.tracking.match_errors import OWN
+from iceg.slam.match_errors import OWN
 
 _OUTLIER = 3.0
 """Standard deviations beyond which a difference counts as being so far and no farther."""

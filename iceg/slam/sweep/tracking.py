@@ -12,7 +12,7 @@ from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.sweep.deskew import deskewed
 from iceg.slam.sweep.estimate import SweepEstimate, learn_sweep
 from iceg.slam.sweep.motion import MotionWithin, motion_within, usual_interval
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _TELLING = 0.005
 """Root mean square from which on what a sweep moves returns by is worth another pass [m]: half of what the ranges of a

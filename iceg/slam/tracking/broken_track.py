@@ -10,7 +10,7 @@ from frontends.scan import Log
 from graph.se2 import between, compose
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 
 _AROUND = 5
 """Key scans on either side of a break that show what is there."""

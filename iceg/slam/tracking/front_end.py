@@ -17,7 +17,8 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse, wrap_angle
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.config import FrontEndConfig
-from iceg.slam.tracking.map_matcher import FollowingMatcher, MapMatcher
+from iceg.slam.map_matcher import FollowingMatcher, MapMatcher
+from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan
 from iceg.slam.tracking.sight import (
     BLIND_RANGE,
     BLIND_SHARE,
@@ -26,7 +27,6 @@ from iceg.slam.tracking.sight import (
     sees_little,
     sees_next_to_nothing,
 )
-from iceg.slam.tracking.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan
 
 _ODOMETRY_SPEAKS = 4.0
 """Ratio of variances (match over odometry) from which on a direction is shared with odometry."""

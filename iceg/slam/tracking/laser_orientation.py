@@ -17,8 +17,8 @@ from graph.elementary import arctan2, cos_sin
 from graph.measurement import NoMatch
 from graph.se2 import between, compose, wrap_angle
 from iceg.slam.odometry.calibration import OdometryCalibration
+from iceg.slam.track import Track
 from iceg.slam.tracking.front_end import COVERED
-from iceg.slam.tracking.track import Track
 
 _TURNS = (math.radians(6.0), math.radians(120.0))
 """Turns between two key scans that tell their sense [rad]."""

@@ -12,10 +12,10 @@ from graph.odometry import OdometryModel
 from graph.se2 import between
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
-from iceg.slam.odometry.standstill import dead_stretches
-from iceg.slam.odometry.steps import sudden_steps
+from iceg.slam.recording.standstill import dead_stretches
+from iceg.slam.recording.steps import sudden_steps
+from iceg.slam.track import Track
 from iceg.slam.tracking.front_end import FrontEnd
-from iceg.slam.tracking.track import Track
 
 _MOVED = 0.3
 """Farther than this [m, rad] a robot that stands is not seen to be."""

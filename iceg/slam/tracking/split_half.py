@@ -21,7 +21,7 @@ from graph.elementary import log
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import squared_norm
 from graph.se2 import between, logmap
-from iceg.slam.tracking.track import KeyScan, Track
+from iceg.slam.track import KeyScan, Track
 
 _BEHIND = 12
 """Key scans in the local map of a test."""

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from frontends.scan import Log
 from graph.se2 import between, compose
-from iceg.slam.odometry.steps import is_moving
+from iceg.slam.recording.repeated_scans import is_repeated
+from iceg.slam.recording.steps import is_moving
 from iceg.slam.run_warning import RunWarning
-from iceg.slam.tracking.repeated_scans import is_repeated
 
 _SELDOM = 0.5
 """Where more of the moves than this follow upon a standstill, odometry is read more seldom than the laser."""

@@ -13,7 +13,7 @@ from graph.dense import congruence
 from graph.errors import IcegError
 from graph.factors import Factor, RobustKernel
 from graph.se2 import adjoint, compose, inverse
-from iceg.slam.tracking.track import Track
+from iceg.slam.track import Track
 from iceg.tables import TableError, check_row, open_table, parse_numbers
 
 _COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from graph.dense import inv
 from graph.measurement import NoMatch, RelativePose
 from graph.se2 import compose_covariance
-from iceg.slam.tracking.track import KeyScan, Track
+from iceg.slam.track import KeyScan, Track
 
 OWN = 0.47
 """Share of a step's covariance that belongs to either end; the rest is drift and adds up.

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Log
-from iceg.slam.odometry.steps import is_moving
+from iceg.slam.recording.steps import is_moving
 
 
 def is_repeated(ranges: NDArray[np.float32]) -> NDArray[np.bool_]:

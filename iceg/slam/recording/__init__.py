@@ -1,0 +1,1 @@
+"""What the recorder or the odometry got wrong: repeated scans, readings that stand still, steps no robot makes."""
