@@ -20,6 +20,7 @@ from iceg.run_folder import read_closures
 from iceg.slam.closures.closure import Closure
 from iceg.slam.corrections.corrections import Corrections, Distrusted, Forbidden, MapFrame, Pinned
 from iceg.slam.corrections.cut import Cut
+from iceg.slam.corrections.errors import CorrectionsError
 from iceg.slam.corrections.map_frame import walls_heading
 from iceg.slam.findings import Findings
 from iceg.slam.manual_closures import ManualClosure
@@ -269,3 +270,22 @@ def test_scans_that_the_log_does_not_have_are_refused(folder: Path, tmp_path: Pa
     before = (folder / "summary.json").read_bytes()
     assert main(["resolve", str(folder), "--corrections", str(file)]) == 1
     assert (folder / "summary.json").read_bytes() == before
+
+
+def test_scans_cut_afterwards_take_no_part(folder: Path, as_found: SlamResult, truth: NDArray[np.float64]) -> None:
+    cut = Cut(keep=((100, 1800),), drop=((903, 931),))
+    result = resolve(folder, Corrections(cut=cut))
+    left = np.setdiff1d(np.arange(100, 1801), np.arange(903, 932))
+    assert len(result.trajectory) == len(left)
+    assert trajectory_errors(result.trajectory, truth[left]).ate_rmse < 1.5 * error(as_found, truth)
+    np.testing.assert_array_equal(result.log.stamps, as_found.log.stamps[left])
+    assert result.summary["cut"] == {"recorded_scans": 1848, "kept": [[100, 902], [932, 1800]]}
+
+
+def test_what_a_run_has_cut_can_not_be_asked_for(as_found: SlamResult) -> None:
+    part = iceg.run(as_found.log.select(slice(60)), CONFIG, corrections=Corrections(cut=Cut(keep=((0, 39),))))
+    shorter = conclude(part.findings, Corrections(cut=Cut(keep=((0, 29),))))
+    assert len(shorter.trajectory) == 30
+    assert len(conclude(part.findings).trajectory) == 40
+    with pytest.raises(CorrectionsError, match=r"were cut when the log was run, expected only those left"):
+        conclude(part.findings, Corrections(cut=Cut(drop=((0, 9),))))

@@ -26,7 +26,7 @@ from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.track import Track
 
-_UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
+UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
 """Covariance of a step between key scans that neither odometry nor a match has seen."""
 _DOUBT = 2.0
 """Factor on odometry's standard deviations where a search for loops relies on it: a chain may do worse than usual."""
@@ -117,8 +117,8 @@ class BackEnd:
             self.graph.add_match(current.anchor, key, match)
             known.append(match.covariance)
         if not known:
-            self.graph.add_odometry(key - 1, key, step, _UNKNOWN_MOTION)
-            known.append(_UNKNOWN_MOTION)
+            self.graph.add_odometry(key - 1, key, step, UNKNOWN_MOTION)
+            known.append(UNKNOWN_MOTION)
         self._drift.add(key, *known)
         self._since_search += (current.motion.distance, current.motion.turn)
         if self._is_search_due():

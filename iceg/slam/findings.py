@@ -25,6 +25,7 @@ class Findings:
         kept: which scans of the recorded log these are.
         config: the settings that were given.
         is_own_matcher: whether the caller brought the matcher, which no settings name.
+        is_open_ground: whether the log was taken on open ground, which matching depends on.
         laser: its noise; None where too few beams meet walls.
         sweep: what is known of the sweep of the laser, under the names of `summary.json`.
         track: key scans, and every other scan tied to one.
@@ -37,6 +38,7 @@ class Findings:
     kept: KeptScans
     config: Config
     is_own_matcher: bool
+    is_open_ground: bool
     laser: LaserNoise | None
     sweep: dict[str, Any]
     track: Track

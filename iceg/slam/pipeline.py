@@ -1,8 +1,6 @@
 """The whole job: a log in; trajectory, graph, feature map and occupancy grid out."""
 
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any
@@ -10,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.laser_noise import LaserNoise, learn_laser_noise
+from frontends.laser_noise import LaserNoise
 from frontends.matcher import Matcher
-from frontends.matchers import make_matcher
 from frontends.scan import Log
 from graph.batch import marginal_covariances
 from graph.pose_graph import PoseGraph
@@ -24,36 +21,26 @@ from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import beyond_allowed
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
-from iceg.slam.back_end import Solution, solve_track
+from iceg.slam.back_end import Solution
 from iceg.slam.closures.closure import Closure
-from iceg.slam.corrections.corrected import Corrected, corrected
+from iceg.slam.corrections.corrected import Corrected
 from iceg.slam.corrections.corrections import Corrections, MapFrame
 from iceg.slam.corrections.cut import KeptScans
 from iceg.slam.corrections.cut_findings import cut_findings
 from iceg.slam.corrections.errors import CorrectionsError
-from iceg.slam.corrections.forbidden import forbids
 from iceg.slam.corrections.map_frame import frame_transform, moved_priors
 from iceg.slam.final_factors import FinalFactors
-from iceg.slam.findings import Findings, without
-from iceg.slam.finish import Finished, Round, closure_kernel, matched_again, refined
-from iceg.slam.loop_closure import Forbids, LoopCloser
+from iceg.slam.finding import corrected_by, find, matcher_of
+from iceg.slam.findings import Findings
+from iceg.slam.finish import Finished, Round, refined
 from iceg.slam.manual_closures import ManualClosure
 from iceg.slam.noise_widths import widened
-from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
-from iceg.slam.odometry.constant_velocity import constant_velocity
 from iceg.slam.path_uncertainty import least_known
-from iceg.slam.progress import Progress, ProgressCallback
-from iceg.slam.recording.repeated_scans import without_frozen_scans
-from iceg.slam.recording.standstill import with_odometry_between_readings
+from iceg.slam.progress import ProgressCallback
 from iceg.slam.run_warning import RunWarning
+from iceg.slam.stage_clock import StageClock
 from iceg.slam.summary import run_warnings, summarise
-from iceg.slam.sweep.tracking import Followed, SweepFinding, track_swept
 from iceg.slam.track import Track
-from iceg.slam.tracking.broken_track import retied
-from iceg.slam.tracking.laser_orientation import track_as_mounted
-from iceg.slam.tracking.log_tracking import track_calibrating
-from iceg.slam.tracking.open_ground import is_open_ground
-from iceg.slam.tracking.split_half import with_measured_doubt
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,8 +114,8 @@ def run(
     """
     asked = (corrections or Corrections()).with_closures(closures)
     kept = asked.check(len(log))
-    clock = _StageClock()
-    findings = _find(kept.of(log), kept, config or Config(), asked.counted_in(kept), matcher, progress, clock)
+    clock = StageClock()
+    findings, matcher = find(kept.of(log), kept, config or Config(), asked.counted_in(kept), matcher, progress, clock)
     return _conclude(findings, asked, matcher, clock)
 
 
@@ -139,7 +126,8 @@ def resolve(findings: Findings, corrections: Corrections | None = None) -> SlamR
 
     Args:
         findings: of a run, as in its result, or read back from its folder.
-        corrections: all of them: those that the run was given before count no more. Scans are counted as recorded.
+        corrections: all of them: those that the run was given before count no more, but for what it cut where these cut
+            nothing. Scans are counted as recorded.
 
     Returns:
         The same as a run.
@@ -152,78 +140,21 @@ def resolve(findings: Findings, corrections: Corrections | None = None) -> SlamR
             "the run was made with a matcher of the caller's own, expected one that the settings name: run again"
         )
     asked = corrections or Corrections()
-    kept = asked.check(findings.kept.recorded)
+    kept = asked.check(findings.kept.recorded, findings.kept)
     if kept != findings.kept:
         findings = cut_findings(findings, kept, asked.cut.where)
-    return _conclude(findings, asked, None, _StageClock())
+    return _conclude(findings, asked, None, StageClock())
 
 
-def _find(
-    log: Log,
-    kept: KeptScans,
-    given: Config,
-    corrections: Corrections,
-    matcher: Matcher | None,
-    progress: ProgressCallback | None,
-    clock: "_StageClock",
-) -> Findings:
-    """Track a log and close its loops; corrections guide the search, and are taken out of what it finds."""
-    own_matcher = matcher is not None
-    with clock.stage("front_end"):
-        laser = _laser_noise(log, given)
-        noise = beyond_allowed(laser)
-        config = widened(given, sqrt(noise.typical))
-        matcher = matcher or _matcher(log, config, noise)
-        log = with_odometry_between_readings(without_frozen_scans(log))
-        log, track, first = _track(log, matcher, config, progress)
-    with clock.stage("sweep"):
-        (log, track, first), sweep = _track_swept((log, track, first), matcher, config, progress)
-    with clock.stage("graph"):
-        track = with_measured_doubt(track, matcher, config.front_end.split_scans)
-        calibration = _recalibrate(track, log, first, config)
-        is_forbidden = forbids(corrections.forbidden, track)
-        solution = _solve(track, log, matcher, calibration, config, is_forbidden)
-        guided = _corrected(solution, corrections, track, matcher, config)
-        solution = _with_factors(solution, guided, config)
-        track = _retied(track, solution, log, matcher)
-    with clock.stage("finish"):
-        rounds: list[Round] = []
-        if config.finish.enabled and len(track.keys) > 1:
-            solution, rounds = matched_again(
-                solution,
-                track,
-                matcher,
-                config.loops,
-                config.finish,
-                config.graph,
-                kept=guided.held,
-                is_forbidden=is_forbidden,
-            )
-    return Findings(
-        log=log,
-        kept=kept,
-        config=given,
-        is_own_matcher=own_matcher,
-        laser=laser,
-        sweep=sweep.record(),
-        track=track,
-        calibration=calibration,
-        solution=without(solution, guided.held, config),
-        rounds=tuple(rounds),
-    )
-
-
-def _conclude(
-    findings: Findings, corrections: Corrections, matcher: Matcher | None, clock: "_StageClock"
-) -> SlamResult:
+def _conclude(findings: Findings, corrections: Corrections, matcher: Matcher | None, clock: StageClock) -> SlamResult:
     """Correct, refine and render what was found."""
     log, track, given = findings.log, findings.track, findings.config
     noise = beyond_allowed(findings.laser)
     config = widened(given, sqrt(noise.typical))
-    matcher = matcher or _matcher(log, config, noise)
+    matcher = matcher or matcher_of(config, noise, on_open_ground=findings.is_open_ground)
     own = corrections.counted_in(findings.kept)
     with clock.stage("finish"):
-        corrected = _corrected(findings.solution, own, track, matcher, config)
+        corrected = corrected_by(findings.solution, own, track, matcher, config)
         solution, finished = _finish(corrected, findings.rounds, track, log, matcher, config, noise)
     with clock.stage("covariances"):
         covariances = _covariances(finished, solution)
@@ -258,120 +189,6 @@ def _conclude(
         },
         findings=findings,
     )
-
-
-class _StageClock:
-    """Seconds spent in each stage, whenever it goes on: on the wall, and of the processor."""
-
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self.cpu_seconds: dict[str, float] = {}
-
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        started, cpu_started = time.perf_counter(), time.process_time()
-        yield
-        taken, cpu_taken = time.perf_counter() - started, time.process_time() - cpu_started
-        self.seconds[name] = round(self.seconds.get(name, 0.0) + taken, 4)
-        self.cpu_seconds[name] = round(self.cpu_seconds.get(name, 0.0) + cpu_taken, 4)
-
-
-def _laser_noise(log: Log, config: Config) -> LaserNoise | None:
-    """As the settings say, or else the log; None where neither does."""
-    learned = learn_laser_noise(log)
-    if config.laser.noise is None:
-        return learned
-    stated = LaserNoise(constant=config.laser.noise, per_metre=config.laser.noise_per_metre)
-    return stated if learned is None else replace(learned, constant=stated.constant, per_metre=stated.per_metre)
-
-
-def _described(laser: LaserNoise | None) -> dict[str, float] | None:
-    """The noise of the laser under the names of `summary.json`, None where too few beams meet walls."""
-    if laser is None:
-        return None
-    return {
-        "noise_m": round(laser.constant, 5),
-        "noise_per_metre": round(laser.per_metre, 6),
-        "typical_range_m": round(laser.typical_range, 3),
-        "outlier_share": round(laser.outlier_share, 4),
-        "no_return_share": round(laser.no_return_share, 4),
-        "step_m": round(laser.step, 6),
-    }
-
-
-def _matcher(log: Log, config: Config, noise: RangeNoise) -> Matcher:
-    if config.matcher != "ice":
-        return make_matcher(config.matcher)
-    return IceMatcher(config.ice, open_ground=is_open_ground(log), noise=noise)
-
-
-def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Config) -> OdometryCalibration:
-    """The same from all of the log, for the graph's odometry factors."""
-    if not (log.has_odometry and config.front_end.calibrate_odometry):
-        return first
-    return calibrate_odometry(track, log.odometry)
-
-
-def _track(
-    log: Log, matcher: Matcher, config: Config, progress: ProgressCallback | None
-) -> tuple[Log, Track, OdometryCalibration]:
-    def report(scans: int, failures: int) -> None:
-        if progress is not None:
-            progress(Progress(scans=scans, tried=scans - 1, accepted=scans - 1 - failures))
-
-    def follow(log: Log) -> tuple[Track, OdometryCalibration]:
-        return track_calibrating(log, matcher, config.odometry, config.front_end, report)
-
-    return track_as_mounted(log, follow)
-
-
-def _track_swept(
-    followed: Followed, matcher: Matcher, config: Config, progress: ProgressCallback | None
-) -> tuple[Followed, SweepFinding]:
-    """The same of a log whose beams are moved by the motion within each sweep, where that is known and asked for."""
-    if not config.front_end.deskew:
-        return followed, SweepFinding(source="nothing")
-    return track_swept(followed, lambda log: _track(log, matcher, config, progress))
-
-
-def _solve(
-    track: Track,
-    log: Log,
-    matcher: Matcher,
-    calibration: OdometryCalibration,
-    config: Config,
-    is_forbidden: Forbids,
-) -> Solution:
-    if log.has_odometry:
-        odometry, noise = calibration.apply(log.odometry), calibration.lasting_noise
-        return solve_track(track, odometry, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden)
-    poses, noise = constant_velocity(track) or (None, calibration.lasting_noise)
-    return solve_track(track, poses, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden)
-
-
-def _corrected(
-    solution: Solution, corrections: Corrections, track: Track, matcher: Matcher, config: Config
-) -> Corrected:
-    def closer() -> LoopCloser:
-        return LoopCloser(matcher, track, config.loops)
-
-    return corrected(solution, corrections, track, closer, closure_kernel(config.finish), config.graph)
-
-
-def _with_factors(solution: Solution, guided: Corrected, config: Config) -> Solution:
-    """The graph with closures by hand that fit it more, at the poses that they lead to."""
-    if not guided.held:
-        return solution
-    together, poses = [*solution.graph.factors, *guided.held], guided.solution.poses
-    return replace(solution, graph=PoseGraph.from_factors(together, poses, config.graph), poses=poses)
-
-
-def _retied(track: Track, solution: Solution, log: Log, matcher: Matcher) -> Track:
-    """The track with the scans around each break on the right side of it."""
-    joined = [found.key for found in solution.breaks if found.outcome == "joined"]
-    if not joined:
-        return track
-    return retied(track, joined, log, matcher if isinstance(matcher, IceMatcher) else IceMatcher())
 
 
 def _finish(
@@ -438,6 +255,20 @@ def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, c
         features = (extract_features(key.scan, config.ice.features, config.ice.segments) for key in track.keys)
     feature_map = build_feature_map(key_poses, features, (key.scan for key in track.keys), config.feature_map)
     return feature_map.record()
+
+
+def _described(laser: LaserNoise | None) -> dict[str, float] | None:
+    """The noise of the laser under the names of `summary.json`, None where too few beams meet walls."""
+    if laser is None:
+        return None
+    return {
+        "noise_m": round(laser.constant, 5),
+        "noise_per_metre": round(laser.per_metre, 6),
+        "typical_range_m": round(laser.typical_range, 3),
+        "outlier_share": round(laser.outlier_share, 4),
+        "no_return_share": round(laser.no_return_share, 4),
+        "step_m": round(laser.step, 6),
+    }
 
 
 def _closures(track: Track, solution: Solution) -> list[Closure]:

@@ -285,6 +285,7 @@ def findings() -> bytes:
         kept=KeptScans.all_of(n),
         config=Config(),
         is_own_matcher=False,
+        is_open_ground=False,
         laser=None,
         sweep={"source": "nothing", "applied": False},
         track=track,

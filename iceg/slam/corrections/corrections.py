@@ -164,11 +164,12 @@ class Corrections:
             verdicts=(*self.verdicts, *others.verdicts),
         )
 
-    def check(self, n_scans: int) -> KeptScans:
+    def check(self, n_scans: int, taken: KeptScans | None = None) -> KeptScans:
         """Refuse what is about scans that the log does not have, or that are cut from it; what is left of it.
 
         Args:
             n_scans: of the recorded log.
+            taken: what takes part where these corrections cut nothing; all scans if it is left out.
 
         Raises:
             IcegError: naming where the correction is from, the scan and the number of scans.
@@ -176,7 +177,7 @@ class Corrections:
         for where, scan in self._scans():
             if scan >= n_scans:
                 raise CorrectionsError(f"{where}: found scan {scan}, but the log has {n_scans} scans")
-        kept = self.cut.kept(n_scans)
+        kept = taken if taken is not None and not (self.cut.keep or self.cut.drop) else self.cut.kept(n_scans)
         for where, scan in self._single_scans():
             if kept.position(scan) is None:
                 raise CorrectionsError(f"{where}: found scan {scan}, which is cut from the log")

@@ -19,9 +19,8 @@ from iceg.slam.finish import BATCH
 _GAIN = 1e-6
 """Costs that differ by less are equal."""
 _PATH_SIGMAS = 10.0
-"""By so many of its standard deviations the path is bent for a closure by hand that costs no other one. Successive
-matches err alike, so that a long path may be off by thrice what it claims; with 5, a square driven by wheels that turn
-it by 25° stays open (4.6 standard deviations would do), with 20 a mistyped pose bends a corridor."""
+"""By so many of its standard deviations the path is bent for a closure by hand that costs no other one: successive
+matches and wheels err alike, so that a long path is off by several times what it claims."""
 _TOLD_SIGMAS = 5.0
 """From so many on it is told."""
 
