@@ -90,7 +90,13 @@ def check_directory(directory: Path, *, overwrite: bool) -> None:
         raise ResultsError(f"{directory}: is not empty; choose another folder, or replace its results with --overwrite")
 
 
-def write_results(result: "SlamResult", directory: Path | str, *, overwrite: bool = False) -> None:
+def write_results(
+    result: "SlamResult",
+    directory: Path | str,
+    *,
+    overwrite: bool = False,
+    beside: Mapping[str, str] | None = None,
+) -> None:
     """Write everything a run found, all files or none.
 
     Whatever interrupts the writing, a reader finds the whole of the earlier results or of the new ones; `graph.publish`
@@ -100,12 +106,15 @@ def write_results(result: "SlamResult", directory: Path | str, *, overwrite: boo
         result: what the run found.
         directory: made when missing.
         overwrite: whether earlier results in it may be replaced.
+        beside: texts by the names of files, which belong to the results and are replaced together with them.
 
     Raises:
         ResultsError: the folder is not empty, or cannot be written to.
     """
     directory = Path(directory)
-    writers = {name: partial(write, result) for name, write in _WRITERS.items()}
+    writers: dict[str, Callable[[Path], None]] = {name: partial(write, result) for name, write in _WRITERS.items()}
+    if beside:
+        writers["beside"] = partial(_write_texts, beside)
     write_folder(directory, writers, result.summary, overwrite=overwrite)
 
 
@@ -360,6 +369,11 @@ def _plain(value: Any) -> Any:  # noqa: ANN401
     if isinstance(value, int | float | bool | None):
         return value
     return readable(str(value))
+
+
+def _write_texts(texts: Mapping[str, str], folder: Path) -> None:
+    for name, text in texts.items():
+        _write_text(folder / name, text)
 
 
 def _write_text(path: Path, text: str) -> None:

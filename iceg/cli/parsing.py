@@ -15,12 +15,14 @@ from iceg.cli.resolve import Resolve
 from iceg.cli.run import Demo, DpSlam, Run, RunOptions
 from iceg.cli.studies import Ablation, Bench, Nees
 from iceg.cli.tools import Convert, Optimize, PrintConfig, Simulate
+from iceg.cli.view import View
 from iceg.config import Config
 from iceg.settings_file import read_settings
 
 Command = (
     Run
     | Resolve
+    | View
     | DpSlam
     | Demo
     | Info
@@ -46,6 +48,7 @@ _COMMANDS: dict[str, type[Command]] = {
     "run": Run,
     "dp-slam": DpSlam,
     "resolve": Resolve,
+    "view": View,
     "demo": Demo,
     "info": Info,
     "eval": Eval,
