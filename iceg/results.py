@@ -44,6 +44,7 @@ RESULT_FILES = (
     "features.geojson",
     "config.toml",
     FINDINGS,
+    "report.html",
     "summary.json",
 )
 
@@ -95,6 +96,7 @@ def write_results(
     directory: Path | str,
     *,
     overwrite: bool = False,
+    report: bool = True,
     beside: Mapping[str, str] | None = None,
 ) -> None:
     """Write everything a run found, all files or none.
@@ -106,13 +108,16 @@ def write_results(
         result: what the run found.
         directory: made when missing.
         overwrite: whether earlier results in it may be replaced.
+        report: whether to write `report.html`; an earlier one goes in any case.
         beside: texts by the names of files, which belong to the results and are replaced together with them.
 
     Raises:
         ResultsError: the folder is not empty, or cannot be written to.
     """
     directory = Path(directory)
-    writers: dict[str, Callable[[Path], None]] = {name: partial(write, result) for name, write in _WRITERS.items()}
+    writers: dict[str, Callable[[Path], None]] = {
+        name: partial(write, result) for name, write in _WRITERS.items() if report or name != "report"
+    }
     if beside:
         writers["beside"] = partial(_write_texts, beside)
     write_folder(directory, writers, result.summary, overwrite=overwrite)
@@ -323,6 +328,12 @@ def _write_findings(result: "SlamResult", folder: Path) -> None:
     write_findings(folder / FINDINGS, result.findings)
 
 
+def _write_report(result: "SlamResult", folder: Path) -> None:
+    from iceg.report import REPORT, write_report
+
+    write_report(result, folder / REPORT)
+
+
 _WRITERS: Mapping[str, Callable[["SlamResult", Path], None]] = {
     "trajectory": _write_trajectory,
     "graph": _write_graph,
@@ -333,6 +344,7 @@ _WRITERS: Mapping[str, Callable[["SlamResult", Path], None]] = {
     "features": _write_features,
     "config": _write_config,
     "findings": _write_findings,
+    "report": _write_report,
 }
 
 

@@ -395,7 +395,7 @@ def test_a_run_says_where_its_covariances_come_from(office: Simulation, monkeypa
     def singular(*_: object) -> Array:
         raise np.linalg.LinAlgError
 
-    monkeypatch.setattr("iceg.slam.joint.refinement.joint_covariances", singular)
+    monkeypatch.setattr("iceg.slam.joint.refinement.joint_information", singular)
     without = run(log)
     assert without.summary["finish"][-1]["covariances_from"] == "graph"
     assert any("the walls of the map do not confirm" in w for w in without.summary["warnings"])

@@ -83,6 +83,7 @@ def stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
                 "picture": writer("map.png"),
                 "features": writer("features.geojson"),
                 "findings": writer("run.npz"),
+                "report": writer("report.html"),
             }
         ),
     )

@@ -8,7 +8,16 @@ import tyro
 from iceg.cli.usage_error import UsageError
 from iceg.config import Config
 
-__all__ = ["ConfigFile", "CorrectionsFile", "GivenPath", "Overwrite", "Settings", "SkipBadLines", "UsageError"]
+__all__ = [
+    "ConfigFile",
+    "CorrectionsFile",
+    "GivenPath",
+    "Overwrite",
+    "Report",
+    "Settings",
+    "SkipBadLines",
+    "UsageError",
+]
 
 
 GivenPath = Optional[Path]  # noqa: UP045
@@ -38,6 +47,11 @@ Settings = Annotated[Config, tyro.conf.arg(name="")]
 Overwrite = Annotated[
     tyro.conf.FlagCreatePairsOff[bool],
     tyro.conf.arg(help="Replace earlier results; they stay until the new are complete."),
+]
+
+
+Report = Annotated[
+    tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Leave out report.html, the page that shows the run.")
 ]
 
 

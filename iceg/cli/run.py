@@ -7,7 +7,7 @@ from typing import Annotated
 import tyro
 
 from frontends.dp_slam.config import DpSlamConfig
-from iceg.cli.options import ConfigFile, CorrectionsFile, GivenPath, Overwrite, Settings, SkipBadLines
+from iceg.cli.options import ConfigFile, CorrectionsFile, GivenPath, Overwrite, Report, Settings, SkipBadLines
 from iceg.cli.run_log import run_log, tell_warnings, what_was_kept, written_at
 from iceg.config import Config
 
@@ -32,6 +32,7 @@ class RunOptions:
     corrections: CorrectionsFile = None
     overwrite: Overwrite = False
     skip_bad_lines: SkipBadLines = False
+    report: Report = True
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +51,7 @@ class Run(RunOptions):
             corrections=self.corrections,
             overwrite=self.overwrite,
             skip_bad_lines=self.skip_bad_lines,
+            report=self.report,
         )
 
 

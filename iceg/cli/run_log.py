@@ -29,6 +29,7 @@ def run_log(
     skip_bad_lines: bool,
     closures: Path | None = None,
     corrections: Path | None = None,
+    report: bool = True,
 ) -> None:
     """Read a log, run, write the results, and say on the way what a person should know.
 
@@ -40,6 +41,7 @@ def run_log(
         skip_bad_lines: pass over malformed lines and count them.
         closures: a file of loops closed by hand.
         corrections: a file of corrections.
+        report: whether to write the page that shows the run.
 
     Raises:
         IcegError: the log cannot be read, or the results not be written.
@@ -69,14 +71,15 @@ def run_log(
                     result = run(log, config, progress, corrections=asked)
             except GraphError as err:
                 raise GraphError(f"{path}: {err}") from err
-            write_results(result, directory, overwrite=overwrite)
+            write_results(result, directory, overwrite=overwrite, report=report)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(what_was_kept(directory, before)) from None
     told = log.warnings
     _tell_results(result, progress.matching, time.perf_counter() - started)
     _warn([warning for warning in result.log.warnings if warning not in told])
     tell_result_warnings(result)
-    print(f"Results are in {directory}: map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more")
+    page = "report.html, " if report else ""
+    print(f"Results are in {directory}: {page}map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more")
 
 
 def tell_result_warnings(result: "SlamResult") -> None:

@@ -23,6 +23,7 @@ from iceg.slam.closures.attempt import Attempt, closure_factor
 from iceg.slam.closures.record import with_earlier, without_contradicted
 from iceg.slam.config import FinishConfig, LoopClosureConfig
 from iceg.slam.final_factors import FinalFactors
+from iceg.slam.joint.covariance import PoseInformation
 from iceg.slam.joint.refinement import Clouds, JointRefinement, key_clouds, refine_jointly
 from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.rematch import match_again
@@ -74,6 +75,7 @@ class Finished:
         attempts: the record of all closures tried.
         rounds: one entry for each.
         covariances: (k, 3, 3) marginal covariances of the poses, None where only the graph knows them.
+        information: what these rest on, None where they are.
     """
 
     poses: NDArray[np.float64]
@@ -81,6 +83,7 @@ class Finished:
     attempts: list[Attempt]
     rounds: list[Round]
     covariances: NDArray[np.float64] | None = None
+    information: PoseInformation | None = None
 
 
 def matched_again(
@@ -157,16 +160,24 @@ def refined(
     attempts, loops = without_contradicted(
         solution.attempts, [factor for factor in factors if _is_in_doubt(factor)], solution.poses
     )
-    poses, covariances, done = solution.poses, None, list(rounds)
+    poses, done = solution.poses, list(rounds)
+    covariances, information = None, None
     final = FinalFactors.of([*chain, *loops], solution.breaks, track)
     if config.joint.enabled:
         if isinstance(matcher, IceMatcher):  # what halves of scans say of ICE they say of the points
             config = _doubting(config, track.match_doubt)
         clouds = key_clouds(track, scan_of, config.joint, noise).without(distrusted)
         joint, last = _joint(final, poses, clouds, config, _parts(solution), clock)
-        poses, covariances = joint.poses, joint.covariances
+        poses, covariances, information = joint.poses, joint.covariances, joint.information
         done.append(replace(last, closures=len(loops)))
-    return Finished(poses=poses, factors=final, attempts=attempts, rounds=done, covariances=covariances)
+    return Finished(
+        poses=poses,
+        factors=final,
+        attempts=attempts,
+        rounds=done,
+        covariances=covariances,
+        information=information,
+    )
 
 
 def closure_kernel(config: FinishConfig) -> RobustKernel:

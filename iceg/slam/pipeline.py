@@ -29,10 +29,12 @@ from iceg.slam.corrections.cut import KeptScans
 from iceg.slam.corrections.cut_findings import cut_findings
 from iceg.slam.corrections.errors import CorrectionsError
 from iceg.slam.corrections.map_frame import frame_transform, moved_priors
+from iceg.slam.distance import Distance, Sighting, measured_distance, sighting_at
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.finding import corrected_by, find, matcher_of
 from iceg.slam.findings import Findings
 from iceg.slam.finish import Finished, Round, refined
+from iceg.slam.joint_covariance import JointCovariance
 from iceg.slam.manual_closures import ManualClosure
 from iceg.slam.noise_widths import widened
 from iceg.slam.path_uncertainty import least_known
@@ -54,6 +56,7 @@ class SlamResult:
         key_scans: (k,) which scans are key scans.
         key_poses: (k, 3) their T_map_robot.
         covariances: (k, 3, 3) their marginal covariances, tangent space at each.
+        joint: how the errors of the key poses hang together.
         graph: the factors as they were measured. The key poses rest on the walls that scans share, too, and are not
             quite the optimum of the factors alone.
         landmarks: the feature map, expired landmarks included.
@@ -70,6 +73,7 @@ class SlamResult:
     key_scans: NDArray[np.int64]
     key_poses: NDArray[np.float64]
     covariances: NDArray[np.float64]
+    joint: JointCovariance
     graph: PoseGraph
     landmarks: Landmarks
     grid: OccupancyGrid
@@ -85,6 +89,32 @@ class SlamResult:
             f"{len(self.graph.factors)} factors, {accepted} of {len(self.closures)} closures accepted, "
             f"{len(self.landmarks)} landmarks, {len(self.summary['warnings'])} warnings)"
         )
+
+    def sighting(self, x: float, y: float) -> Sighting:
+        """The place (x, y) of the map [m], as the key scan saw it that saw it from closest.
+
+        Within 10 cm of a wall that is the wall: the nearest end of a beam of that scan.
+
+        Raises:
+            DistanceError: no key scan looked there.
+        """
+        return sighting_at(np.array([x, y]), self.log, self.key_scans, self.key_poses)
+
+    def distance(self, a: Sighting | tuple[float, float], b: Sighting | tuple[float, float]) -> Distance:
+        """How far two points are apart, and how well that is known.
+
+        The standard deviation is that of the joint covariance of the two poses that saw the points, and of the laser
+        where a point is the end of a beam.
+
+        Args:
+            a: a point that a scan saw, or x, y in the map [m], for which see `sighting`.
+            b: the other.
+
+        Raises:
+            DistanceError: no key scan looked there, or a scan that the log does not have.
+        """
+        a, b = (point if isinstance(point, Sighting) else self.sighting(*point) for point in (a, b))
+        return measured_distance(a, b, self.trajectory, self.key_scans, self.joint, self.log, self.summary["laser"])
 
 
 def run(
@@ -157,15 +187,15 @@ def _conclude(findings: Findings, corrections: Corrections, matcher: Matcher | N
         corrected = corrected_by(findings.solution, own, track, matcher, config)
         solution, finished = _finish(corrected, findings.rounds, track, log, matcher, config, noise)
     with clock.stage("covariances"):
-        covariances = _covariances(finished, solution)
-    solution = _in_frame(own.frame, solution, track, config)
+        solution = _in_frame(own.frame, solution, track, config)
+        joint = _joint_covariance(finished, solution)
     trajectory = track.trajectory(solution.poses)
     with clock.stage("feature_map"):
         landmarks = _landmarks(track, solution.poses, matcher, config)
     with clock.stage("grid"):
         grid, doubt = render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
-    worst = least_known(key_scans, covariances)
+    worst = least_known(key_scans, joint.marginals)
     warnings = corrected.warnings + run_warnings(track, solution, finished.rounds, worst, doubt)
     return SlamResult(
         log=log,
@@ -173,7 +203,8 @@ def _conclude(findings: Findings, corrections: Corrections, matcher: Matcher | N
         trajectory=trajectory,
         key_scans=key_scans,
         key_poses=solution.poses,
-        covariances=covariances,
+        covariances=joint.marginals,
+        joint=joint,
         graph=solution.graph,
         landmarks=landmarks,
         grid=grid,
@@ -241,11 +272,12 @@ def _corrections_record(corrections: Corrections, kept: KeptScans) -> dict[str, 
     return ({"corrections": record} if record else {}) | ({} if kept.is_all else {"cut": kept.record()})
 
 
-def _covariances(finished: Finished, solution: Solution) -> NDArray[np.float64]:
-    """(k, 3, 3) of the key poses: as the walls tell, else the graph."""
-    if finished.covariances is not None:
-        return finished.covariances
-    return marginal_covariances(solution.graph.factors, solution.poses)
+def _joint_covariance(finished: Finished, solution: Solution) -> JointCovariance:
+    """Of the key poses: as the walls tell, else the graph."""
+    factors, known = solution.graph.factors, finished.covariances
+    if known is None:
+        known = marginal_covariances(factors, solution.poses)
+    return JointCovariance(poses=solution.poses, marginals=known, information=finished.information, factors=factors)
 
 
 def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, config: Config) -> Landmarks:

@@ -24,7 +24,7 @@ from iceg.ice.points import thinned_points
 from iceg.slam.config import JointRefinementConfig
 from iceg.slam.joint import _wall_kernels as kernels
 from iceg.slam.joint._system_kernels import product
-from iceg.slam.joint.covariance import Walls, joint_covariances
+from iceg.slam.joint.covariance import PoseInformation, Walls, joint_information
 from iceg.slam.joint.wall_claims import believed_covariances
 from iceg.slam.track import Track
 
@@ -66,6 +66,7 @@ class JointRefinement:
         on_walls: … and in the end.
         covariances: (k, 3, 3) marginal covariances of the poses in the end, None if the points do not determine them or
             claim more than is credible.
+        information: what the covariances rest on, None where they are.
     """
 
     poses: NDArray[np.float64]
@@ -78,6 +79,7 @@ class JointRefinement:
     on_walls_before: float
     on_walls: float
     covariances: NDArray[np.float64] | None = None
+    information: PoseInformation | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -156,10 +158,11 @@ def refine_jointly(
     if last.on_walls < on_walls:
         refined = poses
         last = _walls(clouds, poses, config, part_of, room, pieces)
-    covariances = _covariances(factors if believed is None else believed, refined, clouds, last, config)
-    if covariances is not None:
+    information = _information(factors if believed is None else believed, refined, clouds, last, config)
+    covariances = None
+    if information is not None:
         known = problem if believed is None else Problem.of(believed, len(poses))
-        covariances = believed_covariances(covariances, known.marginal_covariances(poses))
+        covariances = believed_covariances(information.covariances, known.marginal_covariances(poses))
     # As a whole the map may move, held by the prior alone: put the first pose back.
     refined = compose(compose(poses[0], inverse(refined[0])), refined) if steps else poses
     return JointRefinement(
@@ -173,24 +176,25 @@ def refine_jointly(
         on_walls_before=on_walls,
         on_walls=last.on_walls,
         covariances=covariances,
+        information=None if covariances is None else information,
     )
 
 
-def _covariances(
+def _information(
     factors: Sequence[Factor],
     poses: NDArray[np.float64],
     clouds: Clouds,
     walls: Walls,
     config: JointRefinementConfig,
-) -> NDArray[np.float64] | None:
-    """Marginal covariances; of points far away, where noise decides which return at all, nothing is believed."""
+) -> PoseInformation | None:
+    """Of all poses; of points far away, where noise decides which return at all, nothing is believed."""
     if not len(walls.lines):
         return None
     near = np.hypot(clouds.points[:, 0], clouds.points[:, 1]) <= config.telling_reach
     told = replace(walls, weights=np.where(near, walls.weights, 0.0))
     precision = _precision(walls, config) * max(1.0, clouds.stand_for / _STAND_FOR) ** (2.0 / 3.0)
     try:
-        return joint_covariances(factors, poses, clouds.key_starts, told, precision)
+        return joint_information(factors, poses, clouds.key_starts, told, precision)
     except np.linalg.LinAlgError:
         return None
 
