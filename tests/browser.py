@@ -42,23 +42,23 @@ def _install() -> None:
 
 
 def _from_debian() -> bool:
-    _runs("apt-get", "update", "-qq")
-    return _runs("apt-get", "install", "-y", "-qq", "--no-install-recommends", "chromium", "fonts-dejavu-core")
+    quietly = ("apt-get", "-qq", "-y", "--no-install-recommends")
+    _runs(*quietly, "update")
+    return _runs(*quietly, "install", "chromium", "fonts-dejavu-core", DEBIAN_FRONTEND="noninteractive")
 
 
 def _from_npm() -> bool:
     _FOLDER.mkdir(parents=True, exist_ok=True)
     script = _FOLDER / "unpack.mjs"
     script.write_text(_UNPACK, encoding="utf-8")
-    return _runs("npm", "install", "--silent", "--no-fund", "--no-audit", _PACKAGE) and _runs("node", script.name)
+    return _runs("npm", "install", "--silent", "--no-fund", "--no-audit", f"--prefix={_FOLDER}", _PACKAGE) and _runs(
+        "node", str(script), TMPDIR=str(_FOLDER)
+    )
 
 
-def _runs(*command: str) -> bool:
-    where = _FOLDER if _FOLDER.exists() else None
-    environment = os.environ | {"DEBIAN_FRONTEND": "noninteractive", "TMPDIR": str(_FOLDER)}
-    if where is None:
-        environment.pop("TMPDIR")
-    return subprocess.run(command, cwd=where, env=environment, stdout=subprocess.DEVNULL, check=False).returncode == 0
+def _runs(*command: str, **environment: str) -> bool:
+    done = subprocess.run(command, env=os.environ | environment, stdout=subprocess.DEVNULL, check=False)
+    return done.returncode == 0
 
 
 if __name__ == "__main__":

@@ -57,7 +57,9 @@ def browser() -> Iterator["Browser"]:
 def opened(browser: "Browser", path: Path, size: Any, theme: Any = "light") -> "Page":
     """The page once it is ready; what the console complains of, or what is asked of the network, is in `trouble`."""
     is_phone = size is PHONE
-    context = browser.new_context(viewport=size, color_scheme=theme, has_touch=is_phone, is_mobile=is_phone)
+    context = browser.new_context(
+        viewport=size, color_scheme=theme, has_touch=is_phone, is_mobile=is_phone, locale="en-US"
+    )
     page = context.new_page()
     trouble: list[str] = []
     page.on("console", lambda message: trouble.append(message.text) if message.type == "error" else None)
