@@ -77,8 +77,11 @@ def wrong(result: SlamResult, *, pinned: bool = False) -> ManualClosure:
 def test_without_corrections_every_file_is_the_same(folder: Path, tmp_path: Path) -> None:
     assert main(["resolve", str(folder), "-o", str(tmp_path / "again")]) == 0
     for name in RESULT_FILES:
+        one, other = ((each / name).read_bytes().splitlines() for each in (folder, tmp_path / "again"))
+        if name == "report.html":  # tells how long each stage took
+            one, other = ([line for line in lines if b'id="stages"' not in line] for lines in (one, other))
         if name != "summary.json":
-            assert (folder / name).read_bytes() == (tmp_path / "again" / name).read_bytes(), name
+            assert one == other, name
 
 
 def test_a_wrong_closure_is_named_and_bends_nothing(

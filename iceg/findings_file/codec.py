@@ -11,7 +11,7 @@ import numpy as np
 from frontends.laser_noise import LaserNoise
 from graph.errors import IcegError
 from graph.odometry import OdometryModel
-from iceg.config import format_config, parse_config
+from iceg.config import Config, format_config, parse_config
 from iceg.findings_file.archive import read_arrays, write_arrays
 from iceg.findings_file.errors import FindingsError
 from iceg.findings_file.log_arrays import log_arrays, log_facts, log_of
@@ -79,7 +79,7 @@ def read_findings(path: Path) -> Findings:
 
 
 def _findings(table: Table, facts: Mapping[str, Any]) -> Findings:
-    config = parse_config(facts["config"], where=f"{table.path}: its settings")
+    config = _config(table, str(facts["config"]))
     log = log_of(table, facts["log"])
     track = track_of(table, facts["track"], log)
     return Findings(
@@ -95,6 +95,15 @@ def _findings(table: Table, facts: Mapping[str, Any]) -> Findings:
         solution=solution_of(table, facts["solution"], len(track.keys), config.graph),
         rounds=tuple(Round(**done) for done in facts["rounds"]),
     )
+
+
+def _config(table: Table, text: str) -> Config:
+    try:
+        return parse_config(text, where="its settings")
+    except IcegError as err:
+        raise table.error(
+            f"{err}; if another version of iceg has written them, run the log again with this one"
+        ) from err
 
 
 def _kept(table: Table, found: Mapping[str, Any], n_scans: int) -> KeptScans:
