@@ -24,14 +24,19 @@ if TYPE_CHECKING:
     from iceg.ice.segments import Segments, extract_segments
     from iceg.maps.feature_map import FeatureMap, Landmarks
     from iceg.maps.grid import OccupancyGrid, render_grid
+    from iceg.resolving import resolve
     from iceg.results import write_results
     from iceg.run_folder import RunFolder, read_run_folder
+    from iceg.slam.corrections.corrections import Corrections
+    from iceg.slam.corrections.reading import read_corrections
+    from iceg.slam.manual_closures import ManualClosure
     from iceg.slam.pipeline import SlamResult, run
 
 __version__ = "0.1.0"
 
 __all__ = [
     "Config",
+    "Corrections",
     "FeatureMap",
     "Features",
     "IceConfig",
@@ -39,6 +44,7 @@ __all__ = [
     "IcegError",
     "Landmarks",
     "Log",
+    "ManualClosure",
     "Matcher",
     "NoMatch",
     "OccupancyGrid",
@@ -57,9 +63,11 @@ __all__ = [
     "extract_features",
     "extract_segments",
     "read_config",
+    "read_corrections",
     "read_log",
     "read_run_folder",
     "render_grid",
+    "resolve",
     "run",
     "write_log",
     "write_results",
@@ -67,6 +75,7 @@ __all__ = [
 
 _HOMES = {
     "Config": "iceg.config",
+    "Corrections": "iceg.slam.corrections.corrections",
     "FeatureMap": "iceg.maps.feature_map",
     "Features": "iceg.ice.features",
     "IceConfig": "iceg.ice.config",
@@ -74,6 +83,7 @@ _HOMES = {
     "IcegError": "graph.errors",
     "Landmarks": "iceg.maps.feature_map",
     "Log": "frontends.scan",
+    "ManualClosure": "iceg.slam.manual_closures",
     "Matcher": "frontends.matcher",
     "NoMatch": "graph.measurement",
     "OccupancyGrid": "iceg.maps.grid",
@@ -91,9 +101,11 @@ _HOMES = {
     "extract_features": "iceg.ice.features",
     "extract_segments": "iceg.ice.segments",
     "read_config": "iceg.config",
+    "read_corrections": "iceg.slam.corrections.reading",
     "read_log": "frontends.logs",
     "read_run_folder": "iceg.run_folder",
     "render_grid": "iceg.maps.grid",
+    "resolve": "iceg.resolving",
     "run": "iceg.slam.pipeline",
     "write_log": "frontends.logs.writers",
     "write_results": "iceg.results",

@@ -4,8 +4,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from iceg.findings_file.codec import read_findings
-from iceg.results import FINDINGS, ResultsError, whole_results
+from iceg.results import FINDINGS, ResultsError, read_summary, whole_results
 from iceg.slam.corrections.corrections import Corrections
+from iceg.slam.corrections.cut import KeptScans
 
 if TYPE_CHECKING:
     from iceg.slam.findings import Findings
@@ -25,6 +26,20 @@ def findings_of(directory: Path | str) -> "Findings":
         )
     with whole_results(directory):
         return read_findings(directory / FINDINGS)
+
+
+def handed_back(corrections: Corrections, directory: Path | str) -> Corrections:
+    """The corrections, a `closures.csv` among them being that of a folder, which counts scans as its results do.
+
+    Args:
+        corrections: scans counted as recorded, but for the rows of `closures.csv`.
+        directory: that the rows are from.
+
+    Raises:
+        IcegError: the folder holds no readable summary, or other scans.
+    """
+    cut = read_summary(directory).get("cut") if corrections.verdicts else None
+    return corrections.handed_back_from(KeptScans.from_record(cut)) if isinstance(cut, dict) else corrections
 
 
 def resolve(directory: Path | str, corrections: Corrections | None = None) -> "SlamResult":

@@ -201,6 +201,17 @@ def test_closures_csv_handed_back(folder: Path, tmp_path: Path) -> None:
     assert verdicts_of(tmp_path / "edited" / "closures.csv")[off].verdict == "rejected"
 
 
+def test_closures_csv_of_a_run_that_was_cut(folder: Path, tmp_path: Path) -> None:
+    file = tmp_path / "c.toml"
+    file.write_text("[cut]\ndrop = [[0, 9]]\n")
+    assert main(["resolve", str(folder), "--corrections", str(file), "-o", str(tmp_path / "cut")]) == 0
+    accepted = [scans for scans, c in verdicts_of(tmp_path / "cut" / "closures.csv").items() if c.verdict == "accepted"]
+    edited = rows_with(tmp_path / "cut", {accepted[0]: "rejected"}, tmp_path / "edited.csv")
+    assert main(["resolve", str(tmp_path / "cut"), "--corrections", str(edited), "-o", str(tmp_path / "whole")]) == 0
+    recorded = (accepted[0][0] + 10, accepted[0][1] + 10)
+    assert verdicts_of(tmp_path / "whole" / "closures.csv")[recorded].reason.startswith("forbidden by hand")
+
+
 def test_a_rejected_closure_may_be_pinned(findings: Findings, as_found: SlamResult) -> None:
     closure = next(c for c in as_found.closures if c.verdict == "rejected" and np.isfinite(c.T_i_j).all())
     result = conclude(findings, Corrections(pinned=(Pinned(scan_i=closure.scan_i, scan_j=closure.scan_j),)))

@@ -43,10 +43,10 @@ class Resolve:
         before, started = written_at(target), time.perf_counter()
         try:
             with compile_note():
-                from iceg.resolving import resolve
+                from iceg.resolving import handed_back, resolve
 
                 asked = read_all_corrections([] if self.corrections is None else [self.corrections])
-                result = resolve(self.directory, asked)
+                result = resolve(self.directory, handed_back(asked, self.directory))
                 write_results(result, target, overwrite=replaces)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(what_was_kept(target, before)) from None

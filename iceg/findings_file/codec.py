@@ -107,12 +107,9 @@ def _config(table: Table, text: str) -> Config:
 
 
 def _kept(table: Table, found: Mapping[str, Any], n_scans: int) -> KeptScans:
-    stretches = tuple((int(first), int(last)) for first, last in found["kept"])
-    kept = KeptScans(int(found["recorded_scans"]), stretches)
-    flat = [scan for stretch in stretches for scan in stretch]
-    count = sum(last - first + 1 for first, last in stretches)
-    if flat != sorted(flat) or not flat or flat[0] < 0 or flat[-1] >= kept.recorded or count != n_scans:
-        raise table.error(f"it says to hold the scans {str(stretches)[:80]} of {kept.recorded}, and holds {n_scans}")
+    kept = KeptScans.from_record(dict(found))
+    if sum(last - first + 1 for first, last in kept.stretches) != n_scans:
+        raise table.error(f"it says to hold the scans {str(kept.stretches)[:80]}, and holds {n_scans}")
     return kept
 
 

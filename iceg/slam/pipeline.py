@@ -64,7 +64,8 @@ class SlamResult:
         closures: every loop closure tried.
         warnings: what is doubtful about it, besides what is about the log.
         summary: counts, warnings, seconds per stage and calibration.
-        findings: what the run found before it concluded: `resolve` concludes anew from it.
+        findings: what the run found before it concluded, scans that were cut since included: `resolve` concludes anew
+            from it.
     """
 
     log: Log
@@ -171,9 +172,8 @@ def resolve(findings: Findings, corrections: Corrections | None = None) -> SlamR
         )
     asked = corrections or Corrections()
     kept = asked.check(findings.kept.recorded, findings.kept)
-    if kept != findings.kept:
-        findings = cut_findings(findings, kept, asked.cut.where)
-    return _conclude(findings, asked, None, StageClock())
+    left = findings if kept == findings.kept else cut_findings(findings, kept, asked.cut.where)
+    return replace(_conclude(left, asked, None, StageClock()), findings=findings)
 
 
 def _conclude(findings: Findings, corrections: Corrections, matcher: Matcher | None, clock: StageClock) -> SlamResult:

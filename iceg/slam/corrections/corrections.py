@@ -144,6 +144,22 @@ class Corrections:
         """The same with closures by hand more."""
         return replace(self, added=(*self.added, *closures))
 
+    def handed_back_from(self, kept: KeptScans) -> "Corrections":
+        """The same, verdicts counting scans as recorded instead of as the results of a run do, which has cut some.
+
+        Raises:
+            CorrectionsError: a verdict is about a scan that those results do not have.
+        """
+
+        def recorded(row: GivenVerdict) -> GivenVerdict:
+            last = max(row.scan_i, row.scan_j)
+            if last >= len(kept.indices):
+                raise CorrectionsError(f"{row.where}: found scan {last}, but the run has {len(kept.indices)} scans")
+            scan_i, scan_j = kept.indices[[row.scan_i, row.scan_j]].tolist()
+            return replace(row, scan_i=scan_i, scan_j=scan_j)
+
+        return replace(self, verdicts=tuple(map(recorded, self.verdicts)))
+
     def joined(self, others: "Corrections") -> "Corrections":
         """Both together.
 

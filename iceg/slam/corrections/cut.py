@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.limits import LIMITS
 from iceg.slam.corrections.errors import CorrectionsError
 
 Stretch = tuple[int, int]
@@ -62,6 +63,23 @@ class KeptScans:
     def all_of(cls, n_scans: int) -> "KeptScans":
         """Every one of so many."""
         return cls(n_scans, ((0, n_scans - 1),))
+
+    @classmethod
+    def from_record(cls, record: dict[str, Any]) -> "KeptScans":
+        """What `record` has made of it.
+
+        Raises:
+            CorrectionsError: it is no record of scans in order.
+        """
+        try:
+            stretches = tuple((int(first), int(last)) for first, last in record["kept"])
+            kept = cls(int(record["recorded_scans"]), stretches)
+        except (KeyError, ValueError, TypeError, OverflowError) as err:
+            raise CorrectionsError(f"found the scans {str(record)[:80]}, expected recorded_scans and kept") from err
+        flat = [scan for stretch in stretches for scan in stretch]
+        if not flat or flat != sorted(flat) or flat[0] < 0 or not flat[-1] < kept.recorded <= LIMITS.scans:
+            raise CorrectionsError(f"found the scans {str(stretches)[:80]} of {kept.recorded}, expected some in order")
+        return kept
 
     @property
     def is_all(self) -> bool:
