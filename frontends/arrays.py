@@ -31,6 +31,7 @@ def log_from_arrays(
     range_max: float | None = None,
     T_robot_laser: ArrayLike = (0.0, 0.0, 0.0),
     sweep: float | None = None,
+    gyro: ArrayLike | None = None,
     path: Path = Path("arrays"),
 ) -> Log:
     """Check arrays and make a log of them; see `Log.from_arrays`.
@@ -75,6 +76,7 @@ def log_from_arrays(
         message_counts={"scans": n_scans},
         truth=None if truth is None else _poses("truth", truth, n_scans),
         sweep=None if sweep is None else float(_finite("sweep", sweep, ())),
+        gyro=None if gyro is None else _gyro(gyro, n_scans),
     )
 
 
@@ -115,6 +117,14 @@ def _poses(name: str, values: ArrayLike, n_scans: int) -> NDArray[np.float64]:
     poses = _finite(name, values, (n_scans, 3)).copy()
     poses[:, 2] = wrap_angle(poses[:, 2])
     return poses
+
+
+def _gyro(values: ArrayLike, n_scans: int) -> NDArray[np.float64]:
+    """(n_scans, 3) of three axes, or of the vertical one alone."""
+    if np.ndim(values) != 1:
+        return _finite("gyro", values, (n_scans, 3)).copy()
+    about_z = _finite("gyro", values, (n_scans,))
+    return np.column_stack([np.zeros((n_scans, 2)), about_z])
 
 
 def _finite(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.float64]:

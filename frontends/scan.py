@@ -160,6 +160,8 @@ class Log:
             where the laser turns clockwise, 0 where all beams are measured at once, None where the log does not say.
             Odometry, stamp and truth of a scan are those of the middle of its sweep.
         choices: what a reader chose where the file left a choice, and why: a sentence by its subject, such as "laser".
+        gyro: (n_scans, 3) angular velocity about three axes fixed to the robot, integrated from the first scan to each;
+            None where the log has none. Axes, signs, unit and bias are as recorded: a run learns them.
 
     Raises:
         ScanError: arrays that do not belong together, or numbers that are not finite or beyond `graph.limits`.
@@ -177,6 +179,7 @@ class Log:
     truth: NDArray[np.float64] | None = None
     sweep: float | None = None
     choices: Mapping[str, str] = field(default_factory=dict)
+    gyro: NDArray[np.float64] | None = None
 
     @classmethod
     def from_arrays(
@@ -192,6 +195,7 @@ class Log:
         range_max: float | None = None,
         T_robot_laser: ArrayLike = (0.0, 0.0, 0.0),
         sweep: float | None = None,
+        gyro: ArrayLike | None = None,
         name: str = "arrays",
     ) -> "Log":
         """A log from plain arrays, whatever they come from.
@@ -210,6 +214,8 @@ class Log:
             T_robot_laser: (3,) where the laser sits on the robot: x [m], y [m], heading [rad].
             sweep: seconds by which the beam of the largest bearing is measured after the one of the smallest, see
                 `sweep` above; stamps and poses are those of the middle.
+            gyro: (n_scans,) or (n_scans, 3) turn rate about the vertical axis or about three axes, integrated up to
+                each scan, in any unit and with any bias, see `gyro` above; None for none.
             name: what the log is called.
 
         Raises:
@@ -228,6 +234,7 @@ class Log:
             range_max=range_max,
             T_robot_laser=T_robot_laser,
             sweep=sweep,
+            gyro=gyro,
             path=Path(name),
         )
 
@@ -245,6 +252,11 @@ class Log:
             _check_poses(self.truth, n, f"{self.path}: truth")
         if self.stamps.shape != (n,) or not (np.abs(self.stamps) <= LIMITS.stamp).all():
             raise ScanError(f"{self.path}: expected {n} finite stamps of at most {LIMITS.stamp:g} s")
+        if self.gyro is not None and (self.gyro.shape != (n, 3) or not (np.abs(self.gyro) <= LIMITS.gyro).all()):
+            raise ScanError(
+                f"{self.path}: found integrated turn rates of shape {self.gyro.shape}, up to "
+                f"{np.abs(self.gyro).max(initial=0.0):g}, expected {(n, 3)} finite numbers of at most {LIMITS.gyro:g}"
+            )
 
     def __repr__(self) -> str:
         odometry = "" if self.has_odometry else ", no odometry"
@@ -266,6 +278,7 @@ class Log:
             odometry=self.odometry[scans],
             stamps=self.stamps[scans],
             truth=None if self.truth is None else self.truth[scans],
+            gyro=None if self.gyro is None else self.gyro[scans],
         )
 
 

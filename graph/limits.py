@@ -30,6 +30,8 @@ class Limits:
     there."""
     heading: float = 1e6
     """Of a pose as recorded [rad], which may count all turns since the start."""
+    gyro: float = 1e9
+    """Of a turn rate integrated over a log, in whatever unit it is recorded: counts of a converter among them."""
     stamp: float = 1e19
     """Of a message [s]; some loggers write nanoseconds."""
     odometry_step: float = 1000.0

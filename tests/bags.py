@@ -18,6 +18,7 @@ SCAN, ODOMETRY, TF, POSE = (
     "tf2_msgs/msg/TFMessage",
     "geometry_msgs/msg/PoseStamped",
 )
+IMU = "sensor_msgs/msg/Imu"
 STRING, OLD_TF, UNKNOWN = "std_msgs/msg/String", "tf/msg/tfMessage", "some_robot/msg/Bump"
 CONTAINERS = (
     "ros1",
@@ -103,6 +104,11 @@ def true_pose(stamp: float, pose: Sequence[float] | NDArray[np.float64], *, topi
     return Said(stamp, topic, POSE, {"header": (stamp, "world"), "pose": pose})
 
 
+def imu(stamp: float, rates: Sequence[float], *, topic: str = "/imu", recorded: float | None = None) -> Said:
+    """An Imu message of turn rates about three axes."""
+    return Said(stamp if recorded is None else recorded, topic, IMU, {"header": (stamp, "imu"), "rates": rates})
+
+
 def transform(
     stamp: float,
     parent: str,
@@ -182,10 +188,13 @@ def make(types: Any, message: Said, *, is_ros1: bool) -> Any:
         return known[SCAN](header=header, scan_time=0.0, intensities=np.zeros(3, np.float32), **fields)
     if message.type in {STRING, UNKNOWN}:
         return known[message.type](**fields)
+    vector, turned = known["geometry_msgs/msg/Vector3"], known["geometry_msgs/msg/Quaternion"]
+    if message.type == IMU:
+        rates, gravity, unknown_noise = vector(*fields["rates"]), vector(0.0, 0.0, 9.81), np.zeros(9)
+        still = turned(0.0, 0.0, 0.0, 1.0)
+        return known[IMU](header, still, unknown_noise, rates, unknown_noise, gravity, unknown_noise)
     x, y, heading = fields["pose"]
-    q = _quaternion(heading, fields.get("roll", 0.0))
-    quaternion = known["geometry_msgs/msg/Quaternion"](*q)
-    vector = known["geometry_msgs/msg/Vector3"]
+    quaternion = turned(*_quaternion(heading, fields.get("roll", 0.0)))
     if message.type in {TF, OLD_TF}:
         pose = known["geometry_msgs/msg/Transform"](vector(x, y, 0.3), quaternion)
         stamped = known["geometry_msgs/msg/TransformStamped"](header, fields["child_frame_id"], pose)

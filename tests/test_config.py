@@ -139,4 +139,4 @@ def test_numbers_that_a_run_cannot_work_with_are_refused(setting: str, value: st
 
 
 def test_what_has_no_end_may_be_infinite() -> None:
-    assert parse_config("loops.max_deviations = inf").loops.max_deviations == np.inf
+    assert parse_config("loops.min_path = inf").loops.min_path == np.inf

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from frontends.bags.beams import StackedSweeps, stack
 from frontends.bags.errors import BagError
 from frontends.bags.frames import Frames
+from frontends.bags.gyro import choose_gyro
 from frontends.bags.laser_choice import choose_laser
 from frontends.bags.mount import Mount, base_of, find_mount
 from frontends.bags.odometry_choice import PosesOfScans, choose_odometry, choose_truth
@@ -89,7 +90,8 @@ def _assemble(path: Path, records: Records, warnings: list[str], options: BagOpt
     mount = find_mount(base, chosen.laser.frame, frames)
     geometry, ranges = _geometry(stacked, scans, times, mount, options)
     T_odom_robot, has_odometry, judged, odometry_said = _odometry(odometry, base, frames, ranges)
-    odometry_said = "; ".join([odometry_said, *odometry_notes, *_unused_imus(records, has_odometry=has_odometry)])
+    odometry_said = "; ".join([odometry_said, *odometry_notes])
+    gyro = choose_gyro(records.imus, times, stamps, has_odometry=has_odometry)
     truth, truth_said = _truth(records, times, stamps, options.odometry_topic)
     sweep = -sweep if sweep is not None and mount.is_upside_down else sweep
     return Log(
@@ -109,14 +111,17 @@ def _assemble(path: Path, records: Records, warnings: list[str], options: BagOpt
             *([_UNKNOWN_MOUNT] if has_odometry and not mount.is_known else []),
             *times.warnings,
             *(odometry.warnings if odometry else ()),
+            *(gyro.warnings if gyro else ()),
             *judged,
         ),
         message_counts={f"{topic} ({kind})": n for (topic, kind), n in sorted(records.counts.items())},
         truth=truth,
         sweep=sweep,
+        gyro=gyro.turned if gyro else None,
         choices={
             "laser": chosen.reason,
             "odometry": odometry_said,
+            **({"gyro": gyro.reason} if gyro else {}),
             "mount": mount.reason,
             **({"truth": truth_said} if truth_said else {}),
             "sweep": "not stated" if sweep is None else f"{sweep:+.4f} s from the smallest bearing to the largest",
@@ -184,12 +189,6 @@ def _odometry(
     if not has_odometry:
         return np.zeros_like(poses), False, judged, f"none: {chosen.reason} does not move"
     return poses, True, judged, f"{chosen.reason}, of '{chosen.child or base}'"
-
-
-def _unused_imus(records: Records, *, has_odometry: bool) -> list[str]:
-    if has_odometry or not records.imus:
-        return []
-    return [f"the turn rates of {', '.join(sorted({imu.topic for imu in records.imus}))} are not used"]
 
 
 def _truth(

@@ -44,6 +44,7 @@ class LogInfo:
         warnings: what the reader noticed.
         choices: what the reader chose, and why, by its subject.
         has_truth: whether the log holds the true poses.
+        has_gyro: whether it holds the turn rates of a gyro.
         noise: how far the ranges scatter, learned from the scans; None where too few beams meet walls.
     """
 
@@ -69,6 +70,7 @@ class LogInfo:
     warnings: tuple[str, ...]
     choices: Mapping[str, str]
     has_truth: bool
+    has_gyro: bool
     noise: LaserNoise | None
 
     def __str__(self) -> str:
@@ -95,6 +97,7 @@ class LogInfo:
             "no return": f"{100 * self.no_return_share:.1f} % of the beams, {self.empty_scans} scans without any",
             "noise": self._told_noise(),
             "odometry": motion,
+            "gyro": self._told_gyro(),
             "stamps": ", ".join([f"step back {self.stamps_stepping_back} times", *self._told_gaps()]),
             "messages": ", ".join(f"{count} {name}" for name, count in self.message_counts.items()),
         }
@@ -103,6 +106,13 @@ class LogInfo:
         lines = [f"{name:<10}{value}" for name, value in rows.items() if value]
         chosen = [f"{'chosen':<10}{subject}: {choice}" for subject, choice in self.choices.items()]
         return "\n".join([*lines, *chosen, *(f"{'warning':<10}{warning}" for warning in self.warnings)])
+
+    def _told_gyro(self) -> str:
+        if not self.has_gyro:
+            return ""
+        if self.has_odometry:
+            return "turn rates, not used as there is odometry"
+        return "turn rates: odometry of the heading, if the scans confirm it"
 
     def _told_noise(self) -> str:
         if self.noise is None:
@@ -148,6 +158,7 @@ def describe_log(log: Log) -> LogInfo:
         warnings=log.warnings,
         choices=log.choices,
         has_truth=log.truth is not None,
+        has_gyro=log.gyro is not None,
         noise=learn_laser_noise(log),
     )
 

@@ -42,7 +42,8 @@ class Writer:
     Attributes:
         write: takes the path and the log.
         suffixes: ends of names that ask for it.
-        carries: what of `truth`, `sweep`, `stamps` (any, also those that step back), `mount` the format has room for.
+        carries: what of `truth`, `sweep`, `stamps` (any, also those that step back), `mount` and `gyro` the format has
+            room for.
     """
 
     write: Callable[[Path, Log], None]
@@ -50,7 +51,7 @@ class Writer:
     carries: frozenset[str]
 
 
-_ALL = frozenset({"truth", "sweep", "stamps", "mount"})
+_ALL = frozenset({"truth", "sweep", "stamps", "mount", "gyro"})
 
 WRITERS: dict[str, Writer] = {
     "carmen": Writer(
@@ -60,9 +61,9 @@ WRITERS: dict[str, Writer] = {
     ),
     "usarsim": Writer(write=write_usarsim, suffixes=(".usarsim",), carries=frozenset({"truth", "stamps", "mount"})),
     "dpslam": Writer(write=write_dpslam, suffixes=(".dpslam",), carries=frozenset()),
-    "ros1": Writer(write=_write_ros1, suffixes=(".bag",), carries=_ALL - {"stamps"}),
-    "ros2": Writer(write=_write_sqlite3, suffixes=(".db3",), carries=_ALL - {"stamps"}),
-    "mcap": Writer(write=_write_mcap, suffixes=(".mcap",), carries=_ALL - {"stamps"}),
+    "ros1": Writer(write=_write_ros1, suffixes=(".bag",), carries=_ALL - {"stamps", "gyro"}),
+    "ros2": Writer(write=_write_sqlite3, suffixes=(".db3",), carries=_ALL - {"stamps", "gyro"}),
+    "mcap": Writer(write=_write_mcap, suffixes=(".mcap",), carries=_ALL - {"stamps", "gyro"}),
     "csv": Writer(write=write_csv, suffixes=(".csv",), carries=_ALL),
     "npz": Writer(write=write_npz, suffixes=(".npz",), carries=_ALL),
     "parquet": Writer(write=write_parquet, suffixes=(".parquet",), carries=_ALL),
@@ -110,6 +111,8 @@ def _lost(name: str, log: Log) -> tuple[str, ...]:
         lost.append("how long a sweep takes")
     if log.sweep == 0.0 and name in {"ros1", "ros2", "mcap"}:
         lost.append("that all beams are measured at once")
+    if log.gyro is not None and "gyro" not in carries:
+        lost.append("the turn rates of the gyro")
     if log.geometry.T_robot_laser.any() and "mount" not in carries:
         lost.append("where the laser sits")
     said = [f"{name} cannot carry {', '.join(lost)}"] if lost else []

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Log, ScanGeometry
+from frontends.simulator.gyro import GyroModel, measure_turns
 from frontends.simulator.laser import Course, Laser, sense
 from frontends.simulator.people import walk
 from frontends.simulator.robot import TICK, Driving, OdometryModel, drive, measure_odometry
@@ -64,6 +65,7 @@ def simulate(
     laser: Laser | None = None,
     driving: Driving | None = None,
     odometry: OdometryModel | None = None,
+    gyro: GyroModel | None = None,
 ) -> Simulation:
     """Drive through a scene and record what laser and wheels report.
 
@@ -73,6 +75,7 @@ def simulate(
         laser: the device, the scene's own unless given.
         driving: speeds and the operator's skill.
         odometry: how wrong the wheels are; the scene's own unless given.
+        gyro: how wrong a gyro is; the robot has none unless given.
 
     Returns:
         Log and truth, one row per scan, the first at the start of the route.
@@ -82,7 +85,7 @@ def simulate(
     """
     where = load_scene(scene) if isinstance(scene, str) else scene
     laser = laser or where.laser
-    operator_rng, wheels_rng, laser_rng = np.random.default_rng(seed).spawn(3)
+    operator_rng, wheels_rng, laser_rng, gyro_rng = np.random.default_rng(seed).spawn(4)
     step = laser.period if laser.sweep_time == 0 else TICK
     course = Course(T_world_robot=drive(where.route, driving or Driving(), step, operator_rng), step=step)
     truth = course.T_world_robot[:: round(laser.period / step)]
@@ -102,6 +105,7 @@ def simulate(
         stamps=stamps,
         geometry=laser.geometry,
         path=Path(f"{where.name}.clf"),
+        gyro=None if gyro is None else measure_turns(truth, gyro, laser.period, gyro_rng),
     )
     return Simulation(log=log, truth=truth, scene=where)
 

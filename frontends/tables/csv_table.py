@@ -112,7 +112,9 @@ def _names(text: str) -> list[str]:
     names = [name.strip() for name in text.split(",")]
     unknown = [name for name in names if not is_known(name)]
     if unknown:
-        raise MalformedLineError(f"the column '{unknown[0][:_MOST_SHOWN]}'", f"stamp_s, odom_…, truth_… and {RANGE}…")
+        raise MalformedLineError(
+            f"the column '{unknown[0][:_MOST_SHOWN]}'", f"stamp_s, odom_…, truth_…, gyro_… and {RANGE}…"
+        )
     if len(set(names)) < len(names):
         raise MalformedLineError("a column twice", "each column once")
     return names

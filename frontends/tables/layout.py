@@ -1,9 +1,10 @@
 """The layout that all tables of scans share: one row a scan, and what holds for all of them.
 
-Columns: `stamp_s`; `odom_x_m`, `odom_y_m`, `odom_theta_rad`; `truth_x_m`, `truth_y_m`, `truth_theta_rad`; `range_0` to
-`range_N` [m], of which only the ranges must be there. What holds for all scans: `bearings_rad`, or `first_bearing_rad`
-and `bearing_step_rad`, or `field_of_view_rad`; `range_min_m`, `range_max_m`; `laser_x_m`, `laser_y_m`,
-`laser_theta_rad`; `sweep_s`; of which only the beams' directions must be there.
+Columns: `stamp_s`; `odom_x_m`, `odom_y_m`, `odom_theta_rad`; `truth_x_m`, `truth_y_m`, `truth_theta_rad`; `gyro_x`,
+`gyro_y`, `gyro_z`, turn rates integrated up to each scan, in any unit; `range_0` to `range_N` [m], of which only the
+ranges must be there. What holds for all scans: `bearings_rad`, or `first_bearing_rad` and `bearing_step_rad`, or
+`field_of_view_rad`; `range_min_m`, `range_max_m`; `laser_x_m`, `laser_y_m`, `laser_theta_rad`; `sweep_s`; of which only
+the beams' directions must be there.
 """
 
 import math
@@ -20,6 +21,7 @@ from frontends.scan import Log, ScanError
 STAMP = "stamp_s"
 ODOMETRY = ("odom_x_m", "odom_y_m", "odom_theta_rad")
 TRUTH = ("truth_x_m", "truth_y_m", "truth_theta_rad")
+GYRO = ("gyro_x", "gyro_y", "gyro_z")
 RANGE = "range_"
 _BEARINGS, _FIRST, _STEP, _VIEW = "bearings_rad", "first_bearing_rad", "bearing_step_rad", "field_of_view_rad"
 _LIMITS = ("range_min_m", "range_max_m")
@@ -50,7 +52,7 @@ _MOST_DIGITS = 9
 
 def is_known(column: str) -> bool:
     """Whether a column is part of the layout."""
-    return column in {STAMP, *ODOMETRY, *TRUTH, *SETTINGS} or is_range(column)
+    return column in {STAMP, *ODOMETRY, *TRUTH, *GYRO, *SETTINGS} or is_range(column)
 
 
 def is_range(column: str) -> bool:
@@ -97,13 +99,14 @@ def log_of(path: Path, table: ScanTable, range_min: float | None, range_max: flo
             table.ranges,
             bearings=_bearings(settings, table.ranges.shape[1]),
             field_of_view=_number(settings, _VIEW) if _BEARINGS not in settings and _FIRST not in settings else None,
-            odometry=_poses(table, ODOMETRY),
+            odometry=_three(table, ODOMETRY),
             stamps=table.columns.get(STAMP),
-            truth=_poses(table, TRUTH),
+            truth=_three(table, TRUTH),
             range_min=shortest if range_min is None else range_min,
             range_max=_least(longest, range_max),
             T_robot_laser=[_number(settings, name) or 0.0 for name in _MOUNT],
             sweep=_number(settings, _SWEEP),
+            gyro=_three(table, GYRO),
             path=path,
         )
     except ScanError as error:
@@ -125,6 +128,8 @@ def table_of(log: Log) -> ScanTable:
         columns |= dict(zip(ODOMETRY, log.odometry.T, strict=True))
     if log.truth is not None:
         columns |= dict(zip(TRUTH, log.truth.T, strict=True))
+    if log.gyro is not None:
+        columns |= dict(zip(GYRO, log.gyro.T, strict=True))
     return ScanTable(settings=settings, columns=columns, ranges=log.ranges)
 
 
@@ -153,7 +158,7 @@ def _least(stated: float | None, asked: float | None) -> float | None:
     return min(given) if given else None
 
 
-def _poses(table: ScanTable, names: tuple[str, ...]) -> NDArray[np.float64] | None:
+def _three(table: ScanTable, names: tuple[str, ...]) -> NDArray[np.float64] | None:
     present = [name for name in names if name in table.columns]
     if not present:
         return None

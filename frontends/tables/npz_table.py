@@ -1,4 +1,4 @@
-"""Tables of scans as NPZ of NumPy: arrays `ranges`, `stamps`, `odometry`, `truth`, and what holds for all."""
+"""Tables of scans as NPZ of NumPy: arrays `ranges`, `stamps`, `odometry`, `truth`, `gyro`, and what holds for all."""
 
 import tokenize
 import zipfile
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from frontends.logs.errors import LogError
 from frontends.scan import Log
 from frontends.tables.csv_table import check_laser
-from frontends.tables.layout import ODOMETRY, SETTINGS, STAMP, TRUTH, ScanTable, log_of, table_of
+from frontends.tables.layout import GYRO, ODOMETRY, SETTINGS, STAMP, TRUTH, ScanTable, log_of, table_of
 from graph.atomic import replacing
 from graph.errors import reason
 
@@ -30,7 +30,7 @@ _DAMAGE = (
     tokenize.TokenError,
 )
 """What NumPy and zipfile make of damage."""
-_POSES = {"odometry": ODOMETRY, "truth": TRUTH}
+_THREE = {"odometry": ODOMETRY, "truth": TRUTH, "gyro": GYRO}
 
 
 def is_npz(head: bytes) -> bool:
@@ -41,7 +41,7 @@ def is_npz(head: bytes) -> bool:
 def read_npz(
     path: Path | str, *, laser: str = "front", range_min: float | None = None, range_max: float | None = None
 ) -> Log:
-    """Read arrays of scans: `ranges` (n, n_beams), `stamps` (n,), `odometry` and `truth` (n, 3), and the settings.
+    """Read arrays of scans: `ranges` (n, n_beams), `stamps` (n,), `odometry`, `truth`, `gyro` (n, 3), the settings.
 
     Args:
         path: the file.
@@ -70,7 +70,7 @@ def write_npz(path: Path | str, log: Log) -> None:
     """
     path, table = Path(path), table_of(log)
     arrays: dict[str, NDArray[np.generic]] = {"ranges": table.ranges, "stamps": table.columns[STAMP]}
-    for name, columns in _POSES.items():
+    for name, columns in _THREE.items():
         if columns[0] in table.columns:
             arrays[name] = np.column_stack([table.columns[column] for column in columns])
     arrays |= {name: np.array(values) for name, values in table.settings.items()}
@@ -92,13 +92,13 @@ def _table(path: Path, arrays: dict[str, NDArray[np.float64]]) -> ScanTable:
         raise LogError(f"{path}: the array 'ranges' is {found}, expected (n_scans, n_beams)")
     n_scans = len(arrays["ranges"])
     columns = {}
-    for name, shape in {"stamps": (n_scans,), "odometry": (n_scans, 3), "truth": (n_scans, 3)}.items():
+    for name, shape in {"stamps": (n_scans,), **dict.fromkeys(_THREE, (n_scans, 3))}.items():
         if name in arrays and arrays[name].shape != shape:
             raise LogError(f"{path}: the array '{name}' is of shape {arrays[name].shape}, expected {shape}")
     if "stamps" in arrays:
         columns[STAMP] = arrays["stamps"]
-    for name, pose in _POSES.items():
+    for name, names in _THREE.items():
         if name in arrays:
-            columns |= dict(zip(pose, arrays[name].T, strict=True))
+            columns |= dict(zip(names, arrays[name].T, strict=True))
     settings = {name: arrays[name].ravel().tolist() for name in SETTINGS if name in arrays}
     return ScanTable(settings=settings, columns=columns, ranges=arrays["ranges"].astype(np.float32))

@@ -22,6 +22,7 @@ from iceg.slam.corrections.cut import KeptScans
 from iceg.slam.findings import Findings
 from iceg.slam.finish import Round
 from iceg.slam.odometry.calibration import OdometryCalibration
+from iceg.slam.odometry.gyro import GyroFinding
 
 VERSION = 1
 """Of the file; it changes with what is in it."""
@@ -39,6 +40,7 @@ def write_findings(path: Path, findings: Findings) -> None:
         "kept": findings.kept.record(),
         "laser": None if findings.laser is None else asdict(findings.laser),
         "sweep": findings.sweep,
+        "gyro": None if findings.gyro is None else asdict(findings.gyro),
         "calibration": asdict(findings.calibration),
         "log": log_facts(findings.log),
         "track": track_facts(track),
@@ -90,6 +92,7 @@ def _findings(table: Table, facts: Mapping[str, Any]) -> Findings:
         is_open_ground=facts["is_open_ground"] is True,
         laser=None if facts["laser"] is None else LaserNoise(**_numbers(facts["laser"])),
         sweep=dict(facts["sweep"]),
+        gyro=None if facts["gyro"] is None else _gyro(facts["gyro"]),
         track=track,
         calibration=_calibration(facts["calibration"]),
         solution=solution_of(table, facts["solution"], len(track.keys), config.graph),
@@ -121,6 +124,14 @@ def _calibration(found: Mapping[str, Any]) -> OdometryCalibration:
         noise=OdometryModel(**_numbers(found["noise"])),
         lasting_noise=OdometryModel(**_numbers(found["lasting_noise"])),
         T_odometry_laser=(x, y, heading),
+    )
+
+
+def _gyro(found: Mapping[str, Any]) -> GyroFinding:
+    x, y, z = map(float, found["scale"])
+    others = {name: value for name, value in found.items() if name not in ("doubt", "scale", "has_times")}
+    return GyroFinding(
+        **_numbers(others), doubt=str(found["doubt"]), scale=(x, y, z), has_times=found["has_times"] is True
     )
 
 

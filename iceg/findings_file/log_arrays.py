@@ -25,7 +25,8 @@ def log_arrays(log: Log) -> dict[str, NDArray[Any]]:
         "log_bearings": log.geometry.bearings,
         "log_mount": log.geometry.T_robot_laser,
     }
-    return arrays if log.truth is None else {**arrays, "log_truth": log.truth}
+    by_scan = {"log_truth": log.truth, "log_gyro": log.gyro}
+    return arrays | {name: array for name, array in by_scan.items() if array is not None}
 
 
 def log_facts(log: Log) -> dict[str, Any]:
@@ -70,6 +71,7 @@ def log_of(table: Table, facts: Mapping[str, Any]) -> Log:
         skipped_lines=int(facts["skipped_lines"]),
         message_counts={str(name): int(count) for name, count in facts["message_counts"].items()},
         truth=table.floats("log_truth", n_scans, 3) if table.has("log_truth") else None,
+        gyro=table.floats("log_gyro", n_scans, 3) if table.has("log_gyro") else None,
         sweep=None if facts["sweep"] is None else float(facts["sweep"]),
         choices={str(name): str(choice) for name, choice in facts["choices"].items()},
     )

@@ -11,7 +11,7 @@ from frontends.matcher import Matcher
 from graph.config import PoseGraphConfig
 from graph.consistency import maximum_clique
 from graph.measurement import NoMatch, RelativePose
-from graph.noise import squared_norm
+from graph.noise import largest_squared_norm, squared_norm
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose, wrap_angle
@@ -20,7 +20,7 @@ from iceg.slam.broken_path.path_break import Break, Doubt, DoubtKind
 from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, unsettled
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.closures.attempt import PARTNER_KEYS, Attempt, is_near, say_the_same
-from iceg.slam.closures.candidates import Candidate, is_adrift
+from iceg.slam.closures.candidates import is_adrift
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import Forbids, LoopCloser
@@ -28,8 +28,6 @@ from iceg.slam.track import Track
 
 UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
 """Covariance of a step between key scans that neither odometry nor a match has seen."""
-_DOUBT = 2.0
-"""Factor on odometry's standard deviations where a search for loops relies on it: a chain may do worse than usual."""
 _SMALL_MOVE, _SMALL_TURN, _MOST_WAITING = 0.05, 0.015, 15
 """Closures that move the newest pose by less [m, rad] leave all poses before the last search where they are, but not so
 many in a row."""
@@ -106,20 +104,22 @@ class BackEnd:
         step = between(previous.T_track_robot, current.T_track_robot)
         self._poses[key] = compose(self._poses[key - 1], step)
         self.graph.add_pose(self._poses[key])
-        known = []
+        known, searched = [], []
         match = None if isinstance(current.match, NoMatch) else current.match
         self._note_leading(key, motion, match)
         if motion is not None:
             covariance = motion.covariance if match is None else self._believed(motion, match, key)
             self.graph.add_odometry(key - 1, key, motion.T_key_robot, covariance)
-            known.append(covariance * _DOUBT**2)
+            known.append(covariance)
+            searched.append(covariance * self._config.odometry_doubt**2)
         if match is not None:
             self.graph.add_match(current.anchor, key, match)
             known.append(match.covariance)
+            searched.append(match.covariance)
         if not known:
             self.graph.add_odometry(key - 1, key, step, UNKNOWN_MOTION)
-            known.append(UNKNOWN_MOTION)
-        self._drift.add(key, *known)
+            known, searched = [UNKNOWN_MOTION], [UNKNOWN_MOTION]
+        self._drift.add(key, tuple(known), tuple(searched))
         self._since_search += (current.motion.distance, current.motion.turn)
         if self._is_search_due():
             self._search(key)
@@ -184,7 +184,7 @@ class BackEnd:
             attempt = self._closer.match(candidate, poses)
             if is_adrift(candidate):
                 self._votes.add(attempt)
-            self.attempts.append(self._judge(attempt, candidate) if attempt.accepted else attempt)
+            self.attempts.append(self._judge(attempt, poses) if attempt.accepted else attempt)
         found = [k for k, a in enumerate(self.attempts[first:], first) if a.accepted or a.is_ambiguous]
         closed = [self.attempts[index] for index in found if self._insert(index, poses)]
         offsets = [_offset(attempt, poses) for attempt in closed]
@@ -222,14 +222,21 @@ class BackEnd:
         bent[:, 2] = wrap_angle(bent[:, 2])
         self._poses[first + 1 : key + 1] = bent
 
-    def _judge(self, attempt: Attempt, candidate: Candidate) -> Attempt:
-        """Reject a closure that the path since the last one cannot explain."""
+    def _judge(self, attempt: Attempt, poses: NDArray[np.float64]) -> Attempt:
+        """Refuse a closure that the path cannot explain: most likely it is another place that looks alike.
+
+        The steps since the last closure bound the path's covariance from below; only what they do not explain asks the
+        graph for all of it.
+        """
         assert attempt.match is not None
-        offset = between(candidate.T_old_new, attempt.match.T_ref_cur)
-        deviations = float(np.sqrt(np.sum((offset / candidate.deviations) ** 2)))
-        if deviations > self._config.max_deviations:
-            return replace(attempt, accepted=False, reason=f"{deviations:.1f} sigma off the path; {attempt.reason}")
-        return attempt
+        i, j, most = attempt.key_old, attempt.key_new, largest_squared_norm(self._config.path_probability)
+        offset = _offset(attempt, poses)
+        if squared_norm(offset, self._drift.covariance(i, j, poses) + attempt.match.covariance) <= most:
+            return attempt
+        squared = squared_norm(offset, self.graph.relative_covariance(i, j) + attempt.match.covariance)
+        if squared <= most:
+            return attempt
+        return replace(attempt, accepted=False, reason=f"{math.sqrt(squared):.1f} sigma off the path; {attempt.reason}")
 
     def _insert(self, index: int, poses: NDArray[np.float64]) -> bool:
         """Insert a closure near the estimate at once; one far off waits for others that say the same.

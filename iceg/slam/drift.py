@@ -1,11 +1,14 @@
-"""How uncertain the path has become since the last loop closure: how wide a search for the next must be."""
+"""How uncertain the path is since the last loop closure: how wide to search for the next, and what to believe."""
 
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.dense import inv
+from graph.dense import congruence, inv
+from graph.se2 import adjoint, between
+
+Covariances = tuple[NDArray[np.float64], ...]
 
 
 class Spread(NamedTuple):
@@ -28,14 +31,20 @@ class Drift:
     """How uncertain the path between two key poses is, by chaining the steps since the last closure."""
 
     def __init__(self, n_keys: int) -> None:
-        self._position = np.zeros(n_keys)
-        self._heading = np.zeros(n_keys)
+        self._steps = np.zeros((n_keys, 3, 3))
+        self._searched = np.zeros((n_keys, 3, 3))
         self._last_closure = 0
-        self._new: list[tuple[int, tuple[NDArray[np.float64], ...]]] = []
+        self._new: list[tuple[int, Covariances, Covariances]] = []
 
-    def add(self, key: int, *covariances: NDArray[np.float64]) -> None:
-        """Add the step that leads to `key`: the (3, 3) covariance of each independent measurement of it."""
-        self._new.append((key, covariances))
+    def add(self, key: int, covariances: Covariances, searched: Covariances) -> None:
+        """Add the step that leads to a key pose.
+
+        Args:
+            key: the key pose.
+            covariances: (3, 3) of each independent measurement of the step …
+            searched: … and those that a search relies on, which may be wider.
+        """
+        self._new.append((key, covariances, searched))
 
     def close(self, key: int) -> None:
         """A closure at `key` ends the drift of everything before it."""
@@ -57,22 +66,42 @@ class Drift:
         last = self._last_closure
         steps = slice(last + 1, key_new + 1)
         lever2 = np.sum((poses[steps, :2] - poses[key_new, :2]) ** 2, axis=1)
-        heading = self._heading[steps]
+        covariances = self._searched[steps]
+        position, heading = np.maximum(covariances[:, 0, 0], covariances[:, 1, 1]), covariances[:, 2, 2]
         variances = np.zeros((max(0, key_new - last) + 1, 2))
-        variances[:-1, 0] = np.cumsum((self._position[steps] + heading * lever2)[::-1])[::-1]
+        variances[:-1, 0] = np.cumsum((position + heading * lever2)[::-1])[::-1]
         variances[:-1, 1] = np.cumsum(heading[::-1])[::-1]
         return Spread(last, np.sqrt(variances))
+
+    def covariance(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(3, 3) of the relative pose of two key poses, in the tangent space at the later: the steps between them.
+
+        Where a closure lies between, only the steps since the last one count, so that this is a lower bound.
+
+        Args:
+            key_old: the earlier.
+            key_new: the later.
+            poses: (k, 3) of all up to it.
+        """
+        self._fuse()
+        steps = slice(max(key_old, self._last_closure) + 1, key_new + 1)
+        carried = congruence(adjoint(between(poses[key_new], poses[steps])), self._steps[steps])
+        return np.asarray(carried.sum(axis=0))
 
     def _fuse(self) -> None:
         """Take in the new steps, all at once."""
         if not self._new:
             return
-        starts = np.cumsum([0, *(len(covariances) for _, covariances in self._new[:-1])])
-        measured = np.array([each for _, covariances in self._new for each in covariances])
-        fused = measured
-        if len(measured) > len(self._new):
-            fused = inv(np.add.reduceat(inv(measured), starts))
-        keys = [key for key, _ in self._new]
-        self._position[keys] = np.maximum(fused[:, 0, 0], fused[:, 1, 1])
-        self._heading[keys] = fused[:, 2, 2]
+        keys = [key for key, _, _ in self._new]
+        self._steps[keys] = _fused([covariances for _, covariances, _ in self._new])
+        self._searched[keys] = _fused([searched for _, _, searched in self._new])
         self._new.clear()
+
+
+def _fused(steps: list[Covariances]) -> NDArray[np.float64]:
+    """(n, 3, 3) what the measurements of each step know together."""
+    measured = np.array([each for covariances in steps for each in covariances])
+    if len(measured) == len(steps):
+        return measured
+    starts = np.cumsum([0, *(len(covariances) for covariances in steps[:-1])])
+    return np.asarray(inv(np.add.reduceat(inv(measured), starts)))

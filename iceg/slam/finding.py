@@ -23,15 +23,15 @@ from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.noise_widths import widened
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.constant_velocity import constant_velocity
-from iceg.slam.progress import Progress, ProgressCallback
+from iceg.slam.odometry.gyro import learn_gyro
+from iceg.slam.odometry.heading_odometry import HeadingOdometry
+from iceg.slam.passes import track_with_gyro, track_with_sweep
+from iceg.slam.progress import ProgressCallback
 from iceg.slam.recording.repeated_scans import without_frozen_scans
 from iceg.slam.recording.standstill import with_odometry_between_readings
 from iceg.slam.stage_clock import StageClock
-from iceg.slam.sweep.tracking import Followed, SweepFinding, track_swept
 from iceg.slam.track import Track
 from iceg.slam.tracking.broken_track import retied
-from iceg.slam.tracking.laser_orientation import track_as_mounted
-from iceg.slam.tracking.log_tracking import track_calibrating
 from iceg.slam.tracking.open_ground import is_open_ground
 from iceg.slam.tracking.split_half import with_measured_doubt
 
@@ -68,14 +68,15 @@ def find(
         on_open_ground = is_open_ground(log)
         matcher = matcher or matcher_of(config, noise, on_open_ground=on_open_ground)
         log = with_odometry_between_readings(without_frozen_scans(log))
-        log, track, first = _track(log, matcher, config, progress)
+        (log, track, first), heading = track_with_gyro(log, matcher, config, progress)
     with clock.stage("sweep"):
-        (log, track, first), sweep = _track_swept((log, track, first), matcher, config, progress)
+        (log, track, first), sweep = track_with_sweep((log, track, first), matcher, config, progress, heading)
     with clock.stage("graph"):
         track = with_measured_doubt(track, matcher, config.front_end.split_scans)
         calibration = _recalibrate(track, log, first, config)
+        heading, gyro = learn_gyro(track, log) if config.front_end.gyro else (None, None)
         is_forbidden = forbids(corrections.forbidden, track)
-        solution = _solve(track, log, matcher, calibration, config, is_forbidden)
+        solution = _solve(track, log, matcher, calibration, heading, config, is_forbidden)
         guided = corrected_by(solution, corrections, track, matcher, config)
         solution = _with_factors(solution, guided, config)
         track = _retied(track, solution, log, matcher)
@@ -100,6 +101,7 @@ def find(
         is_open_ground=on_open_ground,
         laser=laser,
         sweep=sweep.record(),
+        gyro=gyro,
         track=track,
         calibration=calibration,
         solution=without(solution, guided.held, config),
@@ -124,40 +126,19 @@ def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Con
     return calibrate_odometry(track, log.odometry)
 
 
-def _track(
-    log: Log, matcher: Matcher, config: Config, progress: ProgressCallback | None
-) -> tuple[Log, Track, OdometryCalibration]:
-    def report(scans: int, failures: int) -> None:
-        if progress is not None:
-            progress(Progress(scans=scans, tried=scans - 1, accepted=scans - 1 - failures))
-
-    def follow(log: Log) -> tuple[Track, OdometryCalibration]:
-        return track_calibrating(log, matcher, config.odometry, config.front_end, report)
-
-    return track_as_mounted(log, follow)
-
-
-def _track_swept(
-    followed: Followed, matcher: Matcher, config: Config, progress: ProgressCallback | None
-) -> tuple[Followed, SweepFinding]:
-    """The same of a log whose beams are moved by the motion within each sweep, where that is known and asked for."""
-    if not config.front_end.deskew:
-        return followed, SweepFinding(source="nothing")
-    return track_swept(followed, lambda log: _track(log, matcher, config, progress))
-
-
 def _solve(
     track: Track,
     log: Log,
     matcher: Matcher,
     calibration: OdometryCalibration,
+    heading: HeadingOdometry | None,
     config: Config,
     is_forbidden: Forbids,
 ) -> Solution:
     if log.has_odometry:
         odometry, noise = calibration.apply(log.odometry), calibration.lasting_noise
         return solve_track(track, odometry, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden)
-    poses, noise = constant_velocity(track) or (None, calibration.lasting_noise)
+    poses, noise = constant_velocity(track, heading) or (None, calibration.lasting_noise)
     return solve_track(track, poses, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden)
 
 

@@ -13,6 +13,7 @@ from iceg.slam.back_end import Solution
 from iceg.slam.corrections.cut import KeptScans
 from iceg.slam.finish import Round
 from iceg.slam.odometry.calibration import OdometryCalibration
+from iceg.slam.odometry.gyro import GyroFinding
 from iceg.slam.track import Track
 
 
@@ -28,6 +29,7 @@ class Findings:
         is_open_ground: whether the log was taken on open ground, which matching depends on.
         laser: its noise; None where too few beams meet walls.
         sweep: what is known of the sweep of the laser, under the names of `summary.json`.
+        gyro: what the matches say of the log's gyro; None where they were not asked.
         track: key scans, and every other scan tied to one.
         calibration: of the odometry.
         solution: the graph, its optimum, and the record of closures tried.
@@ -41,6 +43,7 @@ class Findings:
     is_open_ground: bool
     laser: LaserNoise | None
     sweep: dict[str, Any]
+    gyro: GyroFinding | None
     track: Track
     calibration: OdometryCalibration
     solution: Solution

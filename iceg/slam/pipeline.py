@@ -196,7 +196,7 @@ def _conclude(findings: Findings, corrections: Corrections, matcher: Matcher | N
         grid, doubt = render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
     worst = least_known(key_scans, joint.marginals)
-    warnings = corrected.warnings + run_warnings(track, solution, finished.rounds, worst, doubt)
+    warnings = corrected.warnings + run_warnings(track, solution, finished.rounds, worst, doubt, findings.gyro)
     return SlamResult(
         log=log,
         config=given,
@@ -214,6 +214,7 @@ def _conclude(findings: Findings, corrections: Corrections, matcher: Matcher | N
             **summarise(log, track, solution, findings.calibration, finished.rounds, worst, warnings),
             "laser": _described(findings.laser),
             "sweep": findings.sweep,
+            **({} if findings.gyro is None else {"gyro": findings.gyro.record()}),
             **_corrections_record(corrections, findings.kept),
             "seconds": clock.seconds,
             "cpu_seconds": clock.cpu_seconds,

@@ -18,6 +18,7 @@ Kind = Literal[
     "covariances",
     "carried",
     "corrections",
+    "gyro",
 ]
 
 _MANY: dict[Kind, str] = {

@@ -11,6 +11,7 @@ from iceg.slam.broken_path.path_break import describe_break
 from iceg.slam.broken_path.place_votes import describe_vote
 from iceg.slam.finish import Round
 from iceg.slam.odometry.calibration import OdometryCalibration
+from iceg.slam.odometry.gyro import GyroFinding
 from iceg.slam.path_uncertainty import LeastKnown
 from iceg.slam.recording.standstill import describe_dead
 from iceg.slam.run_warning import RunWarning
@@ -84,7 +85,12 @@ def summarise(
 
 
 def run_warnings(
-    track: Track, solution: Solution, rounds: list[Round], worst: LeastKnown, grid_doubt: str | None
+    track: Track,
+    solution: Solution,
+    rounds: list[Round],
+    worst: LeastKnown,
+    grid_doubt: str | None,
+    gyro: GyroFinding | None,
 ) -> tuple[RunWarning, ...]:
     """What the run itself found doubtful.
 
@@ -94,11 +100,15 @@ def run_warnings(
         rounds: what the offline finish did.
         worst: the key pose known least.
         grid_doubt: what the occupancy grid warns of, None for nothing.
+        gyro: what the matches say of the log's gyro, None where they were not asked.
     """
     warnings = [] if grid_doubt is None else [RunWarning(kind="coarse grid", sentence=grid_doubt)]
     uncertain = worst.warning()
     if uncertain is not None:
         warnings.append(RunWarning(kind="uncertain path", sentence=uncertain, scan=worst.scan))
+    unused = None if gyro is None else gyro.warning()
+    if unused is not None:
+        warnings.append(unused)
     warnings += [describe_dead(*stretch) for stretch in track.dead]
     if rounds and rounds[-1].covariances_from == "graph":
         warnings.append(RunWarning(kind="covariances", sentence=_COVARIANCES_OF_GRAPH))

@@ -232,6 +232,7 @@ def findings() -> bytes:
     from iceg.slam.corrections.cut import KeptScans
     from iceg.slam.findings import Findings
     from iceg.slam.odometry.calibration import OdometryCalibration
+    from iceg.slam.odometry.gyro import GyroFinding
     from iceg.slam.track import KeyScan, Track
 
     n, poses = 6, np.array([[0.2 * k, 0.0, 0.0] for k in range(6)])
@@ -288,6 +289,7 @@ def findings() -> bytes:
         is_open_ground=False,
         laser=None,
         sweep={"source": "nothing", "applied": False},
+        gyro=GyroFinding(doubt="they are all zero"),
         track=track,
         calibration=OdometryCalibration(noise=OdometryModel()),
         solution=solution,

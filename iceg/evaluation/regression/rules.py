@@ -161,7 +161,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "mount": Rule(
             what="finds lasers that look backwards or are upside down",
-            without={f"{_SLAM}.pipeline:track_as_mounted": lambda log, follow: (log, *follow(log))},
+            without={f"{_SLAM}.passes:track_as_mounted": lambda log, follow: (log, *follow(log))},
         ),
         "slow odometry": Rule(
             what="interpolates odometry that is read seldom",
@@ -190,7 +190,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             without={f"{_SLAM}.final_factors:let_go": lambda factors, *_: list(factors)},
         ),
         "believed walls": Rule(
-            what="walls know poses three times better than the graph at most",
+            what="walls know poses little better than the graph at most",
             without={f"{_SLAM}.joint.refinement:believed_covariances": _first},
         ),
         "off the path": Rule(

@@ -162,7 +162,9 @@ def refine_jointly(
     covariances = None
     if information is not None:
         known = problem if believed is None else Problem.of(believed, len(poses))
-        covariances = believed_covariances(information.covariances, known.marginal_covariances(poses))
+        covariances = believed_covariances(
+            information.covariances, known.marginal_covariances(poses), config.walls_gain
+        )
     # As a whole the map may move, held by the prior alone: put the first pose back.
     refined = compose(compose(poses[0], inverse(refined[0])), refined) if steps else poses
     return JointRefinement(

@@ -14,7 +14,7 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse, wrap_angle
 from iceg.slam.odometry.delay import whole_delay
 from iceg.slam.odometry.noise import Differences, lasting_noise, odometry_noise, robust_deviation
-from iceg.slam.recording.steps import sudden_steps
+from iceg.slam.recording.steps import chained, sudden_steps
 from iceg.slam.track import KeyScan, Track
 
 # Standard deviations of the parameters before any data: what is usual among robots.
@@ -87,7 +87,7 @@ class OdometryCalibration:
         )
         mount = np.array(self.T_odometry_laser)
         corrected = compose(compose(inverse(mount), corrected), mount)
-        return _accumulate(odometry[0], corrected)
+        return chained(odometry[0], corrected)
 
 
 def calibrate_odometry(track: Track, odometry: NDArray[np.float64]) -> OdometryCalibration:
@@ -297,15 +297,3 @@ def _shifted(values: NDArray[np.float64], shift: float, fixed: NDArray[np.bool_]
     moving = places[~fixed]
     shifted = np.interp(places + shift, moving, values[~fixed]) if len(moving) else values
     return np.where(fixed, values, shifted)
-
-
-def _accumulate(start: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Poses from increments."""
-    poses = np.empty((len(steps) + 1, 3))
-    poses[0] = start
-    heading = start[2] + np.concatenate([[0.0], np.cumsum(steps[:, 2])])
-    c, s = cos_sin(heading[:-1])
-    poses[1:, 0] = start[0] + np.cumsum(c * steps[:, 0] - s * steps[:, 1])
-    poses[1:, 1] = start[1] + np.cumsum(s * steps[:, 0] + c * steps[:, 1])
-    poses[:, 2] = wrap_angle(heading)
-    return poses

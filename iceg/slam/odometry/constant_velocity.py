@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from graph.measurement import NoMatch
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap, logmap
+from iceg.slam.odometry.heading_odometry import HeadingOdometry, with_headings
 from iceg.slam.odometry.noise import robust_deviation
 from iceg.slam.track import Track
 
@@ -23,21 +24,25 @@ _LEAST = (0.005, 0.005, 0.005)
 """Standard deviations are never taken to be smaller [m, m, rad]."""
 
 
-def constant_velocity(track: Track) -> tuple[NDArray[np.float64], OdometryModel] | None:
+def constant_velocity(
+    track: Track, heading: HeadingOdometry | None = None
+) -> tuple[NDArray[np.float64], OdometryModel] | None:
     """Motion and noise that stand in for odometry.
 
     Args:
         track: what the front end found in a log without odometry.
+        heading: what is known of its turns; None for nothing.
 
     Returns:
-        (n_scans, 3) the front end's own trajectory, which follows the constant velocity where a match says nothing; and
-        the noise of a velocity kept from one key scan to the next. None where too few steps tell it.
+        (n_scans, 3) the front end's own trajectory, which follows the constant velocity where a match says nothing, but
+        for the turns that are known otherwise; and the noise of a velocity kept from one key scan to the next. None
+        where too few steps tell it.
     """
     poses = compose(np.array([key.T_track_robot for key in track.keys])[track.key_of_scan], track.T_key_scan)
     errors = _errors(track, poses)
     if len(errors) < _FEWEST:
         return None
-    along, across, heading = (max(robust_deviation(column), low) for column, low in zip(errors.T, _LEAST, strict=True))
+    along, across, turn = (max(robust_deviation(column), low) for column, low in zip(errors.T, _LEAST, strict=True))
     noise = OdometryModel(
         along_per_metre=0.0,
         across_per_metre=0.0,
@@ -46,9 +51,11 @@ def constant_velocity(track: Track) -> tuple[NDArray[np.float64], OdometryModel]
         heading_per_radian=0.0,
         along_floor=along,
         across_floor=across,
-        heading_floor=heading,
+        heading_floor=turn,
     )
-    return poses, noise
+    if heading is None:
+        return poses, noise
+    return with_headings(track, heading.headings), heading.lasting_noise.within(noise)
 
 
 def _errors(track: Track, poses: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -35,6 +35,8 @@ _LAGS = 16
 """Key scans over which errors of odometry may persist …"""
 _MOST_PERSISTENT = 4.0
 """… and by how much their variance is widened for it at most."""
+_NOTHING = 1e-300
+"""Stands for the variance of errors that are all zero: nothing of them persists."""
 _LEAST = OdometryModel(
     along_floor=0.0002,
     across_floor=0.0002,
@@ -85,8 +87,7 @@ def odometry_noise(
     paths = _Paths.of(differences, odometry)
     errors, claimed = differences.errors, differences.claimed
     persistence = np.empty(3)
-    by_match, persistence[2] = _shares(errors[:, 2], errors[1:, 2], claimed[:, 2])
-    heading = _variance_fit([errors[:, 2]], [by_match], [paths.rows_heading], n_floors=1)
+    heading, persistence[2] = _heading_fit(differences, paths)
     lever, left = paths.carried_by(heading)
     own = errors[:, :2] - lever * errors[:, 2:]
     known, following = np.empty_like(own), _turned(own[1:], differences.turns[1:])
@@ -94,20 +95,55 @@ def odometry_noise(
         by_match, persistence[k] = _shares(own[:, k], following[:, k], claimed[:, k])
         known[:, k] = by_match + left[:, k]
     position = _variance_fit(list(own.T), list(known.T), [paths.rows_x, paths.rows_y], n_floors=2)
-    fits = ((paths.rows_x, position), (paths.rows_y, position), (paths.rows_heading, heading))
-    floors = [_LEAST_FLOOR**2 * float(np.median(dense.matvec(rows, fit))) for rows, fit in fits]
     variances = {
-        "along_floor": max(position[0], floors[0]),
-        "across_floor": max(position[1], floors[1]),
+        "along_floor": max(position[0], _least_floor(paths.rows_x, position)),
+        "across_floor": max(position[1], _least_floor(paths.rows_y, position)),
         "along_per_metre": position[2],
         "across_per_metre": position[3],
         "position_per_radian": position[4],
-        "heading_floor": max(heading[0], floors[2]),
-        "heading_per_metre": heading[1],
-        "heading_per_radian": heading[2],
     }
-    noise = {name: max(getattr(_LEAST, name), math.sqrt(variance)) for name, variance in variances.items()}
-    return OdometryModel(**noise), persistence
+    return OdometryModel(**_deviations(variances), **_heading_deviations(paths, heading)), persistence
+
+
+def heading_noise(differences: Differences, odometry: NDArray[np.float64]) -> tuple[dict[str, float], float]:
+    """Fit the noise of the heading alone.
+
+    Args:
+        differences: between matches and odometry; those of the position do not count.
+        odometry: (n_scans, 3).
+
+    Returns:
+        The standard deviations of the heading under their names in `OdometryModel`, and the persistence of its errors.
+    """
+    paths = _Paths.of(differences, odometry)
+    heading, persistence = _heading_fit(differences, paths)
+    return _heading_deviations(paths, heading), persistence
+
+
+def _heading_fit(differences: Differences, paths: "_Paths") -> tuple[NDArray[np.float64], float]:
+    """(3,) variances of the heading: floor, per metre, per radian; and the persistence of its errors."""
+    errors, claimed = differences.errors[:, 2], differences.claimed[:, 2]
+    by_match, persistence = _shares(errors, errors[1:], claimed)
+    return _variance_fit([errors], [by_match], [paths.rows_heading], n_floors=1), persistence
+
+
+def _heading_deviations(paths: "_Paths", heading: NDArray[np.float64]) -> dict[str, float]:
+    return _deviations(
+        {
+            "heading_floor": max(heading[0], _least_floor(paths.rows_heading, heading)),
+            "heading_per_metre": heading[1],
+            "heading_per_radian": heading[2],
+        }
+    )
+
+
+def _least_floor(rows: NDArray[np.float64], fit: NDArray[np.float64]) -> float:
+    """Least variance that a motion of no length is believed to have."""
+    return _LEAST_FLOOR**2 * float(np.median(dense.matvec(rows, fit)))
+
+
+def _deviations(variances: dict[str, float]) -> dict[str, float]:
+    return {name: max(getattr(_LEAST, name), math.sqrt(variance)) for name, variance in variances.items()}
 
 
 def lasting_noise(noise: OdometryModel, persistence: NDArray[np.float64], scale: float, unseen: float) -> OdometryModel:
@@ -235,13 +271,14 @@ def _shares(
     certain = usual / (usual + claimed)  # how much of a difference is not the doubt of its match
     limit = _OUTLIER * robust_deviation(errors * certain)
     e, after = np.clip(errors * certain, -limit, limit), np.clip(following * certain[1:], -limit, limit)
-    lags = [dense.vecdot(e[lag:], e[: len(e) - lag]) / len(e) for lag in range(_LAGS + 1)]
+    last = min(_LAGS, len(e) - 1)
+    lags = [dense.vecdot(e[lag:], e[: len(e) - lag]) / len(e) for lag in range(last + 1)]
     cancelling = max(0.5 * (lags[2] + lags[3]), 0.0) - dense.vecdot(e[:-1], after) / len(e)
     claim = max(float(np.mean(certain**2 * claimed)), 1e-12)
     share = min(max(cancelling / (OWN * claim), 0.0), _MOST_CLAIMED)
-    chain = lags[0] + 2.0 * sum((1.0 - lag / (_LAGS + 1.0)) * lags[lag] for lag in range(1, _LAGS + 1))
-    persistence = chain / max(lags[0] - share * claim, 0.5 * lags[0])
-    chance = 2.0 * math.sqrt(4.0 * _LAGS / (3.0 * len(e)))  # two relative standard deviations of the sum
+    chain = lags[0] + 2.0 * sum((1.0 - lag / (last + 1.0)) * lags[lag] for lag in range(1, last + 1))
+    persistence = chain / max(lags[0] - share * claim, 0.5 * lags[0], _NOTHING)
+    chance = 2.0 * math.sqrt(4.0 * last / (3.0 * len(e)))  # two relative standard deviations of the sum
     is_clear = persistence * (1.0 - chance) > 1.0
     return share * claimed, min(persistence, _MOST_PERSISTENT) if is_clear else 1.0
 

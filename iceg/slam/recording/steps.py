@@ -1,9 +1,10 @@
-"""Steps of the odometry: which move at all, and which no robot made, as where it was set anew."""
+"""Steps of the odometry: which move at all, which no robot made, as where it was set anew, and the way they make up."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.se2 import between
+from graph.elementary import cos_sin
+from graph.se2 import between, wrap_angle
 
 _DISTANCE, _TURN, _FACTOR = 1.0, 0.8, 3.0
 """A step stands out that is longer than this [m, rad] and so many times as fast as nearly all …"""
@@ -32,6 +33,26 @@ def sudden_steps(odometry: NDArray[np.float64], stamps: NDArray[np.float64] | No
     waits = np.ones(len(steps)) if stamps is None else _waits(stamps)
     distance, turn = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2])
     return _stand_out(distance, _DISTANCE, waits) | _stand_out(turn, _TURN, waits)
+
+
+def chained(start: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Poses from increments.
+
+    Args:
+        start: (3,) the first pose.
+        steps: (n - 1, 3) each pose in the frame of the one before.
+
+    Returns:
+        (n, 3).
+    """
+    poses = np.empty((len(steps) + 1, 3))
+    poses[0] = start
+    heading = start[2] + np.concatenate([[0.0], np.cumsum(steps[:, 2])])
+    c, s = cos_sin(heading[:-1])
+    poses[1:, 0] = start[0] + np.cumsum(c * steps[:, 0] - s * steps[:, 1])
+    poses[1:, 1] = start[1] + np.cumsum(s * steps[:, 0] + c * steps[:, 1])
+    poses[:, 2] = wrap_angle(heading)
+    return poses
 
 
 def _waits(stamps: NDArray[np.float64]) -> NDArray[np.float64]:

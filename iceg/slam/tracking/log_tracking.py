@@ -12,6 +12,7 @@ from graph.odometry import OdometryModel
 from graph.se2 import between
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
+from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.recording.standstill import dead_stretches
 from iceg.slam.recording.steps import sudden_steps
 from iceg.slam.track import Track
@@ -55,6 +56,7 @@ def track_calibrating(
     noise: OdometryModel,
     config: FrontEndConfig,
     progress: Callable[[int, int], None] | None = None,
+    heading: HeadingOdometry | None = None,
 ) -> tuple[Track, OdometryCalibration]:
     """Run the front end over a log; what its first part tells about the odometry helps with the rest.
 
@@ -66,12 +68,13 @@ def track_calibrating(
         noise: of the odometry, before anything is known.
         config: key scans, local reference and calibration.
         progress: called with the number of scans done and of failures so far.
+        heading: what is known of the turns of a log without odometry; None for nothing.
 
     Returns:
         The track, and the calibration from the first part.
     """
     calibration = OdometryCalibration(noise=noise, lasting_noise=noise)
-    journey = _Journey(log, matcher, noise, config, progress)
+    journey = _Journey(log, matcher, noise, config, progress, heading)
     odometry = log.odometry
     if log.has_odometry and config.calibrate_odometry and len(log) > 1:
         n_first = _enough_to_calibrate(log, config)
@@ -104,10 +107,12 @@ class _Journey:
         noise: OdometryModel,
         config: FrontEndConfig,
         progress: Callable[[int, int], None] | None,
+        heading: HeadingOdometry | None = None,
     ) -> None:
         self._log = log
         self._progress = progress
-        self._front_end = FrontEnd(matcher, noise if log.has_odometry else None, config)
+        self._turns = None if heading is None else np.diff(heading.headings, prepend=0.0)
+        self._front_end = FrontEnd(matcher, noise if log.has_odometry else None, config, heading)
         self._sudden = sudden_steps(log.odometry, log.stamps)
         self._dead = dead_stretches(log.odometry, log.ranges) if log.has_odometry else []
         self._is_known = _known_steps(self._dead, len(log))
@@ -150,7 +155,9 @@ class _Journey:
         is_known = self._log.has_odometry and index > 0 and self._is_known[index - 1]
         is_sudden = is_known and bool(self._sudden[index - 1])
         step = steps[index] if is_known else None
-        self._T_track_scan.append(self._front_end.add(index, self._log.scan(index), step, is_sudden=is_sudden))
+        turn = None if self._turns is None else float(self._turns[index])
+        pose = self._front_end.add(index, self._log.scan(index), step, is_sudden=is_sudden, turn=turn)
+        self._T_track_scan.append(pose)
         self._key_of_scan.append(len(self._front_end.keys) - 1)
 
     def track(self) -> Track:

@@ -1,0 +1,243 @@
+"""The turn rate of a gyro as odometry of the heading, in a log without any other.
+
+Nobody needs to say how the gyro sits on the robot, nor in what unit, with what bias and how late it reports: a first
+pass of matches without it tells. What they saw the robot turn is regressed on what the gyro reports, and the gyro
+counts if that explains more than chance would, and foretells turns better than a constant velocity does.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import Log
+from graph.measurement import NoMatch
+from graph.se2 import between, wrap_angle
+from iceg.slam.odometry.heading_odometry import HeadingNoise, HeadingOdometry, unforeseen_steps, with_headings
+from iceg.slam.odometry.noise import Differences, heading_noise, robust_deviation
+from iceg.slam.odometry.student_fit import StudentFit, chance_of, student_fit
+from iceg.slam.run_warning import RunWarning
+from iceg.slam.track import Track
+
+_LEVEL = 1e-4
+"""A gyro counts, and so does a further axis of it, where chance explains as much less often than this."""
+_FEWEST = 10
+"""Fewest turns between matched key scans that tell anything: four coefficients and their scatter."""
+_MOST_DELAY = 3.0
+"""A delay is looked for up to so many scans …"""
+_DELAY_STEPS = (0.5, 0.1, 0.02)
+"""… in steps [scans] that get finer."""
+_BEFORE = 5
+"""Scans whose motion tells a constant velocity."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GyroFinding:
+    """What the matches of a log say of its gyro.
+
+    Attributes:
+        doubt: why it is not used; empty where it is.
+        chance: how probable it is that it explains as much by chance.
+        scale: (3,) radians that the robot turns per unit reported about each axis.
+        bias: turn rate of the robot where the gyro reports none [rad/s], [rad/scan] in a log without times.
+        delay: the gyro is read so much later than the scans [s], [scans] in a log without times; negative for earlier.
+        deviation: what is left of the turn from one key scan to the next [rad].
+        deviation_without: the same of a constant velocity [rad].
+        has_times: whether the log has times.
+    """
+
+    doubt: str = ""
+    chance: float = 1.0
+    scale: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    bias: float = 0.0
+    delay: float = 0.0
+    deviation: float = math.nan
+    deviation_without: float = math.nan
+    has_times: bool = True
+
+    def record(self) -> dict[str, Any]:
+        """For `summary.json`."""
+        if math.isnan(self.deviation):
+            return {"used": False, "reason": self.doubt}
+        time = "s" if self.has_times else "scans"
+        return {
+            "used": not self.doubt,
+            **({"reason": self.doubt} if self.doubt else {}),
+            "chance": float(f"{self.chance:.2g}"),
+            "rad_per_unit": [float(f"{scale:.6g}") for scale in self.scale],
+            f"bias_rad_per_{time.removesuffix('s') or 's'}": round(self.bias, 6),
+            f"delay_{time}": round(self.delay, 4),
+            "turn_std_rad": round(self.deviation, 5),
+            "turn_std_of_constant_velocity_rad": round(self.deviation_without, 5),
+        }
+
+    def warning(self) -> RunWarning | None:
+        """A sentence where it is not used."""
+        if not self.doubt:
+            return None
+        return RunWarning(kind="gyro", sentence=f"the turn rates of the gyro are not used: {self.doubt}")
+
+
+def learn_gyro(track: Track, log: Log) -> tuple[HeadingOdometry | None, GyroFinding | None]:
+    """Calibrate a log's gyro by the matches of a track.
+
+    Args:
+        track: the front end's matches, made with the gyro or without.
+        log: with or without gyro.
+
+    Returns:
+        The headings, None where they are not to be used; and what was found, None where the log has no gyro or need not
+        ask it, since it has odometry.
+    """
+    if log.gyro is None or log.has_odometry:
+        return None, None
+    turns = _Turns.of(track)
+    if len(turns.seen) < _FEWEST:
+        return None, GyroFinding(doubt=f"only {len(turns.seen)} turns were seen by matches, expected {_FEWEST} or more")
+    if not log.gyro.any():
+        return None, GyroFinding(doubt="they are all zero")
+    fit, headings = _fitted(turns, log.gyro, *_clock(log))
+    finding = replace(fit, deviation_without=robust_deviation(_unforeseen_turns(track, turns)))
+    finding = replace(finding, doubt=_doubt(finding))
+    if finding.doubt:
+        return None, finding
+    noise, lasting = _noise(track, turns, headings)
+    steps = unforeseen_steps(track, headings)
+    return HeadingOdometry(headings=headings, noise=noise, lasting_noise=lasting, unforeseen=steps), finding
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Turns:
+    """Turns from one key scan to the next, both of them matched.
+
+    Attributes:
+        seen: (n,) by the matches [rad].
+        claimed: (n,) variances the matches claim [rad²].
+        starts: (n,) scan at which each turn starts …
+        ends: … and at which it ends.
+    """
+
+    seen: NDArray[np.float64]
+    claimed: NDArray[np.float64]
+    starts: NDArray[np.int64]
+    ends: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, track: Track) -> "_Turns":
+        pairs = [
+            (before, after, after.match)
+            for k, (before, after) in enumerate(zip(track.keys, track.keys[1:], strict=False))
+            if not isinstance(after.match, NoMatch) and (k == 0 or not isinstance(before.match, NoMatch))
+        ]
+        seen = [after.T_track_robot[2] - before.T_track_robot[2] for before, after, _ in pairs]
+        return cls(
+            seen=np.asarray(wrap_angle(np.array(seen, dtype=np.float64))),
+            claimed=np.array([match.covariance[2, 2] for _, _, match in pairs]),
+            starts=np.array([before.index for before, _, _ in pairs], dtype=np.int64),
+            ends=np.array([after.index for _, after, _ in pairs], dtype=np.int64),
+        )
+
+
+def _doubt(finding: GyroFinding) -> str:
+    if finding.chance > _LEVEL:
+        return (
+            "they may have nothing to do with the turns that the scans show, which chance would explain as well with a "
+            f"probability of {finding.chance:.2g}"
+        )
+    if finding.deviation > finding.deviation_without:
+        return (
+            f"they miss the turns that the scans show by {math.degrees(finding.deviation):.1f}°, a constant velocity "
+            f"only by {math.degrees(finding.deviation_without):.1f}°"
+        )
+    return ""
+
+
+def _clock(log: Log) -> tuple[NDArray[np.float64], float | None]:
+    """(n,) times of the scans, and the usual one between two [s]; the scans numbered where stamps do not advance."""
+    if (np.diff(log.stamps) > 0.0).all():
+        return log.stamps - log.stamps[0], float(np.median(np.diff(log.stamps)))
+    return np.arange(float(len(log))), None
+
+
+def _over(turns: _Turns, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What (n_scans, …) values grow by over each turn."""
+    return np.asarray(values[turns.ends] - values[turns.starts], dtype=np.float64)
+
+
+def _read(gyro: NDArray[np.float64], clock: NDArray[np.float64], delay: float) -> NDArray[np.float64]:
+    """(n_scans, 3) of the gyro so much later."""
+    return np.column_stack([np.interp(clock + delay, clock, gyro[:, axis]) for axis in range(3)])
+
+
+def _fitted(
+    turns: _Turns, gyro: NDArray[np.float64], clock: NDArray[np.float64], interval: float | None
+) -> tuple[GyroFinding, NDArray[np.float64]]:
+    """What explains the turns best, and (n_scans,) the headings by that.
+
+    The axis that explains most comes first; a further one counts where it explains more than chance would.
+    """
+    without = student_fit(_over(turns, clock)[:, None], turns.seen)
+    telling, tries = np.flatnonzero(gyro.any(axis=0)).tolist(), round(2.0 * _MOST_DELAY) + 1
+    singles = [([axis], *_at_best_delay(turns, gyro, clock, interval or 1.0, [axis])) for axis in telling]
+    axes, delay, fit = max(singles, key=lambda found: found[2].log_likelihood)
+    chance = chance_of(without, fit, freedom=1, tried=len(telling) * tries)
+    for axis in [axis for axis in telling if axis not in axes]:
+        further_delay, further = _at_best_delay(turns, gyro, clock, interval or 1.0, [*axes, axis])
+        if chance_of(fit, further, freedom=1, tried=len(telling)) < _LEVEL:
+            axes, delay, fit = [*axes, axis], further_delay, further
+    bias, scale = float(fit.coefficients[0]), np.zeros(3)
+    scale[axes] = fit.coefficients[1:]
+    headings = (_read(gyro, clock, delay) * scale).sum(axis=1) + bias * clock
+    finding = GyroFinding(
+        chance=chance,
+        scale=(float(scale[0]), float(scale[1]), float(scale[2])),
+        bias=bias,
+        delay=delay,
+        deviation=robust_deviation(fit.residuals),
+        has_times=interval is not None,
+    )
+    return finding, headings
+
+
+def _at_best_delay(
+    turns: _Turns, gyro: NDArray[np.float64], clock: NDArray[np.float64], interval: float, axes: list[int]
+) -> tuple[float, StudentFit]:
+    """The delay that explains most, and the fit there."""
+
+    def at(shift: float) -> StudentFit:
+        read = _over(turns, _read(gyro, clock, shift * interval)[:, axes])
+        return student_fit(np.column_stack([_over(turns, clock), read]), turns.seen)
+
+    shift, width = 0.0, _MOST_DELAY
+    fit = at(shift)
+    for step in _DELAY_STEPS:
+        n = round(width / step)
+        tries = [(shift + step * k, at(shift + step * k)) for k in range(-n, n + 1) if k]
+        shift, fit = max([(shift, fit), *tries], key=lambda tried: tried[1].log_likelihood)
+        width = step
+    return shift * interval, fit
+
+
+def _unforeseen_turns(track: Track, turns: _Turns) -> NDArray[np.float64]:
+    """(m,) turns less those of the velocity before them [rad]."""
+    headings = track.trajectory(np.array([key.T_track_robot for key in track.keys]))[:, 2]
+    late = turns.starts >= _BEFORE
+    starts, ends = turns.starts[late], turns.ends[late]
+    velocity = wrap_angle(headings[starts] - headings[starts - _BEFORE]) / _BEFORE
+    return np.asarray(wrap_angle(turns.seen[late] - velocity * (ends - starts)), dtype=np.float64)
+
+
+def _noise(track: Track, turns: _Turns, headings: NDArray[np.float64]) -> tuple[HeadingNoise, HeadingNoise]:
+    """From one key scan to the next, and for a graph."""
+    claims = with_headings(track, headings)
+    motions = between(claims[turns.starts], claims[turns.ends])
+    errors = np.zeros((len(turns.seen), 3))
+    errors[:, 2] = wrap_angle(turns.seen - motions[:, 2])
+    claimed = np.zeros_like(errors)
+    claimed[:, 2] = turns.claimed
+    differences = Differences(errors=errors, claimed=claimed, turns=turns.seen, starts=turns.starts, ends=turns.ends)
+    deviations, persistence = heading_noise(differences, claims)
+    widened = {name: math.sqrt(persistence) * deviation for name, deviation in deviations.items()}
+    return HeadingNoise(**deviations), HeadingNoise(**widened)

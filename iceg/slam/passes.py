@@ -1,0 +1,74 @@
+"""The passes over a log: what one tells of gyro, sweep and mount serves the next."""
+
+from frontends.matcher import Matcher
+from frontends.scan import Log
+from iceg.config import Config
+from iceg.slam.odometry.calibration import OdometryCalibration
+from iceg.slam.odometry.gyro import learn_gyro
+from iceg.slam.odometry.heading_odometry import HeadingOdometry
+from iceg.slam.progress import Progress, ProgressCallback
+from iceg.slam.sweep.tracking import Followed, SweepFinding, track_swept
+from iceg.slam.track import Track
+from iceg.slam.tracking.laser_orientation import track_as_mounted
+from iceg.slam.tracking.log_tracking import track_calibrating
+
+
+def track_with_gyro(
+    log: Log, matcher: Matcher, config: Config, progress: ProgressCallback | None
+) -> tuple[Followed, HeadingOdometry | None]:
+    """Track a log; once more where the matches tell what its gyro is worth.
+
+    Args:
+        log: the log.
+        matcher: ICE or any other.
+        config: all settings.
+        progress: called as scans are followed.
+
+    Returns:
+        The log, corrected if its laser is mounted otherwise than it says, its track and the calibration on the way; and
+        the headings by the gyro, None where there are none that are believed.
+    """
+    followed = _follow(log, matcher, config, progress, None)
+    heading, _ = learn_gyro(followed[1], log) if config.front_end.gyro else (None, None)
+    return (followed if heading is None else _follow(log, matcher, config, progress, heading)), heading
+
+
+def track_with_sweep(
+    followed: Followed,
+    matcher: Matcher,
+    config: Config,
+    progress: ProgressCallback | None,
+    heading: HeadingOdometry | None,
+) -> tuple[Followed, SweepFinding]:
+    """Track a log again with its beams moved by the motion within each sweep, where that is known and asked for.
+
+    Args:
+        followed: what `track_with_gyro` returned, …
+        matcher: ICE or any other.
+        config: all settings.
+        progress: called as scans are followed.
+        heading: … both parts of it.
+
+    Returns:
+        The same of the last pass, and what is known of the sweep.
+    """
+    if not config.front_end.deskew:
+        return followed, SweepFinding(source="nothing")
+    return track_swept(followed, lambda log: _follow(log, matcher, config, progress, heading))
+
+
+def _follow(
+    log: Log,
+    matcher: Matcher,
+    config: Config,
+    progress: ProgressCallback | None,
+    heading: HeadingOdometry | None,
+) -> Followed:
+    def report(scans: int, failures: int) -> None:
+        if progress is not None:
+            progress(Progress(scans=scans, tried=scans - 1, accepted=scans - 1 - failures))
+
+    def follow(log: Log) -> tuple[Track, OdometryCalibration]:
+        return track_calibrating(log, matcher, config.odometry, config.front_end, report, heading)
+
+    return track_as_mounted(log, follow)
