@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from iceg.run_folder import RunFolder, read_run_folder
     from iceg.slam.corrections.corrections import Corrections
     from iceg.slam.corrections.reading import read_corrections
+    from iceg.slam.distance import Distance, Sighting
     from iceg.slam.manual_closures import ManualClosure
     from iceg.slam.pipeline import SlamResult, run
 
@@ -37,6 +38,7 @@ __version__ = "0.1.0"
 __all__ = [
     "Config",
     "Corrections",
+    "Distance",
     "FeatureMap",
     "Features",
     "IceConfig",
@@ -55,6 +57,7 @@ __all__ = [
     "Scan",
     "ScanGeometry",
     "Segments",
+    "Sighting",
     "SlamResult",
     "__version__",
     "demo_log_path",
@@ -76,6 +79,7 @@ __all__ = [
 _HOMES = {
     "Config": "iceg.config",
     "Corrections": "iceg.slam.corrections.corrections",
+    "Distance": "iceg.slam.distance",
     "FeatureMap": "iceg.maps.feature_map",
     "Features": "iceg.ice.features",
     "IceConfig": "iceg.ice.config",
@@ -94,6 +98,7 @@ _HOMES = {
     "Scan": "frontends.scan",
     "ScanGeometry": "frontends.scan",
     "Segments": "iceg.ice.segments",
+    "Sighting": "iceg.slam.distance",
     "SlamResult": "iceg.slam.pipeline",
     "demo_log_path": "iceg.demo",
     "demo_truth_path": "iceg.demo",

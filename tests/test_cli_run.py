@@ -67,6 +67,16 @@ def test_a_run_can_do_without_its_report(short_log: Path, tmp_path: Path, capsys
     assert "report.html" not in capsys.readouterr().out
 
 
+def test_with_a_truth_the_report_tells_the_error(short_log: Path, tmp_path: Path) -> None:
+    truth = tmp_path / "truth.csv"
+    lines = demo_truth_path().read_text().splitlines()
+    truth.write_text("\n".join(lines[: N_SCANS + 1]) + "\n")
+    assert main(["run", str(short_log), "-o", str(tmp_path / "out"), "--truth", str(truth)]) == 0
+    assert '"rmse_m":' in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    truth.write_text("\n".join(lines[:N_SCANS]) + "\n")
+    assert main(["run", str(short_log), "-o", str(tmp_path / "other"), "--truth", str(truth)]) == 1
+
+
 def test_the_result_lies_near_the_truth(run_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     truth = tmp_path / "truth.csv"
     truth.write_text("\n".join(demo_truth_path().read_text().splitlines()[: N_SCANS + 1]) + "\n")

@@ -33,6 +33,14 @@ class RunOptions:
     overwrite: Overwrite = False
     skip_bad_lines: SkipBadLines = False
     report: Report = True
+    truth: Annotated[
+        GivenPath,
+        tyro.conf.arg(
+            metavar="FILE",
+            help="The true pose of every scan, which the report judges the run by: a CSV t_s,x_m,y_m,theta_rad.",
+            help_behavior_hint="(optional)",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +60,7 @@ class Run(RunOptions):
             overwrite=self.overwrite,
             skip_bad_lines=self.skip_bad_lines,
             report=self.report,
+            truth=self.truth,
         )
 
 
@@ -88,10 +97,11 @@ class Demo:
         from iceg.evaluation.judge import truth_report
         from iceg.evaluation.report import format_table
 
-        run_log(demo_log_path(), self.output, Config(), overwrite=self.overwrite, skip_bad_lines=False)
         truth = demo_truth_path()
+        run_log(demo_log_path(), self.output, Config(), overwrite=self.overwrite, skip_bad_lines=False, truth=truth)
         print(format_table(truth_report(self.output, truth), f"Against the truth, {truth.name}:"))
         print(f"The map is {(self.output / 'map.png').resolve()}")
+        print(f"The whole run is {(self.output / 'report.html').resolve()}")
 
 
 def _run_dp_slam(path: Path, directory: Path, config: DpSlamConfig, *, overwrite: bool, skip_bad_lines: bool) -> None:

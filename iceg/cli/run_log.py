@@ -30,6 +30,7 @@ def run_log(
     closures: Path | None = None,
     corrections: Path | None = None,
     report: bool = True,
+    truth: Path | None = None,
 ) -> None:
     """Read a log, run, write the results, and say on the way what a person should know.
 
@@ -42,6 +43,7 @@ def run_log(
         closures: a file of loops closed by hand.
         corrections: a file of corrections.
         report: whether to write the page that shows the run.
+        truth: a file of the true poses, by which that page judges the run.
 
     Raises:
         IcegError: the log cannot be read, or the results not be written.
@@ -61,6 +63,8 @@ def run_log(
             with reading_bar(path) as reading:
                 log = read_log(path, skip_bad_lines=skip_bad_lines, progress=reading, **dataclasses.asdict(config.log))
             tell_warnings(log)
+            if truth is not None:
+                log = _with_truth(log, truth)
             from iceg.slam.corrections.reading import read_all_corrections
             from iceg.slam.pipeline import run
 
@@ -85,6 +89,14 @@ def run_log(
 def tell_result_warnings(result: "SlamResult") -> None:
     """Print what a run has found doubtful."""
     _warn(in_short([*_tracking_warnings(result), *result.warnings], "warnings and lost_at_scans in summary.json"))
+
+
+def _with_truth(log: "Log", path: Path) -> "Log":
+    from iceg.evaluation.trajectory import check_one_row_per_scan, read_truth_csv
+
+    truth = read_truth_csv(path)
+    check_one_row_per_scan(log.odometry, truth, path)
+    return dataclasses.replace(log, truth=truth)
 
 
 def tell_warnings(log: "Log") -> None:

@@ -20,6 +20,7 @@ MODULES = (
     "revealed",
     "layers",
     "draw",
+    "moving",
     "mapview",
     "inspector",
     "closureview",

@@ -119,7 +119,7 @@ def _sizes(result: "SlamResult") -> Iterator[Figure]:
     closures = result.summary["closures"]
     steps = np.hypot(*np.diff(result.trajectory[:, :2], axis=0).T)
     yield Figure(
-        name="Path", value=f"{float(steps.sum()):.0f} m", meaning=f"{len(result.log)} scans, {_duration(result)}."
+        name="Path", value=f"{float(steps.sum()):.0f} m", meaning=f"{len(result.log)} scans in {_duration(result)}."
     )
     yield Figure(
         name="Key poses",
@@ -145,7 +145,7 @@ def _duration(result: "SlamResult") -> str:
     stamps = result.log.stamps
     seconds = float(stamps.max() - stamps.min()) if len(stamps) else 0.0
     if seconds <= 0.0:
-        return "no stamps"
+        return "no time that the stamps tell"
     minutes, rest = divmod(round(seconds), 60)
     return f"{minutes} min {rest:02d} s" if minutes else f"{rest} s"
 

@@ -39,7 +39,7 @@ def page_payload(result: "SlamResult", truth: NDArray[np.float64] | None = None)
     data: dict[str, Any] = {
         "name": readable(result.log.path.name),
         "stamps": packed(_seconds(result.log.stamps), "f8"),
-        "trajectory": packed(result.trajectory, "f8"),
+        "trajectory": packed(result.trajectory, "f4"),
         "keys": {
             "scans": packed(result.key_scans, "i4"),
             "poses": packed(result.key_poses, "f8"),

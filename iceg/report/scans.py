@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from frontends.scan import Log
 from iceg.report.packing import packed
 
-_MOST_READINGS = 8_000_000
-"""So many readings are 21 MB of the page."""
+_MOST_READINGS = 7_000_000
+"""So many readings are 19 MB of the page."""
 _STEPS = 65_534
 _FINEST = 0.001
 """Ranges are told to a millimetre [m], to more where the laser reaches farther than 65 m."""

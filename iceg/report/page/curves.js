@@ -12,7 +12,7 @@ const scans = Array.from(keys.scans);
 const numbers = (array, factor = 1) => Array.from(array, (value) => (Number.isFinite(value) ? factor * value : null));
 const milli = (name) => numbers(curves[name], 1000);
 
-const PLOTS = [
+const PLOTS = nKeys < 2 ? [] : [ // one key pose makes no curve
   {
     title: "How well the position is known",
     note: "One standard deviation along the worst direction, relative to the first pose. Dots: loop closures in force, which pull it down.",
@@ -87,7 +87,7 @@ export function startCurves(element, goTo) {
   };
   build();
   on("theme", build);
-  on("scan", () => plots.forEach((plot) => plot.redraw(false)));
+  on("scan", () => plots.forEach(markNow));
   on("cursor", follow);
   new ResizeObserver(() => plots.forEach((plot) => plot.setSize({ width: plot.root.parentElement.clientWidth, height: HEIGHT }))).observe(element);
 }
@@ -145,7 +145,7 @@ function made(plot, holder, goTo) {
       })),
     ],
     legend: { markers: { width: 0, fill: (_, i) => (i ? colour(series[i - 1].colour) : "transparent") } },
-    hooks: { setCursor: [pointed], draw: [drawNow] },
+    hooks: { setCursor: [pointed], ready: [addMark], draw: [markNow] },
   };
   const chart = new uPlot(options, [scans, ...series.map(({ values }) => values)], holder);
   chart.over.addEventListener("click", () => chart.cursor.idx !== null && chart.cursor.idx !== undefined && goTo(scans[chart.cursor.idx]));
@@ -154,15 +154,17 @@ function made(plot, holder, goTo) {
 }
 
 /** A line at the time of the replay. */
-function drawNow(chart) {
-  const x = Math.round(chart.valToPos(state.scan, "x", true));
-  const { left, top, width, height } = chart.bbox;
-  if (x < left || x > left + width) return;
-  const { ctx } = chart;
-  ctx.save();
-  ctx.fillStyle = colour("robot");
-  ctx.fillRect(x - 1, top, 2, height);
-  ctx.restore();
+function addMark(chart) {
+  chart.mark = Object.assign(document.createElement("div"), { className: "now" });
+  chart.over.append(chart.mark);
+  markNow(chart);
+}
+
+function markNow(chart) {
+  if (!chart.mark) return;
+  const x = chart.valToPos(state.scan, "x");
+  chart.mark.hidden = !(x >= 0 && x <= chart.over.clientWidth);
+  chart.mark.style.transform = `translateX(${x - 1}px)`;
 }
 
 const STAGES = { front_end: "Tracking", sweep: "Sweep of the laser", graph: "Graph and closures", finish: "Finish", covariances: "Covariances", feature_map: "Landmarks", grid: "Grid" };

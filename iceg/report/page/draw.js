@@ -3,10 +3,11 @@
 import { drawGrid } from "report/grid";
 import { sureBounds } from "report/layers";
 import { revealed } from "report/revealed";
-import { endsOfRow, keyOfScan, lastAtOrBefore, nClosures, nKeys, nLandmarks, nScans, poseOfKey, poseOfScan, rowOfScan, run } from "report/run";
+import { endsOfRow, keyOfScan, nClosures, nKeys, nLandmarks, nScans, poseOfKey, poseOfScan, rowOfScan, run } from "report/run";
 import { colour, onScale } from "report/theme";
 
 const BINS = 96;
+const MOST_STEPS = 20_000; // of a path that is drawn; of longer ones only every so many scans are
 const isOver = (state) => state.scan >= nScans - 1;
 
 export function ground(context, view, state) {
@@ -44,7 +45,8 @@ function returns(context, view, state) {
   context.globalAlpha = 1;
 }
 
-function points(context, view, [px, py, heading], ends, size) {
+/** The ends of beams, in the frame of a pose, as dots. */
+export function points(context, view, [px, py, heading], ends, size) {
   const [c, s] = [Math.cos(heading), Math.sin(heading)];
   for (let i = 0; i < ends.length; i += 2) {
     const x = view.x(px + c * ends[i] - s * ends[i + 1]);
@@ -82,7 +84,8 @@ function colouredPath(context, view, state) {
   const bin = (scan) => Math.round(BINS * Math.min(1, Math.max(0, shareOf[state.colourBy](scan))));
   context.lineWidth = 2.2;
   let [current, x, y] = [-1, 0, 0];
-  for (let scan = 0; scan <= state.scan; scan++) {
+  const every = Math.ceil(nScans / MOST_STEPS);
+  for (let scan = 0; scan <= state.scan; scan += scan < state.scan && scan + every > state.scan ? state.scan - scan : every) {
     const [nx, ny] = [view.x(run.trajectory[3 * scan]), view.y(run.trajectory[3 * scan + 1])];
     if (scan && scan < state.scan && Math.abs(nx - x) + Math.abs(ny - y) < 1) continue;
     const next = bin(scan);
@@ -224,87 +227,5 @@ export function warned(context, view, state) {
     context.fillStyle = colour("card");
     context.fillRect(x - 1, y - 13.5, 2, 5);
     context.fillRect(x - 1, y - 7, 2, 2);
-  }
-}
-
-/** The robot and its scan at the slider, what is selected, what is pointed at, and what is measured. */
-export function moving(context, view, state) {
-  if (state.selection?.type === "closure") selectedClosure(context, view, state.selection.index);
-  const key = state.selection?.type === "pose" ? state.selection.index : null;
-  if (key !== null) {
-    if (!isAt(state, key)) scanAt(context, view, run.keys.scans[key], "accent");
-    ring(context, view, poseOfKey(key), colour("accent"), 9, 2.5);
-  }
-  if (state.visible.has("scan")) scanAt(context, view, state.scan, "scan");
-  robot(context, view, poseOfScan(state.scan));
-  if (state.cursor !== null && state.cursor < nKeys) ring(context, view, poseOfKey(state.cursor), colour("ink"), 6, 2);
-  measured(context, view, state.measured);
-}
-
-const isAt = (state, key) => state.visible.has("scan") && state.scan === run.keys.scans[key];
-
-function selectedClosure(context, view, index) {
-  const [i, j] = run.closures.scans.subarray(2 * index, 2 * index + 2);
-  const [a, b] = [poseOfScan(i), poseOfScan(j)];
-  context.strokeStyle = colour(CLOSURE_COLOURS[run.closures.names[run.closures.verdicts[index]]]);
-  context.lineWidth = 4;
-  context.beginPath();
-  context.moveTo(view.x(a[0]), view.y(a[1]));
-  context.lineTo(view.x(b[0]), view.y(b[1]));
-  context.stroke();
-  ring(context, view, a, colour("a"), 7, 3);
-  ring(context, view, b, colour("b"), 7, 3);
-}
-
-function scanAt(context, view, scan, name) {
-  const row = lastAtOrBefore(run.laser.scans, scan);
-  context.fillStyle = colour(name);
-  points(context, view, poseOfScan(run.laser.scans[row]), endsOfRow(row), 2.6);
-}
-
-function ring(context, view, [px, py], stroke, radius, width) {
-  context.lineWidth = width + 2;
-  context.strokeStyle = colour("card");
-  context.beginPath();
-  context.arc(view.x(px), view.y(py), radius, 0, 2 * Math.PI);
-  context.stroke();
-  context.lineWidth = width;
-  context.strokeStyle = stroke;
-  context.stroke();
-}
-
-function robot(context, view, [px, py, heading]) {
-  context.save();
-  context.translate(view.x(px), view.y(py));
-  context.rotate(-heading);
-  context.beginPath();
-  context.moveTo(13, 0);
-  context.lineTo(-8, 8);
-  context.lineTo(-4, 0);
-  context.lineTo(-8, -8);
-  context.closePath();
-  context.fillStyle = colour("robot");
-  context.strokeStyle = colour("card");
-  context.lineWidth = 2;
-  context.stroke();
-  context.fill();
-  context.restore();
-}
-
-function measured(context, view, sightings) {
-  if (!sightings.length) return;
-  const places = sightings.map(({ x, y }) => [view.x(x), view.y(y)]);
-  context.strokeStyle = colour("ink");
-  context.lineWidth = 2;
-  context.setLineDash([]);
-  context.beginPath();
-  for (const [x, y] of places) context.lineTo(x, y);
-  context.stroke();
-  for (const [x, y] of places) {
-    context.fillStyle = colour("card");
-    context.beginPath();
-    context.arc(x, y, 5, 0, 2 * Math.PI);
-    context.fill();
-    context.stroke();
   }
 }

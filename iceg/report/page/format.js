@@ -14,7 +14,7 @@ export function length(metres) {
 
 export const metres = (value) => `${few(value, 3)} m`;
 export const degrees = (radians, digits = 2) => `${few((180 / Math.PI) * radians, digits)}°`;
-export const percent = (share) => `${few(100 * share, 0)} %`;
+export const percent = (share) => (Number.isFinite(share) ? `${few(100 * share, 0)} %` : "–");
 
 export function duration(seconds) {
   const whole = Math.round(Math.abs(seconds));

@@ -9,7 +9,12 @@ const { closures, landmarks } = run;
 const tally = (codes, code) => codes.reduce((n, value) => n + (value === code), 0);
 const verdict = (name) => tally(closures.verdicts, closures.names.indexOf(name));
 const kind = (name) => tally(landmarks.kinds, landmarks.names.indexOf(name));
-const nReturns = () => run.laser.ranges.reduce((n, range) => n + (range > 0), 0);
+
+function nReturns() {
+  let n = 0;
+  for (const range of run.laser.ranges) if (range > 0) n++;
+  return n;
+}
 
 /** Colour bar of the path: what its ends mean. */
 const SCALES = {

@@ -2,6 +2,7 @@
 
 import { on, set, state } from "report/bus";
 import * as draw from "report/draw";
+import { moving } from "report/moving";
 import { extent, keyOfScan, nClosures, nKeys, poseOfKey, poseOfScan, run } from "report/run";
 import { addSheet } from "report/sheet";
 
@@ -39,12 +40,12 @@ export function show([x, y]) {
 
 export function startMap() {
   map.setView([0, 0], FIRST_ZOOM);
-  const sheets = [draw.ground, draw.landmarks, draw.closures, draw.path, draw.ellipses, draw.warned, draw.moving].map((paint, i) =>
+  const sheets = [draw.ground, draw.landmarks, draw.closures, draw.path, draw.ellipses, draw.warned, moving].map((paint, i) =>
     addSheet(map, (context, view) => paint(context, view, state), i),
   );
-  const moving = sheets.at(-1);
+  const top = sheets.at(-1);
   on("layers theme scan", () => sheets.forEach((sheet) => sheet.touch()));
-  on("cursor selection measured", () => moving.touch());
+  on("cursor selection measured", () => top.touch());
   new ResizeObserver(() => map.invalidateSize({ animate: false })).observe(map.getContainer());
   fit();
   showCoordinates();

@@ -2,9 +2,12 @@
 
 import { on } from "report/bus";
 import { picture } from "report/grid";
-import { compose, endsOfRow, poseOfKey, rowOfScan, run } from "report/run";
+import { compose, endsOfRow, nKeys, poseOfKey, rowOfScan, run } from "report/run";
 
-const MOST = 1400; // pixels of the mask's longer side
+const MOST = 900; // pixels of the mask's longer side
+const BEYOND = 0.15; // metres that the view reaches into what it ends at
+const MOST_VIEWS = 4000;
+const every = Math.ceil(nKeys / MOST_VIEWS);
 const { origin, columns, rows, resolution } = run.grid;
 const shrink = Math.min(1, MOST / Math.max(columns, rows));
 const blank = () => Object.assign(document.createElement("canvas"), { width: Math.ceil(shrink * columns), height: Math.ceil(shrink * rows) });
@@ -23,9 +26,7 @@ export function revealed(key) {
   }
   if (key > done) {
     stale = true;
-    context.lineWidth = 3;
-    context.lineJoin = "round";
-    for (let next = done + 1; next <= key; next++) addView(context, next);
+    for (let next = done + 1; next <= key; next++) if (next % every === 0) addView(context, next);
     done = key;
   }
   if (stale) {
@@ -50,9 +51,9 @@ function addView(context, key) {
   context.beginPath();
   context.moveTo(x(laser[0]), y(laser[1]));
   for (let i = 0; i < ends.length; i += 2) {
-    context.lineTo(x(pose[0] + c * ends[i] - s * ends[i + 1]), y(pose[1] + s * ends[i] + c * ends[i + 1]));
+    const [ex, ey] = [pose[0] + c * ends[i] - s * ends[i + 1], pose[1] + s * ends[i] + c * ends[i + 1]];
+    const farther = 1 + BEYOND / Math.hypot(ex - laser[0], ey - laser[1]);
+    context.lineTo(x(laser[0] + farther * (ex - laser[0])), y(laser[1] + farther * (ey - laser[1])));
   }
-  context.closePath();
   context.fill();
-  context.stroke();
 }
