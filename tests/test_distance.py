@@ -76,8 +76,9 @@ def test_of_two_points_of_one_scan_only_the_laser_is_unsure(result: SlamResult) 
     a, b = (Sighting.of_beam(result.log, scan, int(beam)) for beam in (first, last))
     found = result.distance(a, b)
     assert found.length == pytest.approx(float(np.hypot(*(a.p_robot - b.p_robot))))
-    noise = result.summary["laser"]["noise_m"]
-    assert 0.0 < found.deviation < 1.5 * noise + 2.0 * result.summary["laser"]["noise_per_metre"] * 30.0
+    laser = result.summary["laser"]
+    assert laser is not None
+    assert 0.0 < found.deviation < 1.5 * laser["noise_m"] + 2.0 * laser["noise_per_metre"] * 30.0
 
 
 def test_places_of_the_map_are_those_that_scans_saw(result: SlamResult) -> None:

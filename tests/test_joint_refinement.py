@@ -18,7 +18,7 @@ from iceg.evaluation.trajectory import trajectory_errors
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.config import FinishConfig, FrontEndConfig, JointRefinementConfig, LoopClosureConfig, SlamConfigError
-from iceg.slam.finish import Finished, finish
+from iceg.slam.finish import Finished, matched_again, refined
 from iceg.slam.joint import _wall_kernels as kernels
 from iceg.slam.joint._system_kernels import JointSystem, PointsOnLines, fill, normal_equations, product
 from iceg.slam.joint.refinement import Clouds, key_clouds, refine_jointly
@@ -360,7 +360,8 @@ def test_points_that_stand_for_many_tell_more(solution: Solution, track: Track) 
 
 def finished_with(solution: Solution, track: Track, office: Simulation, matcher: Matcher, joint: bool) -> Finished:
     config = FinishConfig(joint=JointRefinementConfig(enabled=joint))
-    return finish(solution, track, matcher, LoopClosureConfig(), config, scan_of=office.log.scan)
+    found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), config, PoseGraphConfig())
+    return refined(found, rounds, track, matcher, config, scan_of=office.log.scan)
 
 
 def test_the_finish_of_an_office(solution: Solution, track: Track, office: Simulation, matcher: Matcher) -> None:

@@ -7,7 +7,16 @@ import tyro
 
 from iceg.cli.usage_error import UsageError
 
-__all__ = ["ConfigFile", "GivenPath", "Json", "Overwrite", "Report", "SkipBadLines", "UsageError"]
+__all__ = [
+    "ConfigFile",
+    "CorrectionsFile",
+    "GivenPath",
+    "Json",
+    "Overwrite",
+    "Report",
+    "SkipBadLines",
+    "UsageError",
+]
 
 
 GivenPath = Optional[Path]  # noqa: UP045
@@ -16,6 +25,16 @@ GivenPath = Optional[Path]  # noqa: UP045
 ConfigFile = Annotated[
     GivenPath,
     tyro.conf.arg(metavar="FILE", help="TOML file of settings; flags given here override it.", help_behavior_hint=""),
+]
+
+
+CorrectionsFile = Annotated[
+    GivenPath,
+    tyro.conf.arg(
+        metavar="FILE",
+        help="What a person corrects: corrections.toml, or a closures.csv with other verdicts.",
+        help_behavior_hint="(optional)",
+    ),
 ]
 
 

@@ -10,7 +10,7 @@ import tyro
 
 from frontends.dp_slam.config import DpSlamConfig
 from iceg.cli.judge import tell_judgement
-from iceg.cli.options import ConfigFile, GivenPath, Json, Overwrite, Report, SkipBadLines
+from iceg.cli.options import ConfigFile, CorrectionsFile, GivenPath, Json, Overwrite, Report, SkipBadLines
 from iceg.cli.run_log import run_log, tell_warnings, what_was_kept, written_at
 from iceg.cli.telling import Telling
 from iceg.config import Config
@@ -33,6 +33,7 @@ class RunOptions:
             help_behavior_hint="",
         ),
     ] = None
+    corrections: CorrectionsFile = None
     overwrite: Overwrite = False
     skip_bad_lines: SkipBadLines = False
     report: Report = True
@@ -60,6 +61,7 @@ class Run(RunOptions):
             self.output,
             self.settings,
             closures=self.closures,
+            corrections=self.corrections,
             overwrite=self.overwrite,
             skip_bad_lines=self.skip_bad_lines,
             report=self.report,

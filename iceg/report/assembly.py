@@ -28,6 +28,9 @@ MODULES = (
     "curves",
     "tables",
     "measure",
+    "corrections",
+    "dragging",
+    "edits",
     "main",
 )
 """Each is a module of the page, imported by others as `report/NAME`."""

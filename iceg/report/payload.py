@@ -57,6 +57,8 @@ def page_payload(result: "SlamResult", truth: NDArray[np.float64] | None = None)
         "learned": learned_payload(result.summary, has_odometry=result.log.has_odometry),
         "settings": changed_settings(result.config),
         "warnings": warnings_payload(result),
+        "kept": result.summary.get("cut", {"kept": [[0, len(result.log) - 1]]})["kept"],
+        "is_corrected": "corrections" in result.summary,
         "lost": [int(scan) for scan in result.summary["lost_at_scans"]],
     }
     # In a script element, nothing but "<" could end the text early.

@@ -133,11 +133,11 @@ function closureText(index, i, j, matched, onPath) {
   return `${head(`Closure ${index}`, walk)}
     <p><span class="badge" style="background:var(--${CLOSURE_COLOURS[verdict]})">${verdict === "rejected" ? "refused" : verdict}</span> ${escaped(inWords(closures.reasons[index]))}</p>
     <p class="legend"><span><i style="background:var(--a)"></i>${link("scan", i, `scan ${i}`)}</span><span><i style="background:var(--b)"></i>${link("scan", j, `scan ${j}`)}</span></p>
+    <div class="actions" data-for="closure" data-index="${index}"></div>
     <dl class="facts">${facts(closureFacts(index, matched, onPath))}</dl>
     ${matched === null ? '<p class="soft">The matcher found no place where the scans agree.</p>' : picture("matched", "As matched")}
     ${picture("path", "As the final path has them")}
-    <p class="soft">Joins ${link("pose", keyOfScan(i), `key pose ${keyOfScan(i)}`)} and ${link("pose", keyOfScan(j), `key pose ${keyOfScan(j)}`)}.</p>
-    <div class="actions" data-for="closure" data-index="${index}"></div>`;
+    <p class="soft">Joins ${link("pose", keyOfScan(i), `key pose ${keyOfScan(i)}`)} and ${link("pose", keyOfScan(j), `key pose ${keyOfScan(j)}`)}.</p>`;
 }
 
 function closureFacts(index, matched, onPath) {

@@ -3,6 +3,8 @@
 import * as bus from "report/bus";
 import { plots, startCurves } from "report/curves";
 import * as distances from "report/distance";
+import { asText, restoreView } from "report/corrections";
+import { startEdits } from "report/edits";
 import { startInspector } from "report/inspector";
 import { showLayerPanel } from "report/layers";
 import { map, show, startMap } from "report/mapview";
@@ -20,11 +22,13 @@ startMap();
 startMeasuring();
 startInspector();
 startTables();
+startEdits();
+restoreView();
 // Curves are below the map: the first picture does not wait for them.
 requestAnimationFrame(() =>
   setTimeout(() => {
     startCurves(document.getElementById("curves"), goTo);
-    window.iceg = { ...bus, run, map, show, goTo, plots, measurement, toggleMeasuring, ...distances };
+    window.iceg = { ...bus, run, map, show, goTo, plots, measurement, toggleMeasuring, asText, ...distances };
     document.documentElement.dataset.ready = "true";
     window.dispatchEvent(new CustomEvent("iceg:ready", { detail: window.iceg }));
   }),

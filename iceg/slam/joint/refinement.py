@@ -5,7 +5,7 @@ the same points. Here the points speak for themselves: pieces of wall are unknow
 every scan that sees a piece holds its line, and the line holds them together, along the path as across its passes.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -112,6 +112,13 @@ class Clouds:
         """(k + 1,) first point of each key pose."""
         first = np.flatnonzero(np.diff(self.key_of_scan, prepend=-1))
         return np.append(self.starts[first], self.starts[-1])
+
+    def without(self, keys: Collection[int]) -> "Clouds":
+        """The same, the points of some key poses lying on no wall."""
+        if not keys:
+            return self
+        silent = np.repeat(np.isin(self.key_of_scan, sorted(keys)), np.diff(self.starts))
+        return replace(self, normals=np.where(silent[:, None], 0.0, self.normals))
 
 
 def refine_jointly(
