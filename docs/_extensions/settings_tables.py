@@ -13,7 +13,7 @@ from iceg.config import Config
 from iceg.settings_file import field_documentation
 
 _PLACE = "{settings}"
-_UNIT = re.compile(r" ?\[([^\]\d][^\]]*)\]")
+_UNIT = re.compile(r" ?\[([^\],\d][^\],]*)\]")
 
 
 def setup(app: Sphinx) -> dict[str, bool]:
