@@ -16,6 +16,8 @@ html_show_copyright = False
 html_copy_source = False
 html_domain_indices = False
 html_math_renderer = "mathml"
+html_static_path = ["_static"]
+html_css_files = ["math.css"]
 highlight_language = "none"
 
 extensions = [
