@@ -5,6 +5,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 DEMO := demo-output
 BENCH := bench-output
+PAGES := docs-output
 WORKERS ?= 2
 ARGS ?=
 
@@ -12,12 +13,13 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export MPLBACKEND ?= Agg
 export ICEG_DATA ?= $(abspath ../shared/data)
 
-.PHONY: help demo bench test lint types imports browser pytest pytest-bounds pytest-python machines fuzz hostile format clean
+.PHONY: help demo bench docs test lint types imports browser pytest pytest-bounds pytest-python machines fuzz hostile format clean
 .DEFAULT_GOAL := help
 
 help:
 	@echo "make demo    run the main job on the embedded log, result in $(DEMO)/"
 	@echo "make test    lint, types, import contract and tests"
+	@echo "make docs    these pages and the reference as a site, in $(PAGES)/; a warning is an error"
 	@echo "make bench   accuracy and speed on the real logs (ICEG_DATA), or ARGS=FILE.toml; result in $(BENCH)/"
 	@echo "make machines  whether every kind of processor finds the same; ARGS='LOG ... --python PATH ...'"
 	@echo "make clean   remove the environment and all caches"
@@ -30,7 +32,11 @@ bench: $(VENV)/installed-dev.stamp
 
 # Every check runs even when an earlier one fails; the whole fails if any did.
 test: $(VENV)/installed-dev.stamp
-	@$(MAKE) --no-print-directory --keep-going -j1 lint types imports pytest
+	@$(MAKE) --no-print-directory --keep-going -j1 lint types imports docs pytest
+
+# Links within the pages are checked, those to elsewhere are not followed.
+docs: $(VENV)/installed-dev.stamp
+	$(BIN)/sphinx-build -q -W --keep-going -d $(VENV)/docs-cache -b html docs $(PAGES)
 
 lint: $(VENV)/installed-dev.stamp
 	$(BIN)/ruff check
