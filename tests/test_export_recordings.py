@@ -171,6 +171,7 @@ def test_the_layout_shows_what_the_recording_has(bag: Path, messages: dict[str, 
 def test_the_bag_is_a_log_that_iceg_reads(bag: Path, log: Path) -> None:
     again, recorded = iceg.read_log(bag), iceg.read_log(log)
     np.testing.assert_array_equal(again.ranges, recorded.ranges)
+    close(again.odometry, recorded.odometry)
     np.testing.assert_allclose(again.geometry.bearings, recorded.geometry.bearings, atol=1e-6)
 
 

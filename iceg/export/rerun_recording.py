@@ -50,7 +50,7 @@ def write_rerun(directory: Path, path: Path, options: ExportOptions) -> None:
         raise ExportError(f"{path}: needs the package rerun-sdk: pip install 'iceg[rerun]'") from err
 
     run = read_recorded_run(directory, options)
-    recording = rerun.RecordingStream("iceg", recording_id=run.found.log_name or "run", send_properties=False)
+    recording: Any = rerun.RecordingStream("iceg", recording_id=run.found.log_name or "run", send_properties=False)
     stream = recording.binary_stream()
     recording.send_blueprint(_layout(run.found.grid))
     _send_whole(recording, run)
@@ -72,7 +72,7 @@ def _send_whole(recording: Any, run: RecordedRun) -> None:  # noqa: ANN401
     recording.log("map", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
     recording.log("map/grid", _grid(found.grid), static=True)
     recording.log("map/path", rerun.LineStrips3D([_raised(run.poses[:, :2])], colors=(150, 160, 175)), static=True)
-    walls = rerun.LineStrips3D(_raised(found.walls.ends), colors=(25, 25, 40), radii=0.25 * cell)
+    walls = rerun.LineStrips3D(list(_raised(found.walls.ends)), colors=(25, 25, 40), radii=0.25 * cell)
     recording.log("map/walls", walls, static=True)
     for name, positions in run.landmarks().items():
         dots = rerun.Points3D(_raised(positions), colors=_COLOURS[name], radii=1.5 * cell)
@@ -89,7 +89,7 @@ def _log_lines(recording: Any, folder: str, lines: Mapping[str, NDArray[np.float
     import rerun
 
     for name, ends in lines.items():
-        strips = rerun.LineStrips3D(_raised(ends), colors=_COLOURS[name])
+        strips = rerun.LineStrips3D(list(_raised(ends)), colors=_COLOURS[name])
         recording.log(f"{folder}/{name}", strips, static=True)
 
 
