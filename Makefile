@@ -12,7 +12,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export MPLBACKEND ?= Agg
 export ICEG_DATA ?= $(abspath ../shared/data)
 
-.PHONY: help demo bench test lint types imports pytest pytest-bounds pytest-python machines fuzz hostile package format clean
+.PHONY: help demo bench test lint types imports browser pytest pytest-bounds pytest-python machines fuzz hostile package format clean
 .DEFAULT_GOAL := help
 
 help:
@@ -43,7 +43,11 @@ types: $(VENV)/installed-dev.stamp
 imports: $(VENV)/installed-dev.stamp
 	$(BIN)/lint-imports
 
-pytest: $(VENV)/installed-dev.stamp
+# A Chromium for the tests of the report's page: one that is there, else Debian's, else one that a package ships.
+browser: $(VENV)/installed-dev.stamp
+	@$(BIN)/python -m tests.browser
+
+pytest: $(VENV)/installed-dev.stamp browser
 	$(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
 
 pytest-bounds: $(VENV)/installed-dev.stamp

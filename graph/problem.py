@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from graph import _linear_kernels as linear
 from graph import _sparse_kernels as sparse
 from graph import losses
+from graph.block_factor import BlockFactor
 from graph.dense import vecdot
 from graph.errors import GraphError
 from graph.factors import Factor, KernelName
@@ -286,6 +287,11 @@ class Linearization:
         """H⁻¹ b, both (n, 3)."""
         return np.asarray(self._system.solved(b[self._pose_of])[self._row_of])
 
+    @property
+    def factor(self) -> BlockFactor:
+        """The Cholesky factor of H."""
+        return self._system.factor
+
 
 class _Structure:
     """Which blocks the normal equations and their Cholesky factor have, in an order with little fill."""
@@ -371,6 +377,12 @@ class _System:
             return None
         step = self.solved(-self.gradient)
         return step if np.isfinite(step).all() else None
+
+    @property
+    def factor(self) -> BlockFactor:
+        """The Cholesky factor, after `factorize`."""
+        structure = self._structure
+        return BlockFactor(structure.row_of, *structure.factor[:2], self._values, self._roots)
 
     def solved(self, b: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n, 3) H⁻¹ b in the order of elimination, after `factorize`."""

@@ -30,12 +30,16 @@ if TYPE_CHECKING:
     from iceg.ice.segments import Segments, extract_segments
     from iceg.maps.feature_map import FeatureMap, Landmarks
     from iceg.maps.grid import OccupancyGrid, render_grid
+    from iceg.resolving import resolve
     from iceg.result_tables import RunTables
     from iceg.results import write_results
     from iceg.run_folder import RunFolder, read_run_folder
     from iceg.show.map_image import MapLayers
     from iceg.show.map_picture import save_map_png
     from iceg.slam.closures.closure import Closure
+    from iceg.slam.corrections.corrections import Corrections
+    from iceg.slam.corrections.reading import read_corrections
+    from iceg.slam.distance import Distance, Sighting
     from iceg.slam.manual_closures import ManualClosure, read_manual_closures
     from iceg.slam.pipeline import SlamResult, run
     from iceg.slam.run_summary import RunSummary
@@ -47,6 +51,8 @@ __version__ = "0.1.0"
 __all__ = [
     "Closure",
     "Config",
+    "Corrections",
+    "Distance",
     "Factor",
     "FeatureMap",
     "Features",
@@ -69,6 +75,7 @@ __all__ = [
     "Scan",
     "ScanGeometry",
     "Segments",
+    "Sighting",
     "SlamResult",
     "Trajectory",
     "__version__",
@@ -81,6 +88,7 @@ __all__ = [
     "judge_trajectory",
     "plot",
     "read_config",
+    "read_corrections",
     "read_log",
     "read_manual_closures",
     "read_run_folder",
@@ -88,6 +96,7 @@ __all__ = [
     "read_tum",
     "render_grid",
     "repaired_stamps",
+    "resolve",
     "run",
     "save_map_png",
     "to_gtsam_graph",
@@ -99,6 +108,8 @@ __all__ = [
 _HOMES = {
     "Closure": "iceg.slam.closures.closure",
     "Config": "iceg.config",
+    "Corrections": "iceg.slam.corrections.corrections",
+    "Distance": "iceg.slam.distance",
     "Factor": "graph.factors",
     "FeatureMap": "iceg.maps.feature_map",
     "Features": "iceg.ice.features",
@@ -121,6 +132,7 @@ _HOMES = {
     "Scan": "frontends.scan",
     "ScanGeometry": "frontends.scan",
     "Segments": "iceg.ice.segments",
+    "Sighting": "iceg.slam.distance",
     "SlamResult": "iceg.slam.pipeline",
     "Trajectory": "iceg.tum",
     "demo_log_path": "iceg.demo",
@@ -132,6 +144,7 @@ _HOMES = {
     "judge_trajectory": "iceg.evaluation.judge",
     "plot": "iceg.plot",
     "read_config": "iceg.config",
+    "read_corrections": "iceg.slam.corrections.reading",
     "read_log": "frontends.logs",
     "read_manual_closures": "iceg.slam.manual_closures",
     "read_run_folder": "iceg.run_folder",
@@ -139,6 +152,7 @@ _HOMES = {
     "read_tum": "iceg.tum",
     "render_grid": "iceg.maps.grid",
     "repaired_stamps": "iceg.stamps",
+    "resolve": "iceg.resolving",
     "run": "iceg.slam.pipeline",
     "save_map_png": "iceg.show.map_picture",
     "to_gtsam_graph": "graph.gtsam_bridge",

@@ -23,6 +23,7 @@ from graph.publish import check_replaceable, publishing, settle
 from iceg.config import format_config
 from iceg.memory import peak_memory_mb
 from iceg.plain_json import format_json
+from iceg.slam.closures.closure import CLOSURE_COLUMNS
 from iceg.stamps import repaired_stamps, steps_back
 from iceg.tables import TableError, read_csv_table
 from iceg.tum import format_tum
@@ -30,6 +31,8 @@ from iceg.tum import format_tum
 if TYPE_CHECKING:
     from iceg.slam.pipeline import SlamResult
 
+FINDINGS = "run.npz"
+"""What the run found before it concluded, for `iceg resolve`."""
 RESULT_FILES = (
     "trajectory.tum",
     "graph.g2o",
@@ -41,13 +44,22 @@ RESULT_FILES = (
     "map.png",
     "features.geojson",
     "config.toml",
+    FINDINGS,
+    "report.html",
     "summary.json",
 )
 
-_VOUCHED_FOR = ("trajectory.tum", "graph.g2o", "covariances.csv", "closures.csv", "walls.csv", "features.geojson")
+_VOUCHED_FOR = (
+    "trajectory.tum",
+    "graph.g2o",
+    "covariances.csv",
+    "closures.csv",
+    "walls.csv",
+    "features.geojson",
+    FINDINGS,
+)
 """Files whose digests `summary.json` holds: those that are read together. Maps and settings are there to be edited."""
 _COVARIANCE_COLUMNS = ("scan", "x_m", "y_m", "theta_rad", "xx", "xy", "xtheta", "yy", "ytheta", "thetatheta")
-CLOSURE_COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad", "score", "inliers", "overlap", "verdict", "reason")
 WALL_COLUMNS = ("x1_m", "y1_m", "x2_m", "y2_m", "points", "deviation_m", "key_poses")
 _UPPER_TRIANGLE = np.triu_indices(3)
 
@@ -89,7 +101,14 @@ def check_directory(directory: Path, *, overwrite: bool) -> None:
         raise ResultsError(f"{directory}: is not empty; choose another folder, or replace its results with --overwrite")
 
 
-def write_results(result: "SlamResult", directory: Path | str, *, overwrite: bool = False) -> None:
+def write_results(
+    result: "SlamResult",
+    directory: Path | str,
+    *,
+    overwrite: bool = False,
+    report: bool = True,
+    beside: Mapping[str, str] | None = None,
+) -> None:
     """Write everything a run found, all files or none.
 
     Whatever interrupts the writing, a reader finds the whole of the earlier results or of the new ones; `graph.publish`
@@ -99,12 +118,18 @@ def write_results(result: "SlamResult", directory: Path | str, *, overwrite: boo
         result: what the run found.
         directory: made when missing.
         overwrite: whether earlier results in it may be replaced.
+        report: whether to write `report.html`; an earlier one goes in any case.
+        beside: texts by the names of files, which belong to the results and are replaced together with them.
 
     Raises:
         ResultsError: the folder is not empty, or cannot be written to.
     """
     directory = Path(directory)
-    writers = {name: partial(write, result) for name, write in _WRITERS.items()}
+    writers: dict[str, Callable[[Path], None]] = {
+        name: partial(write, result) for name, write in _WRITERS.items() if report or name != "report"
+    }
+    if beside:
+        writers["beside"] = partial(_write_texts, beside)
     warning = stamps_warning(result)
     more = {"warnings": [*result.summary["warnings"], warning]} if warning else {}
     write_folder(directory, writers, {**result.summary, **more}, overwrite=overwrite)
@@ -323,6 +348,18 @@ def _write_config(result: "SlamResult", folder: Path) -> None:
     _write_text(folder / "config.toml", format_config(result.config))
 
 
+def _write_findings(result: "SlamResult", folder: Path) -> None:
+    from iceg.findings_file.codec import write_findings
+
+    write_findings(folder / FINDINGS, result.findings)
+
+
+def _write_report(result: "SlamResult", folder: Path) -> None:
+    from iceg.report import REPORT, write_report
+
+    write_report(result, folder / REPORT)
+
+
 _WRITERS: Mapping[str, Callable[["SlamResult", Path], None]] = {
     "trajectory": _write_trajectory,
     "graph": _write_graph,
@@ -333,6 +370,8 @@ _WRITERS: Mapping[str, Callable[["SlamResult", Path], None]] = {
     "picture": _write_picture,
     "features": _write_features,
     "config": _write_config,
+    "findings": _write_findings,
+    "report": _write_report,
 }
 
 
@@ -354,6 +393,11 @@ def _version(name: str) -> str:
 
 def _format_summary(summary: Mapping[str, Any]) -> str:
     return format_json(summary, indent=2) + "\n"
+
+
+def _write_texts(texts: Mapping[str, str], folder: Path) -> None:
+    for name, text in texts.items():
+        _write_text(folder / name, text)
 
 
 def _write_text(path: Path, text: str) -> None:

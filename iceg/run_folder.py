@@ -18,8 +18,8 @@ from graph.ranges import number_in
 from iceg.ice.features import KIND_NAMES
 from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
-from iceg.results import CLOSURE_COLUMNS, WALL_COLUMNS, ResultsError, read_covariances, read_summary, whole_results
-from iceg.slam.closures.closure import Closure, Verdict
+from iceg.results import WALL_COLUMNS, ResultsError, read_covariances, read_summary, whole_results
+from iceg.slam.closures.closure import CLOSURE_COLUMNS, Closure, Verdict
 from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.tables import check_row, open_table, read_csv_table
 from iceg.tum import Trajectory, read_tum

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from graph.factors import Factor
 from graph.se2 import adjoint, between, compose
 from iceg.slam.joint import covariance as joint_covariance
-from iceg.slam.joint.covariance import Walls, joint_covariances
+from iceg.slam.joint.covariance import Walls, joint_information
 
 Array = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def _dense(poses: Array, starts: NDArray[np.int64], walls: Walls) -> Array:
 def test_marginals_are_those_of_poses_and_lines_together() -> None:
     poses = _path(6)
     walls, starts = _walls(6, 9)
-    found = joint_covariances(_factors(poses), poses, starts, walls, PRECISION)
+    found = joint_information(_factors(poses), poses, starts, walls, PRECISION).covariances
     assert found[1:] == pytest.approx(_dense(poses, starts, walls), rel=1e-4, abs=1e-10)
     assert np.sqrt(found[0].diagonal()).max() < 1e-4
 
@@ -94,7 +94,7 @@ def test_points_of_no_weight_leave_it_to_odometry() -> None:
         on_walls=0.0,
         residual=0.01,
     )
-    found = joint_covariances(_factors(poses), poses, starts, without, PRECISION)
+    found = joint_information(_factors(poses), poses, starts, without, PRECISION).covariances
     assert found[1] == pytest.approx(ODOMETRY, rel=1e-3, abs=1e-8)
     grown = np.linalg.eigvalsh(found).sum(axis=1)
     assert (np.diff(grown) > 0.0).all()
@@ -107,9 +107,9 @@ def test_matches_count_only_where_there_is_no_odometry() -> None:
     factors = _factors(poses)
     tight = 1e-2 * ODOMETRY
     match = [Factor(kind="ice", i=i, j=i + 1, T_i_j=STEP, covariance=tight) for i in range(3)]
-    beside = joint_covariances([*factors, *match], poses, starts, walls, PRECISION)
-    alone = joint_covariances([factors[0], *match], poses, starts, walls, PRECISION)
-    assert beside == pytest.approx(joint_covariances(factors, poses, starts, walls, PRECISION))
+    beside = joint_information([*factors, *match], poses, starts, walls, PRECISION).covariances
+    alone = joint_information([factors[0], *match], poses, starts, walls, PRECISION).covariances
+    assert beside == pytest.approx(joint_information(factors, poses, starts, walls, PRECISION).covariances)
     assert alone[3, 0, 0] < 0.1 * beside[3, 0, 0]
 
 
@@ -118,10 +118,10 @@ def test_long_runs_have_anchors(monkeypatch: pytest.MonkeyPatch) -> None:
     walls, starts = _walls(60, 12)
     match = [Factor(kind="ice", i=i, j=i + 1, T_i_j=STEP, covariance=1e-5 * np.eye(3)) for i in range(59)]
     factors = [*_factors(poses), *match]
-    exact = joint_covariances(factors, poses, starts, walls, PRECISION)
+    exact = joint_information(factors, poses, starts, walls, PRECISION).covariances
     monkeypatch.setattr(joint_covariance, "_ALL_ALONE", 22)
     monkeypatch.setattr(joint_covariance, "_MOST_ANCHORS", 22)
-    coarse = joint_covariances(factors, poses, starts, walls, PRECISION)
+    coarse = joint_information(factors, poses, starts, walls, PRECISION).covariances
     ratio = np.trace(coarse[1:], axis1=1, axis2=2) / np.trace(exact[1:], axis1=1, axis2=2)
     assert 0.8 < ratio.min() < ratio.max() < 1.25
     assert np.median(ratio) == pytest.approx(1.0, abs=0.1)  # with the first four as one group it is 0.76
@@ -131,9 +131,9 @@ def test_long_runs_have_anchors(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_runs_of_middling_length_have_pairs(monkeypatch: pytest.MonkeyPatch) -> None:
     poses = _path(60)
     walls, starts = _walls(60, 12)
-    exact = joint_covariances(_factors(poses), poses, starts, walls, PRECISION)
+    exact = joint_information(_factors(poses), poses, starts, walls, PRECISION).covariances
     monkeypatch.setattr(joint_covariance, "_ALL_ALONE", 59)
-    pairs = joint_covariances(_factors(poses), poses, starts, walls, PRECISION)
+    pairs = joint_information(_factors(poses), poses, starts, walls, PRECISION).covariances
     deviations = np.sqrt(np.diagonal(pairs[1:], axis1=1, axis2=2) / np.diagonal(exact[1:], axis1=1, axis2=2))
     assert np.median(deviations) == pytest.approx(1.0, abs=0.1)
     assert (deviations != 1.0).any()
@@ -144,10 +144,10 @@ def test_groups_leave_the_odometry_of_a_path_that_sees_nothing(monkeypatch: pyte
     poses = _path(41)
     walls, starts = _walls(41, 6)
     walls.weights[:] = 0.0
-    exact = joint_covariances(_factors(poses), poses, starts, walls, PRECISION)
+    exact = joint_information(_factors(poses), poses, starts, walls, PRECISION).covariances
     monkeypatch.setattr(joint_covariance, "_ALL_ALONE", 15)
     monkeypatch.setattr(joint_covariance, "_MOST_ANCHORS", 15)
-    coarse = joint_covariances(_factors(poses), poses, starts, walls, PRECISION)
+    coarse = joint_information(_factors(poses), poses, starts, walls, PRECISION).covariances
     anchors = [*range(8), *range(8, 41, 5)]
     np.testing.assert_allclose(coarse[:8], exact[:8], rtol=1e-6, atol=1e-12)
     assert np.linalg.eigvalsh(coarse[anchors] - 0.999 * exact[anchors]).min() > -1e-9
@@ -156,7 +156,7 @@ def test_groups_leave_the_odometry_of_a_path_that_sees_nothing(monkeypatch: pyte
 def test_marginals_do_not_depend_on_where_the_map_lies() -> None:
     poses = _path(4)
     walls, starts = _walls(4, 30)
-    covariances = joint_covariances(_factors(poses), poses, starts, walls, PRECISION)
+    covariances = joint_information(_factors(poses), poses, starts, walls, PRECISION).covariances
     assert (np.linalg.eigvalsh(covariances) > 0.0).all()
     turned = compose(np.array([3.0, -1.0, 2.0]), poses)
     c, s = np.cos(2.0), np.sin(2.0)
@@ -170,6 +170,6 @@ def test_marginals_do_not_depend_on_where_the_map_lies() -> None:
         on_walls=1.0,
         residual=0.01,
     )
-    assert joint_covariances(_factors(turned), turned, starts, moved, PRECISION) == pytest.approx(
+    assert joint_information(_factors(turned), turned, starts, moved, PRECISION).covariances == pytest.approx(
         covariances, rel=1e-5, abs=1e-12
     )

@@ -18,7 +18,7 @@ from iceg.evaluation.trajectory import trajectory_errors
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.config import FinishConfig, FrontEndConfig, JointRefinementConfig, LoopClosureConfig, SlamConfigError
-from iceg.slam.finish import Finished, finish
+from iceg.slam.finish import Finished, matched_again, refined
 from iceg.slam.joint import _wall_kernels as kernels
 from iceg.slam.joint._system_kernels import JointSystem, PointsOnLines, fill, normal_equations, product
 from iceg.slam.joint.refinement import Clouds, key_clouds, refine_jointly
@@ -344,7 +344,9 @@ def test_points_of_key_scans_and_of_scans_between(office: Simulation, track: Tra
 
 
 def test_points_that_stand_for_many_tell_more(solution: Solution, track: Track) -> None:
-    config = JointRefinementConfig(max_points=20_000)  # of few points the graph, which is believed then, knows more
+    config = JointRefinementConfig(
+        max_points=20_000, walls_gain=100.0
+    )  # of few points the graph, which is believed then, knows more
     clouds, factors = key_clouds(track, None, config), solution.graph.factors
     few, some, many = (
         refine_jointly(factors, solution.poses, replace(clouds, stand_for=n), config) for n in (1.0, 4.0, 32.0)
@@ -360,7 +362,8 @@ def test_points_that_stand_for_many_tell_more(solution: Solution, track: Track) 
 
 def finished_with(solution: Solution, track: Track, office: Simulation, matcher: Matcher, joint: bool) -> Finished:
     config = FinishConfig(joint=JointRefinementConfig(enabled=joint))
-    return finish(solution, track, matcher, LoopClosureConfig(), config, scan_of=office.log.scan)
+    found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), config, PoseGraphConfig())
+    return refined(found, rounds, track, matcher, config, scan_of=office.log.scan)
 
 
 def test_the_finish_of_an_office(solution: Solution, track: Track, office: Simulation, matcher: Matcher) -> None:
@@ -394,7 +397,7 @@ def test_a_run_says_where_its_covariances_come_from(office: Simulation, monkeypa
     def singular(*_: object) -> Array:
         raise np.linalg.LinAlgError
 
-    monkeypatch.setattr("iceg.slam.joint.refinement.joint_covariances", singular)
+    monkeypatch.setattr("iceg.slam.joint.refinement.joint_information", singular)
     without = run(log)
     assert without.summary["finish"][-1]["covariances_from"] == "graph"
     assert any("the walls of the map do not confirm" in w for w in without.summary["warnings"])

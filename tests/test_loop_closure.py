@@ -20,7 +20,7 @@ from iceg.slam.closures.candidates import Candidate, EarlierPasses
 from iceg.slam.closures.verification import ClosureVerifier
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
-from iceg.slam.finish import finish
+from iceg.slam.finish import matched_again, refined
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.match_errors import placement_covariance
 from iceg.slam.rematch import _spaced_keys
@@ -398,7 +398,8 @@ def test_loops_and_finish_bring_the_office_back_together(
 ) -> None:
     matcher = IceMatcher()
     solution = solve_track(track, office.log.odometry, OdometryModel(), matcher, PoseGraphConfig(), LoopClosureConfig())
-    finished = finish(solution, track, matcher, LoopClosureConfig(), FinishConfig())
+    found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), FinishConfig(), PoseGraphConfig())
+    finished = refined(found, rounds, track, matcher, FinishConfig())
 
     def worst(poses: NDArray[np.float64]) -> float:
         error = between(true_poses, compose(true_poses[0], poses))

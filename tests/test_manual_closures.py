@@ -1,6 +1,7 @@
 """Loops closed by hand: the file, the way from scans to key poses, and what they do to a log that went wrong."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,8 @@ from iceg.evaluation.trajectory import trajectory_errors
 from iceg.maps.config import GridConfig
 from iceg.run_folder import read_closures
 from iceg.slam.config import LoopClosureConfig
-from iceg.slam.manual_closures import ManualClosure, ManualClosureError, manual_factors, read_manual_closures
+from iceg.slam.corrections.errors import CorrectionsError
+from iceg.slam.manual_closures import ManualClosure, manual_factor, read_manual_closures
 from iceg.slam.pipeline import SlamResult
 from iceg.slam.track import Track
 
@@ -143,7 +145,8 @@ def test_a_closure_of_scans_is_one_of_their_key_poses(
     xi = 0.01 * off
     said = compose(between(scans[0], scans[1]), expmap(-xi))
     by_hand = ManualClosure(scan_i=0, scan_j=1, T_i_j=said, sigma_m=0.3, sigma_rad=0.1)
-    (factor,) = manual_factors([by_hand], track)
+    factor = manual_factor(by_hand, track)
+    assert factor is not None
     assert (factor.kind, factor.i, factor.j, factor.kernel) == ("closure", 0, 1, None)
     residual = logmap(between(factor.T_i_j, between(keys[0], keys[1])))
     expected = float(np.sum((xi / [0.3, 0.3, 0.1]) ** 2))
@@ -160,22 +163,24 @@ def test_one_correct_closure_gets_the_shape_right(log: Log, truth: Array) -> Non
 
 
 @pytest.mark.parametrize("finish", [True, False])
-def test_it_stays_without_a_kernel_and_is_on_record(log: Log, truth: Array, finish: bool) -> None:
+@pytest.mark.parametrize("pinned", [True, False])
+def test_it_has_a_kernel_unless_pinned_and_is_on_record(log: Log, truth: Array, finish: bool, pinned: bool) -> None:
     from iceg.slam.config import FinishConfig
 
     config = iceg.Config(loops=CONFIG.loops, grid=CONFIG.grid, finish=FinishConfig(enabled=finish))
-    result = iceg.run(log, config, closures=[closure(truth, 7, 390), closure(truth, 10, 11)])
+    closures = [replace(closure(truth, 7, 390), pinned=pinned), closure(truth, 10, 11)]
+    result = iceg.run(log, config, closures=closures)
     by_hand = [factor for factor in result.graph.factors if factor.kind == "closure"]
-    assert [factor.kernel for factor in by_hand] == [None]
+    assert [factor.kernel is None for factor in by_hand] == [pinned]
     assert result.summary["factors"]["closure"] == 1
     said = {(c.scan_i, c.scan_j): (c.verdict, c.reason) for c in result.closures}
-    assert said[7, 390] == ("accepted", "by hand")
+    assert said[7, 390] == ("accepted", "by hand, pinned" if pinned else "by hand")
     assert said[10, 11][0] == "rejected"
     assert "same key pose" in said[10, 11][1]
 
 
 def test_a_scan_the_log_does_not_have(log: Log, truth: Array) -> None:
-    with pytest.raises(ManualClosureError, match=f"found scan {N_SCANS}, but the log has {N_SCANS} scans"):
+    with pytest.raises(CorrectionsError, match=f"found scan {N_SCANS}, but the log has {N_SCANS} scans"):
         iceg.run(log, CONFIG, closures=[ManualClosure(scan_i=0, scan_j=N_SCANS, T_i_j=truth[0])])
 
 

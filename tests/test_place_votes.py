@@ -19,7 +19,7 @@ from iceg.slam.closures.attempt import Attempt, Place
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
-from iceg.slam.finish import finish
+from iceg.slam.finish import matched_again
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
@@ -262,7 +262,8 @@ def test_the_finish_closes_nothing_across_what_is_alike(track: Track) -> None:
     matcher: Matcher = IceMatcher()
 
     def across(solution: Solution) -> int:
-        done = finish(solution, track, matcher, LoopClosureConfig(), FinishConfig(rounds=1))
+        config = FinishConfig(rounds=1)
+        done, _ = matched_again(solution, track, matcher, LoopClosureConfig(), config, PoseGraphConfig())
         return sum(attempt.key_old < middle <= attempt.key_new for attempt in done.attempts)
 
     assert across(plain) > 0

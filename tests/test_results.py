@@ -34,7 +34,7 @@ from tests.process_faults import ends_at
 
 
 def make_result(seed: int = 0, n: int = 9) -> Any:
-    """What a run returns, with made-up numbers; graph, picture and features are written by stand-ins."""
+    """What a run returns, with made-up numbers; graph, picture, features and findings are written by stand-ins."""
     rng = np.random.default_rng(seed)
     geometry = ScanGeometry(bearings=np.linspace(-1, 1, 5), range_min=0.1, range_max=10.0)
     roots = rng.normal(size=(n // 3, 3, 3)) * 0.01
@@ -84,6 +84,8 @@ def stand_ins(monkeypatch: pytest.MonkeyPatch) -> None:
                 "graph": writer("graph.g2o"),
                 "picture": writer("map.png"),
                 "features": writer("features.geojson"),
+                "findings": writer("run.npz"),
+                "report": writer("report.html"),
             }
         ),
     )

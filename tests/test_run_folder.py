@@ -15,7 +15,7 @@ from iceg.maps.geojson import write_geojson
 from iceg.maps.grid import OccupancyGrid, write_ros_map
 from iceg.run_folder import read_run_folder
 from iceg.show.run_plots import PICTURES, plot_results
-from iceg.slam.closures.closure import Closure
+from iceg.slam.closures.closure import CLOSURE_COLUMNS, Closure
 from iceg.tum import format_tum
 
 
@@ -56,7 +56,7 @@ CLOSURES = tuple(
 
 
 WALL_HEADER = ",".join(results.WALL_COLUMNS) + "\n"
-CLOSURE_HEADER = ",".join(results.CLOSURE_COLUMNS) + "\n"
+CLOSURE_HEADER = ",".join(CLOSURE_COLUMNS) + "\n"
 
 
 @pytest.fixture

@@ -6,9 +6,11 @@ from frontends.dp_slam.config import DpSlamConfig
 from iceg.cli.compare import Compare
 from iceg.cli.export import Export
 from iceg.cli.judge import Eval, Info, Plot
+from iceg.cli.resolve import Resolve
 from iceg.cli.run import Demo, DpSlam, Run
 from iceg.cli.studies import Ablation, Bench, Nees
 from iceg.cli.tools import Convert, Optimize, PrintConfig, Simulate
+from iceg.cli.view import View
 from iceg.config import Config, LogConfig
 
 Command = (
@@ -18,6 +20,8 @@ Command = (
     | Info
     | Eval
     | Plot
+    | Resolve
+    | View
     | Compare
     | Export
     | Simulate
@@ -56,7 +60,7 @@ COMMANDS: dict[str, Entry] = {
         kind=Run,
         group=_RUNS,
         settings=Config,
-        common=("matcher", "stamps", "log.range_max", "log.scan_topic", "grid.resolution", "loops.enabled"),
+        common=("matcher", "log.range_max", "log.scan_topic", "grid.resolution"),
     ),
     "info": Entry(
         kind=Info, group=_RUNS, settings=LogConfig, prefix="log.", common=("laser", "range_max", "scan_topic")
@@ -65,6 +69,8 @@ COMMANDS: dict[str, Entry] = {
     "config": Entry(kind=PrintConfig, group=_RUNS, settings=Config, common=("matcher", "seed")),
     "eval": Entry(kind=Eval, group=_JUDGES),
     "plot": Entry(kind=Plot, group=_JUDGES),
+    "view": Entry(kind=View, group=_JUDGES),
+    "resolve": Entry(kind=Resolve, group=_JUDGES),
     "compare": Entry(kind=Compare, group=_JUDGES),
     "export": Entry(kind=Export, group=_JUDGES),
     "convert": Entry(

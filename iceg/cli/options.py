@@ -7,7 +7,16 @@ import tyro
 
 from iceg.cli.usage_error import UsageError
 
-__all__ = ["ConfigFile", "GivenPath", "Json", "Overwrite", "SkipBadLines", "UsageError"]
+__all__ = [
+    "ConfigFile",
+    "CorrectionsFile",
+    "GivenPath",
+    "Json",
+    "Overwrite",
+    "Report",
+    "SkipBadLines",
+    "UsageError",
+]
 
 
 GivenPath = Optional[Path]  # noqa: UP045
@@ -19,9 +28,24 @@ ConfigFile = Annotated[
 ]
 
 
+CorrectionsFile = Annotated[
+    GivenPath,
+    tyro.conf.arg(
+        metavar="FILE",
+        help="What a person corrects: corrections.toml, or a closures.csv with other verdicts.",
+        help_behavior_hint="(optional)",
+    ),
+]
+
+
 Overwrite = Annotated[
     tyro.conf.FlagCreatePairsOff[bool],
     tyro.conf.arg(help="Replace earlier results; they stay until the new are complete.", help_behavior_hint=""),
+]
+
+
+Report = Annotated[
+    tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Leave out report.html, the page that shows the run.")
 ]
 
 

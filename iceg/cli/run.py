@@ -10,7 +10,7 @@ import tyro
 
 from frontends.dp_slam.config import DpSlamConfig
 from iceg.cli.judge import tell_judgement
-from iceg.cli.options import ConfigFile, GivenPath, Json, Overwrite, SkipBadLines
+from iceg.cli.options import ConfigFile, CorrectionsFile, GivenPath, Json, Overwrite, Report, SkipBadLines
 from iceg.cli.run_log import run_log, tell_warnings, what_was_kept, written_at
 from iceg.cli.telling import Telling
 from iceg.config import Config
@@ -33,8 +33,18 @@ class RunOptions:
             help_behavior_hint="",
         ),
     ] = None
+    corrections: CorrectionsFile = None
     overwrite: Overwrite = False
     skip_bad_lines: SkipBadLines = False
+    report: Report = True
+    truth: Annotated[
+        GivenPath,
+        tyro.conf.arg(
+            metavar="FILE",
+            help="The true pose of every scan, which the report judges the run by: a CSV t_s,x_m,y_m,theta_rad.",
+            help_behavior_hint="(optional)",
+        ),
+    ] = None
     json: Json = False
 
 
@@ -51,8 +61,11 @@ class Run(RunOptions):
             self.output,
             self.settings,
             closures=self.closures,
+            corrections=self.corrections,
             overwrite=self.overwrite,
             skip_bad_lines=self.skip_bad_lines,
+            report=self.report,
+            truth=self.truth,
             as_json=self.json,
         )
 
@@ -93,10 +106,18 @@ class Demo:
         from iceg.evaluation.judge import judge_trajectory
 
         with redirect_stdout(sys.stderr if self.json else sys.stdout):
-            run_log(demo_log_path(), self.output, Config(), overwrite=self.overwrite, skip_bad_lines=False)
+            run_log(
+                demo_log_path(),
+                self.output,
+                Config(),
+                overwrite=self.overwrite,
+                skip_bad_lines=False,
+                truth=demo_truth_path(),
+            )
         tell_judgement(self.output, judge_trajectory(self.output, demo_truth_path()), as_json=self.json)
         if not self.json:
             print(f"The map is {(self.output / 'map.png').resolve()}")
+            print(f"The whole run is {(self.output / 'report.html').resolve()}")
 
 
 def _run_dp_slam(asked: DpSlam, telling: Telling) -> None:

@@ -29,6 +29,9 @@ def run_log(
     overwrite: bool,
     skip_bad_lines: bool,
     closures: Path | None = None,
+    corrections: Path | None = None,
+    report: bool = True,
+    truth: Path | None = None,
     as_json: bool = False,
 ) -> None:
     """Read a log, run, write the results, and say on the way what a person should know.
@@ -40,6 +43,9 @@ def run_log(
         overwrite: whether earlier results may be replaced.
         skip_bad_lines: pass over malformed lines and count them.
         closures: a file of loops closed by hand.
+        corrections: a file of corrections.
+        report: whether to write the page that shows the run.
+        truth: a file of the true poses, by which that page judges the run.
         as_json: print the figures as one JSON object instead of sentences.
 
     Raises:
@@ -60,25 +66,42 @@ def run_log(
             with reading_bar(path) as reading:
                 log = read_log(path, skip_bad_lines=skip_bad_lines, progress=reading, **dataclasses.asdict(config.log))
             tell_warnings(log)
-            from iceg.slam.manual_closures import check_manual_closures, read_manual_closures
+            if truth is not None:
+                log = _with_truth(log, truth)
+            from iceg.slam.corrections.reading import read_all_corrections
             from iceg.slam.pipeline import run
 
-            by_hand = read_manual_closures(closures) if closures else []
-            check_manual_closures(by_hand, len(log))
+            asked = read_all_corrections(path for path in (corrections, closures) if path)
+            asked.check(len(log))
             try:
                 with ProgressBar(log) as progress:
-                    result = run(log, config, progress, closures=by_hand)
+                    result = run(log, config, progress, corrections=asked)
             except GraphError as err:
                 raise GraphError(f"{path}: {err}") from err
-            write_results(result, directory, overwrite=overwrite)
+            write_results(result, directory, overwrite=overwrite, report=report)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(what_was_kept(directory, before)) from None
     with Telling(as_json=as_json) as telling:
         _tell_results(result, progress.matching, time.perf_counter() - started, telling)
-        _tell_warnings(result, log.warnings)
-        files = "map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more"
+        _warn([warning for warning in result.log.warnings if warning not in log.warnings])
+        tell_result_warnings(result)
+        page = "report.html, " if report else ""
+        files = f"{page}map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more"
         telling.say(f"Results are in {directory}: {files}")
         telling.keep(results=str(directory))
+
+
+def tell_result_warnings(result: "SlamResult") -> None:
+    """Print what a run has found doubtful."""
+    _warn(in_short([*_tracking_warnings(result), *result.warnings], "warnings and lost_at_scans in summary.json"))
+
+
+def _with_truth(log: "Log", path: Path) -> "Log":
+    from iceg.evaluation.trajectory import check_one_row_per_scan, read_truth_csv
+
+    truth = read_truth_csv(path)
+    check_one_row_per_scan(log.odometry, truth, path)
+    return dataclasses.replace(log, truth=truth)
 
 
 def tell_warnings(log: "Log") -> None:

@@ -23,10 +23,10 @@ from iceg.slam.closures.attempt import PARTNER_KEYS, Attempt, is_near, say_the_s
 from iceg.slam.closures.candidates import is_adrift
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
-from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.track import Track
 
-_UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
+UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
 """Covariance of a step between key scans that neither odometry nor a match has seen."""
 _SMALL_MOVE, _SMALL_TURN, _MOST_WAITING = 0.05, 0.015, 15
 """Closures that move the newest pose by less [m, rad] leave all poses before the last search where they are, but not so
@@ -117,8 +117,8 @@ class BackEnd:
             known.append(match.covariance)
             searched.append(match.covariance)
         if not known:
-            self.graph.add_odometry(key - 1, key, step, _UNKNOWN_MOTION)
-            known, searched = [_UNKNOWN_MOTION], [_UNKNOWN_MOTION]
+            self.graph.add_odometry(key - 1, key, step, UNKNOWN_MOTION)
+            known, searched = [UNKNOWN_MOTION], [UNKNOWN_MOTION]
         self._drift.add(key, tuple(known), tuple(searched))
         self._since_search += (current.motion.distance, current.motion.turn)
         if self._is_search_due():
@@ -309,6 +309,7 @@ def solve_track(
     graph_config: PoseGraphConfig,
     closures: LoopClosureConfig,
     progress: Callable[[int], None] | None = None,
+    is_forbidden: Forbids | None = None,
 ) -> Solution:
     """Build and solve the graph of a whole track.
 
@@ -320,11 +321,12 @@ def solve_track(
         graph_config: how the graph is solved.
         closures: how loops are found.
         progress: called with the number of scans whose key poses are in the graph.
+        is_forbidden: see `LoopCloser`.
 
     Returns:
         The solved graph.
     """
-    closer = LoopCloser(matcher, track, closures)
+    closer = LoopCloser(matcher, track, closures, is_forbidden=is_forbidden)
     back_end = BackEnd(track, closer, graph_config)
     steps = None if odometry is None else between(odometry[:-1], odometry[1:])
     unknown, standing = track.keys_without_odometry(), noise.start()

@@ -1,7 +1,7 @@
 """The offline finish: all factors at once, matches again between optimised neighbours, then poses and map together."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from frontends.matcher import Matcher
 from frontends.scan import Scan
 from graph.batch import BatchConfig, optimize
+from graph.config import PoseGraphConfig
 from graph.factors import Factor, RobustKernel
+from graph.pose_graph import PoseGraph
 from graph.problem import Problem
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.matcher import IceMatcher
@@ -21,9 +23,10 @@ from iceg.slam.closures.attempt import Attempt, closure_factor
 from iceg.slam.closures.record import with_earlier, without_contradicted
 from iceg.slam.config import FinishConfig, LoopClosureConfig
 from iceg.slam.final_factors import FinalFactors
-from iceg.slam.joint.refinement import JointRefinement, key_clouds, refine_jointly
+from iceg.slam.joint.covariance import PoseInformation
+from iceg.slam.joint.refinement import Clouds, JointRefinement, key_clouds, refine_jointly
 from iceg.slam.joint.wall_pieces import WallPieces
-from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.rematch import match_again
 from iceg.slam.track import Track
 
@@ -73,6 +76,7 @@ class Finished:
         attempts: the record of all closures tried.
         rounds: one entry for each.
         covariances: (k, 3, 3) marginal covariances of the poses, None where only the graph knows them.
+        information: what these rest on, None where they are.
         walls: the pieces of wall that the joint refinement ended with, none without it.
     """
 
@@ -81,22 +85,22 @@ class Finished:
     attempts: list[Attempt]
     rounds: list[Round]
     covariances: NDArray[np.float64] | None = None
+    information: PoseInformation | None = None
     walls: WallPieces = field(default_factory=WallPieces.none)
 
 
-def finish(
+def matched_again(
     solution: Solution,
     track: Track,
     matcher: Matcher,
     closures: LoopClosureConfig,
     config: FinishConfig,
+    graph_config: PoseGraphConfig,
     *,
     kept: Sequence[Factor] = (),
-    scan_of: Callable[[int], Scan] | None = None,
-    noise: RangeNoise = PLAIN,
-    progress: Callable[[int], None] | None = None,
-) -> Finished:
-    """Make the trajectory as good as the data allows.
+    is_forbidden: Forbids | None = None,
+) -> tuple[Solution, list[Round]]:
+    """All factors at once, and matches again between the optimised neighbours.
 
     Args:
         solution: the graph so far, its record of closures, and where its path is broken.
@@ -104,45 +108,90 @@ def finish(
         matcher: for re-matching.
         closures: what counts as a closure.
         config: rounds and tolerances.
+        graph_config: of the graph.
         kept: those of the factors that are closures beyond doubt, as those added by hand.
-        scan_of: the scans of the log by index, so that those between key scans take part in the joint refinement.
-        noise: of the ranges beyond what the settings allow for.
-        progress: called with the number of rounds done.
+        is_forbidden: whether a closure between two key poses must not be.
 
     Returns:
-        The final poses and factors.
+        The solution with every closure under a robust kernel, those last, and one entry for each round.
     """
-    parts = [found.key for found in solution.breaks if found.outcome == "apart"]
-    parts += [vote.first for vote in solution.alike]
-    closer = LoopCloser(matcher, track, replace(closures, max_passes=config.max_passes), parts)
+    limits = replace(closures, max_passes=config.max_passes)
+    closer = LoopCloser(matcher, track, limits, _parts(solution), is_forbidden)
     closer.offered = solution.offered
     clock = _Clock()
     graph, done = _solved("solve", _Graph.of(solution, kept, config), clock)
     rounds = [done]
-    for count in range(config.rounds if closures.enabled or closures.revisits else 0):
+    for _ in range(config.rounds if closures.enabled or closures.revisits else 0):
         before = graph
         graph, done = _solved("rematch", _rematched(graph, closer, track, config), clock)
         largest, mean = _moves(before.poses, graph.poses)
         rounds.append(replace(done, fresh=len(graph.joined - before.joined), largest_move=largest, mean_move=mean))
-        if progress is not None:
-            progress(count + 1)
         if largest < config.tolerance:
             break
-    attempts, loops = without_contradicted(graph.attempts, graph.loops, graph.poses)
-    poses, covariances, walls = graph.poses, None, WallPieces.none()
-    factors = FinalFactors.of([*graph.chain, *loops], solution.breaks, track)
+    factors = PoseGraph.from_factors([*graph.chain, *graph.loops], graph.poses, graph_config)
+    return replace(solution, graph=factors, poses=graph.poses, attempts=graph.attempts), rounds
+
+
+def refined(
+    solution: Solution,
+    rounds: Sequence[Round],
+    track: Track,
+    matcher: Matcher,
+    config: FinishConfig,
+    *,
+    scan_of: Callable[[int], Scan] | None = None,
+    noise: RangeNoise = PLAIN,
+    distrusted: Collection[int] = (),
+) -> Finished:
+    """The closures that the rest contradicts taken out, then poses and map refined together.
+
+    Args:
+        solution: the graph at its optimum, each closure that is not beyond doubt under a robust kernel.
+        rounds: what was done before.
+        track: key scans.
+        matcher: that matched them.
+        config: of the refinement.
+        scan_of: the scans of the log by index, so that those between key scans take part in the joint refinement.
+        noise: of the ranges beyond what the settings allow for.
+        distrusted: key poses whose points are not to be believed.
+
+    Returns:
+        The final poses and factors.
+    """
+    clock, factors = _Clock(), solution.graph.factors
+    chain = [factor for factor in factors if not _is_in_doubt(factor)]
+    attempts, loops = without_contradicted(
+        solution.attempts, [factor for factor in factors if _is_in_doubt(factor)], solution.poses
+    )
+    poses, done = solution.poses, list(rounds)
+    covariances, information, walls = None, None, WallPieces.none()
+    final = FinalFactors.of([*chain, *loops], solution.breaks, track)
     if config.joint.enabled:
         if isinstance(matcher, IceMatcher):  # what halves of scans say of ICE they say of the points
             config = _doubting(config, track.match_doubt)
-        refined, done = _joint(factors, poses, track, config, scan_of, noise, parts, clock)
-        poses, covariances, walls = refined.poses, refined.covariances, refined.walls
-        rounds.append(replace(done, closures=len(loops)))
+        clouds = key_clouds(track, scan_of, config.joint, noise).without(distrusted)
+        joint, last = _joint(final, poses, clouds, config, _parts(solution), clock)
+        poses, covariances = joint.poses, joint.covariances
+        information, walls = joint.information, joint.walls
+        done.append(replace(last, closures=len(loops)))
     return Finished(
-        poses=poses, factors=factors, attempts=attempts, rounds=rounds, covariances=covariances, walls=walls
+        poses=poses,
+        factors=final,
+        attempts=attempts,
+        rounds=done,
+        covariances=covariances,
+        information=information,
+        walls=walls,
     )
 
 
-_BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
+def closure_kernel(config: FinishConfig) -> RobustKernel:
+    """The kernel of a closure that is not beyond doubt."""
+    return RobustKernel(name="dcs", width=config.kernel_width)
+
+
+BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
+"""How the finish solves a graph."""
 
 
 class _Clock:
@@ -174,7 +223,7 @@ class _Graph:
 
     @classmethod
     def of(cls, solution: Solution, kept: Sequence[Factor], config: FinishConfig) -> "_Graph":
-        factors, kernel = solution.graph.factors, _kernel(config)
+        factors, kernel = solution.graph.factors, closure_kernel(config)
         chain = [factor for factor in factors if factor.kind != "closure" or factor in kept]
         loops = [replace(f, kernel=kernel) for f in factors if f.kind == "closure" and f not in kept]
         return cls(poses=solution.poses, chain=chain, loops=loops, attempts=solution.attempts)
@@ -194,13 +243,19 @@ class _Graph:
 
     def with_tried(self, sure: list[Factor], tried: list[Attempt], config: FinishConfig) -> "_Graph":
         """The same with the closures that stay and those of the last attempts that were accepted."""
-        kernel = _kernel(config)
+        kernel = closure_kernel(config)
         fresh = [closure_factor(attempt, kernel) for attempt in tried if attempt.accepted]
         return replace(self, loops=[*sure, *fresh], attempts=with_earlier(tried, self.attempts))
 
 
-def _kernel(config: FinishConfig) -> RobustKernel:
-    return RobustKernel(name="dcs", width=config.kernel_width)
+def _is_in_doubt(factor: Factor) -> bool:
+    return factor.kind == "closure" and factor.kernel is not None
+
+
+def _parts(solution: Solution) -> list[int]:
+    """Key poses at which a part begins that nothing ties to what was before."""
+    parts = [found.key for found in solution.breaks if found.outcome == "apart"]
+    return parts + [vote.first for vote in solution.alike]
 
 
 def _rematched(graph: _Graph, closer: LoopCloser, track: Track, config: FinishConfig) -> _Graph:
@@ -211,7 +266,7 @@ def _rematched(graph: _Graph, closer: LoopCloser, track: Track, config: FinishCo
 
 
 def _solved(stage: Stage, graph: _Graph, clock: _Clock) -> tuple[_Graph, Round]:
-    result = optimize([*graph.chain, *graph.loops], graph.poses, _BATCH)
+    result = optimize([*graph.chain, *graph.loops], graph.poses, BATCH)
     largest, mean = _moves(graph.poses, result.poses)
     return replace(graph, poses=result.poses), Round(
         stage=stage,
@@ -238,15 +293,12 @@ def _doubting(config: FinishConfig, doubt: float) -> FinishConfig:
 def _joint(
     factors: FinalFactors,
     poses: NDArray[np.float64],
-    track: Track,
+    clouds: Clouds,
     config: FinishConfig,
-    scan_of: Callable[[int], Scan] | None,
-    noise: RangeNoise,
     parts: Sequence[int],
     clock: _Clock,
 ) -> tuple[JointRefinement, Round]:
     """Refine poses and map together."""
-    clouds = key_clouds(track, scan_of, config.joint, noise)
     believed = None if factors.are_all_believed else factors.measured
     refined = refine_jointly(factors.solved, poses, clouds, config.joint, parts, believed)
     largest, mean = _moves(poses, refined.poses)

@@ -4,25 +4,35 @@ The back end on the way, the finish afterwards and the search for lost places as
 `LoopCloser`: which earlier passes may see what a key scan sees, and does it match there?
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontends.matcher import Matcher
 from iceg.ice.matcher import IceMatcher
-from iceg.slam.closures.attempt import Attempt
+from iceg.slam.closures.attempt import Attempt, forbidden_attempt
 from iceg.slam.closures.candidates import Candidate, EarlierPasses
 from iceg.slam.closures.verification import ClosureVerifier
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.track import Track
 
+Forbids = Callable[[int, int], bool]
+"""Whether a closure between an earlier and a later key pose must not be."""
+
 
 class LoopCloser:
     """Looks for earlier passes around a key pose and matches against their local maps."""
 
-    def __init__(self, matcher: Matcher, track: Track, config: LoopClosureConfig, parts: Sequence[int] = ()) -> None:
+    def __init__(
+        self,
+        matcher: Matcher,
+        track: Track,
+        config: LoopClosureConfig,
+        parts: Sequence[int] = (),
+        is_forbidden: Forbids | None = None,
+    ) -> None:
         """Start with nothing matched.
 
         Args:
@@ -31,10 +41,12 @@ class LoopCloser:
             config: where passes are looked for and what is believed.
             parts: key poses at which a part of the path begins that nothing ties to what was before: how they lie to
                 each other is unknown, so that no neighbours are looked for across.
+            is_forbidden: whether a closure between an earlier and a later key pose must not be; None for none.
         """
         self.config = config
         self._passes = EarlierPasses(track, config, parts)
         self._verifier = ClosureVerifier(matcher, track, config)
+        self._is_forbidden = is_forbidden
 
     @property
     def offered(self) -> NDArray[np.bool_]:
@@ -99,6 +111,8 @@ class LoopCloser:
             candidate: the two key poses.
             poses: (n, 3) T_map_robot of all up to the later, good between neighbours.
         """
+        if self._is_forbidden is not None and self._is_forbidden(candidate.key_old, candidate.key_new):
+            return forbidden_attempt(candidate.key_old, candidate.key_new)
         return self._verifier.match(candidate, poses)
 
     def match_anywhere(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> Attempt:
@@ -111,4 +125,6 @@ class LoopCloser:
             key_new: the later.
             poses: (n, 3) T_map_robot, good between neighbours.
         """
+        if self._is_forbidden is not None and self._is_forbidden(key_old, key_new):
+            return forbidden_attempt(key_old, key_new)
         return self._verifier.match_anywhere(key_old, key_new, poses)

@@ -3,27 +3,22 @@
 import csv
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.batch import optimize
-from graph.config import PoseGraphConfig
 from graph.dense import congruence
 from graph.errors import IcegError
-from graph.factors import Factor
-from graph.pose_graph import PoseGraph
+from graph.factors import Factor, RobustKernel
 from graph.se2 import adjoint, compose, inverse
-from iceg.slam.back_end import Solution
-from iceg.slam.closures.closure import Closure
 from iceg.slam.track import Track
 from iceg.tables import TableError, check_row, open_table, parse_numbers
 
 _COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad")
 _SIGMA_COLUMNS = (*_COLUMNS, "sigma_m", "sigma_rad")
-_SIGMA_M, _SIGMA_RAD = 0.1, 0.03
+SIGMA_M, SIGMA_RAD = 0.1, 0.03
 """How well a person is taken to know a closure, unless the file says [m, rad]."""
 
 _LEAST_SIGMA = 1e-6
@@ -41,17 +36,19 @@ class ManualClosure:
     Attributes:
         scan_i: one scan, counted from 0 in file order.
         scan_j: the other scan.
-        T_i_j: (3,) pose of scan j in the frame of scan i: x [m], y [m], heading [rad].
-        sigma_m: standard deviation of x and of y [m].
+        T_i_j: (3,) pose of scan j in the frame of scan i: x [m], y [m], heading [rad]; None to have it matched.
+        sigma_m: standard deviation of x and of y [m]; a match knows its own.
         sigma_rad: standard deviation of the heading [rad].
+        pinned: whether it is believed whatever the others say; else it has a robust kernel, as they have.
         where: file and line it is from, for messages.
     """
 
     scan_i: int
     scan_j: int
-    T_i_j: NDArray[np.float64]
-    sigma_m: float = _SIGMA_M
-    sigma_rad: float = _SIGMA_RAD
+    T_i_j: NDArray[np.float64] | None
+    sigma_m: float = SIGMA_M
+    sigma_rad: float = SIGMA_RAD
+    pinned: bool = False
     where: str = "a closure by hand"
 
     def __post_init__(self) -> None:
@@ -90,57 +87,33 @@ def read_manual_closures(path: Path | str) -> list[ManualClosure]:
     return closures
 
 
-def check_manual_closures(closures: Sequence[ManualClosure], n_scans: int) -> None:
-    """Refuse closures between scans the log does not have, before any work is done.
-
-    Raises:
-        ManualClosureError: naming where the closure is from, the scan and the number of scans.
-    """
-    for closure in closures:
-        last = max(closure.scan_i, closure.scan_j)
-        if last >= n_scans:
-            raise ManualClosureError(f"{closure.where}: found scan {last}, but the log has {n_scans} scans")
-
-
-def manual_factors(closures: Sequence[ManualClosure], track: Track) -> list[Factor]:
-    """Closures of scans as factors between the key poses these scans are tied to.
+def manual_factor(closure: ManualClosure, track: Track, kernel: RobustKernel | None = None) -> Factor | None:
+    """A closure of scans as a factor between the key poses these scans are tied to.
 
     T_keyi_keyj = T_keyi_i · T_i_j · T_keyj_j⁻¹, and its covariance is carried along by the adjoint of T_keyj_j.
 
     Args:
-        closures: by hand, all of scans the track has.
+        closure: by hand, of scans the track has, its pose known.
         track: key scans, and where every other scan lies in the frame of its key scan.
+        kernel: how its pull fades.
 
     Returns:
-        One factor each; none for two scans of one key pose, which the graph cannot move against each other.
+        The factor; None for two scans of one key pose, which the graph cannot move against each other.
     """
-    return [_factor(closure, track) for closure in closures if _joins_two_keys(closure, track)]
-
-
-def manual_records(closures: Sequence[ManualClosure], track: Track) -> list[Closure]:
-    """What is said about them in the record of closures."""
-    return [
-        Closure(
-            scan_i=closure.scan_i,
-            scan_j=closure.scan_j,
-            T_i_j=closure.T_i_j,
-            score=0.0,
-            inliers=0,
-            overlap=0.0,
-            verdict="accepted" if _joins_two_keys(closure, track) else "rejected",
-            reason="by hand" if _joins_two_keys(closure, track) else "by hand; both scans hang on the same key pose",
-        )
-        for closure in closures
-    ]
-
-
-def add_by_hand(solution: Solution, factors: Sequence[Factor], config: PoseGraphConfig) -> Solution:
-    """The graph with these factors more, solved anew."""
-    if not factors:
-        return solution
-    together = [*solution.graph.factors, *factors]
-    poses = optimize(together, solution.poses).poses
-    return replace(solution, graph=PoseGraph.from_factors(together, poses, config), poses=poses)
+    i, j = int(track.key_of_scan[closure.scan_i]), int(track.key_of_scan[closure.scan_j])
+    if i == j:
+        return None
+    assert closure.T_i_j is not None
+    T_keyi_i, T_keyj_j = track.T_key_scan[closure.scan_i], track.T_key_scan[closure.scan_j]
+    sigmas = np.array([closure.sigma_m, closure.sigma_m, closure.sigma_rad])
+    return Factor(
+        kind="closure",
+        i=i,
+        j=j,
+        T_i_j=compose(compose(T_keyi_i, closure.T_i_j), inverse(T_keyj_j)),
+        covariance=congruence(adjoint(T_keyj_j), np.diag(sigmas**2)),
+        kernel=kernel,
+    )
 
 
 def _columns(header: list[str], path: Path) -> tuple[str, ...]:
@@ -156,7 +129,7 @@ def _closure(row: list[str], columns: Sequence[str], where: str) -> ManualClosur
     numbers = parse_numbers(row, columns, where)
     if not (numbers[0].is_integer() and numbers[1].is_integer()):
         raise ManualClosureError(f"{where}: found scans {row[0]} and {row[1]}, expected whole numbers counted from 0")
-    sigma_m, sigma_rad = numbers[5:] or (_SIGMA_M, _SIGMA_RAD)
+    sigma_m, sigma_rad = numbers[5:] or (SIGMA_M, SIGMA_RAD)
     return ManualClosure(
         scan_i=int(numbers[0]),
         scan_j=int(numbers[1]),
@@ -164,21 +137,4 @@ def _closure(row: list[str], columns: Sequence[str], where: str) -> ManualClosur
         sigma_m=sigma_m,
         sigma_rad=sigma_rad,
         where=where,
-    )
-
-
-def _joins_two_keys(closure: ManualClosure, track: Track) -> bool:
-    return bool(track.key_of_scan[closure.scan_i] != track.key_of_scan[closure.scan_j])
-
-
-def _factor(closure: ManualClosure, track: Track) -> Factor:
-    T_keyi_i, T_keyj_j = track.T_key_scan[closure.scan_i], track.T_key_scan[closure.scan_j]
-    carry = adjoint(T_keyj_j)
-    sigmas = np.array([closure.sigma_m, closure.sigma_m, closure.sigma_rad])
-    return Factor(
-        kind="closure",
-        i=int(track.key_of_scan[closure.scan_i]),
-        j=int(track.key_of_scan[closure.scan_j]),
-        T_i_j=compose(compose(T_keyi_i, closure.T_i_j), inverse(T_keyj_j)),
-        covariance=congruence(carry, np.diag(sigmas**2)),
     )

@@ -1,8 +1,6 @@
 """The whole job: a log in; trajectory, graph, feature map and occupancy grid out."""
 
-import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
 from typing import TYPE_CHECKING
@@ -10,13 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.laser_noise import LaserNoise, learn_laser_noise
+from frontends.laser_noise import LaserNoise
 from frontends.matcher import Matcher
-from frontends.matchers import make_matcher
 from frontends.scan import Log
 from graph.batch import marginal_covariances
-from graph.factors import Factor
 from graph.pose_graph import PoseGraph
+from graph.se2 import compose
 from iceg.config import Config
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.features import extract_features
@@ -25,35 +22,29 @@ from iceg.ice.noise import beyond_allowed
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.result_tables import RunTables, TableName
-from iceg.slam.back_end import Solution, solve_track
+from iceg.slam.back_end import Solution
 from iceg.slam.closures.closure import Closure
+from iceg.slam.corrections.corrected import Corrected
+from iceg.slam.corrections.corrections import Corrections, MapFrame
+from iceg.slam.corrections.cut_findings import cut_findings
+from iceg.slam.corrections.errors import CorrectionsError
+from iceg.slam.corrections.map_frame import frame_transform, moved_priors
+from iceg.slam.distance import Distance, Sighting, measured_distance, sighting_at
 from iceg.slam.final_factors import FinalFactors
-from iceg.slam.finish import Finished, finish
+from iceg.slam.finding import corrected_by, find, matcher_of
+from iceg.slam.findings import Findings
+from iceg.slam.finish import Finished, Round, refined
 from iceg.slam.joint.wall_pieces import WallPieces
-from iceg.slam.manual_closures import (
-    ManualClosure,
-    add_by_hand,
-    check_manual_closures,
-    manual_factors,
-    manual_records,
-)
+from iceg.slam.joint_covariance import JointCovariance
+from iceg.slam.manual_closures import ManualClosure
 from iceg.slam.noise_widths import widened
-from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
-from iceg.slam.odometry.constant_velocity import constant_velocity
-from iceg.slam.odometry.gyro import learn_gyro
-from iceg.slam.odometry.heading_odometry import HeadingOdometry
-from iceg.slam.passes import track_with_gyro, track_with_sweep
 from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import ProgressCallback
-from iceg.slam.recording.repeated_scans import without_frozen_scans
-from iceg.slam.recording.standstill import with_odometry_between_readings
 from iceg.slam.run_summary import LaserSummary, RunSummary
 from iceg.slam.run_warning import RunWarning
+from iceg.slam.stage_clock import StageClock
 from iceg.slam.summary import run_warnings, summarise
 from iceg.slam.track import Track
-from iceg.slam.tracking.broken_track import retied
-from iceg.slam.tracking.open_ground import is_open_ground
-from iceg.slam.tracking.split_half import with_measured_doubt
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -70,6 +61,7 @@ class SlamResult:
         key_scans: (k,) which scans are key scans.
         key_poses: (k, 3) their T_map_robot.
         covariances: (k, 3, 3) their marginal covariances, tangent space at each.
+        joint: how the errors of the key poses hang together.
         graph: the factors as they were measured. The key poses rest on the walls that scans share, too, and are not
             quite the optimum of the factors alone.
         landmarks: the feature map, expired landmarks included.
@@ -78,6 +70,8 @@ class SlamResult:
         closures: every loop closure tried.
         warnings: what is doubtful about it, besides what is about the log.
         summary: counts, warnings, seconds per stage and calibration.
+        findings: what the run found before it concluded, scans that were cut since included: `resolve` concludes anew
+            from it.
     """
 
     log: Log
@@ -86,6 +80,7 @@ class SlamResult:
     key_scans: NDArray[np.int64]
     key_poses: NDArray[np.float64]
     covariances: NDArray[np.float64]
+    joint: JointCovariance
     graph: PoseGraph
     landmarks: Landmarks
     grid: OccupancyGrid
@@ -93,6 +88,7 @@ class SlamResult:
     closures: list[Closure]
     warnings: tuple[RunWarning, ...]
     summary: RunSummary
+    findings: Findings
 
     def __repr__(self) -> str:
         accepted = sum(closure.verdict == "accepted" for closure in self.closures)
@@ -101,6 +97,32 @@ class SlamResult:
             f"{len(self.graph.factors)} factors, {accepted} of {len(self.closures)} closures accepted, "
             f"{len(self.landmarks.settled())} landmarks, {len(self.summary['warnings'])} warnings)"
         )
+
+    def sighting(self, x: float, y: float) -> Sighting:
+        """The place (x, y) of the map [m], as the key scan saw it that saw it from closest.
+
+        Within 10 cm of a wall that is the wall: the nearest end of a beam of that scan.
+
+        Raises:
+            DistanceError: no key scan looked there.
+        """
+        return sighting_at(np.array([x, y]), self.log, self.key_scans, self.key_poses)
+
+    def distance(self, a: Sighting | tuple[float, float], b: Sighting | tuple[float, float]) -> Distance:
+        """How far two points are apart, and how well that is known.
+
+        The standard deviation is that of the joint covariance of the two poses that saw the points, and of the laser
+        where a point is the end of a beam.
+
+        Args:
+            a: a point that a scan saw, or x, y in the map [m], for which see `sighting`.
+            b: the other.
+
+        Raises:
+            DistanceError: no key scan looked there, or a scan that the log does not have.
+        """
+        a, b = (point if isinstance(point, Sighting) else self.sighting(*point) for point in (a, b))
+        return measured_distance(a, b, self.trajectory, self.key_scans, self.joint, self.log, self.summary["laser"])
 
     def _repr_html_(self) -> str:
         """A small map and the figures, for notebooks."""
@@ -146,6 +168,7 @@ def run(
     *,
     matcher: Matcher | None = None,
     closures: Sequence[ManualClosure] = (),
+    corrections: Corrections | None = None,
 ) -> SlamResult:
     """Estimate the trajectory and the maps of a log.
 
@@ -154,91 +177,160 @@ def run(
         config: settings; the defaults when left out.
         progress: called as the front end proceeds.
         matcher: any scan matcher; the one that the settings name when left out.
-        closures: loops closed by hand.
+        closures: loops closed by hand, besides those of the corrections.
+        corrections: what a person corrects, scans counted as in `log`.
 
     Returns:
         Everything that was found.
+
+    Raises:
+        IcegError: a correction that does not fit the log.
     """
-    given = config or Config()
-    check_manual_closures(closures, len(log))
-    clock = _StageClock()
-    with clock.stage("front_end"):
-        laser = _laser_noise(log, given)
-        noise = beyond_allowed(laser)
-        config = widened(given, sqrt(noise.typical))
-        matcher = matcher or _matcher(log, config, noise)
-        log = with_odometry_between_readings(without_frozen_scans(log))
-        (log, track, first), heading = track_with_gyro(log, matcher, config, progress)
-    with clock.stage("sweep"):
-        (log, track, first), sweep = track_with_sweep((log, track, first), matcher, config, progress, heading)
-    with clock.stage("graph"):
-        track = with_measured_doubt(track, matcher, config.front_end.split_scans)
-        calibration = _recalibrate(track, log, first, config)
-        by_hand = manual_factors(closures, track)
-        heading, gyro = learn_gyro(track, log) if config.front_end.gyro else (None, None)
-        solution = _solve(track, log, matcher, calibration, heading, config)
-        solution = add_by_hand(solution, by_hand, config.graph)
-        track = _retied(track, solution, log, matcher)
+    asked = (corrections or Corrections()).with_closures(closures)
+    kept = asked.check(len(log))
+    clock = StageClock()
+    findings, matcher = find(kept.of(log), kept, config or Config(), asked.counted_in(kept), matcher, progress, clock)
+    return _conclude(findings, asked, matcher, clock)
+
+
+def resolve(findings: Findings, corrections: Corrections | None = None) -> SlamResult:
+    """Solve, refine and render what a run has found, corrected otherwise; nothing is matched anew.
+
+    Closures by hand that only name scans are matched.
+
+    Args:
+        findings: of a run, as in its result, or read back from its folder.
+        corrections: all of them: those that the run was given before count no more, but for what it cut where these cut
+            nothing. Scans are counted as recorded.
+
+    Returns:
+        The same as a run.
+
+    Raises:
+        IcegError: a correction that does not fit the log, or the run was made with a matcher that no settings name.
+    """
+    if findings.is_own_matcher:
+        raise CorrectionsError(
+            "the run was made with a matcher of the caller's own, expected one that the settings name: run again"
+        )
+    asked = corrections or Corrections()
+    kept = asked.check(findings.kept.recorded, findings.kept)
+    left = findings if kept == findings.kept else cut_findings(findings, kept, asked.cut.where)
+    return replace(_conclude(left, asked, None, StageClock()), findings=findings)
+
+
+def _conclude(findings: Findings, corrections: Corrections, matcher: Matcher | None, clock: StageClock) -> SlamResult:
+    """Correct, refine and render what was found."""
+    log, track, given = findings.log, findings.track, findings.config
+    noise = beyond_allowed(findings.laser)
+    config = widened(given, sqrt(noise.typical))
+    matcher = matcher or matcher_of(config, noise, on_open_ground=findings.is_open_ground)
+    own = corrections.counted_in(findings.kept)
     with clock.stage("finish"):
-        solution, finished = _finish(solution, track, log, matcher, config, noise, by_hand)
+        corrected = corrected_by(findings.solution, own, track, matcher, config)
+        solution, finished = _finish(corrected, findings.rounds, track, log, matcher, config, noise)
     with clock.stage("covariances"):
-        covariances = _covariances(finished, solution)
+        solution = _in_frame(own.frame, solution, track, config)
+        joint = _joint_covariance(finished, solution)
     trajectory = track.trajectory(solution.poses)
     with clock.stage("feature_map"):
         landmarks = _landmarks(track, solution.poses, matcher, config)
     with clock.stage("grid"):
         grid, doubt = render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
-    worst = least_known(key_scans, covariances)
-    warnings = run_warnings(track, solution, finished.rounds, worst, doubt, gyro)
+    worst = least_known(key_scans, joint.marginals)
+    warnings = corrected.warnings + run_warnings(track, solution, finished.rounds, worst, doubt, findings.gyro)
     summary: RunSummary = {
-        **summarise(log, track, solution, calibration, finished.rounds, worst, warnings),
-        "laser": _described(laser),
-        "sweep": sweep.record(),
+        **summarise(log, track, solution, findings.calibration, finished.rounds, worst, warnings),
+        "laser": _described(findings.laser),
+        "sweep": findings.sweep,
         "seconds": clock.seconds,
         "cpu_seconds": clock.cpu_seconds,
     }
-    if gyro is not None:
-        summary["gyro"] = gyro.record()
+    if findings.gyro is not None:
+        summary["gyro"] = findings.gyro.record()
+    if record := corrections.record():
+        summary["corrections"] = record
+    if not findings.kept.is_all:
+        summary["cut"] = findings.kept.record()
     return SlamResult(
         log=log,
         config=given,
         trajectory=trajectory,
         key_scans=key_scans,
         key_poses=solution.poses,
-        covariances=covariances,
+        covariances=joint.marginals,
+        joint=joint,
         graph=solution.graph,
         landmarks=landmarks,
         grid=grid,
         walls=finished.walls,
-        closures=_closures(track, solution) + manual_records(closures, track),
+        closures=[*_closures(track, solution), *corrected.by_hand],
         warnings=warnings,
         summary=summary,
+        findings=findings,
     )
 
 
-class _StageClock:
-    """Seconds spent in each stage: on the wall, and of the processor."""
+def _finish(
+    corrected: Corrected,
+    rounds: Sequence[Round],
+    track: Track,
+    log: Log,
+    matcher: Matcher,
+    config: Config,
+    noise: RangeNoise,
+) -> tuple[Solution, Finished]:
+    """The solution with poses and map refined together, and what that did; as it is where that is switched off.
 
-    def __init__(self) -> None:
-        self.seconds: dict[str, float] = {}
-        self.cpu_seconds: dict[str, float] = {}
+    The closures that were dropped stay in the record with the reason.
+    """
+    solution = corrected.solution
+    if config.finish.enabled and len(track.keys) > 1:
+        finished = refined(
+            solution,
+            rounds,
+            track,
+            matcher,
+            config.finish,
+            scan_of=log.scan,
+            noise=noise,
+            distrusted=corrected.distrusted,
+        )
+    else:
+        factors = FinalFactors.of(solution.graph.factors, solution.breaks, track)
+        finished = Finished(poses=solution.poses, factors=factors, attempts=solution.attempts, rounds=[])
+        if factors.are_all_believed:
+            return solution, finished
+    graph = PoseGraph.from_factors(finished.factors.measured, finished.poses, config.graph)
+    return replace(solution, graph=graph, poses=finished.poses, attempts=finished.attempts), finished
 
-    @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        started, cpu_started = time.perf_counter(), time.process_time()
-        yield
-        self.seconds[name] = round(time.perf_counter() - started, 4)
-        self.cpu_seconds[name] = round(time.process_time() - cpu_started, 4)
+
+def _in_frame(frame: MapFrame, solution: Solution, track: Track, config: Config) -> Solution:
+    """The same in the frame of the map that is asked for."""
+    if frame.is_as_found:
+        return solution
+    T_new_map = frame_transform(frame, track, solution.poses, config.ice.segments)
+    poses = compose(T_new_map, solution.poses)
+    graph = PoseGraph.from_factors(moved_priors(solution.graph.factors, T_new_map), poses, config.graph)
+    return replace(solution, graph=graph, poses=poses)
 
 
-def _laser_noise(log: Log, config: Config) -> LaserNoise | None:
-    """As the settings say, or else the log; None where neither does."""
-    learned = learn_laser_noise(log)
-    if config.laser.noise is None:
-        return learned
-    stated = LaserNoise(constant=config.laser.noise, per_metre=config.laser.noise_per_metre)
-    return stated if learned is None else replace(learned, constant=stated.constant, per_metre=stated.per_metre)
+def _joint_covariance(finished: Finished, solution: Solution) -> JointCovariance:
+    """Of the key poses: as the walls tell, else the graph."""
+    factors, known = solution.graph.factors, finished.covariances
+    if known is None:
+        known = marginal_covariances(factors, solution.poses)
+    return JointCovariance(poses=solution.poses, marginals=known, information=finished.information, factors=factors)
+
+
+def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, config: Config) -> Landmarks:
+    if isinstance(matcher, IceMatcher):
+        features = (matcher.observe(key.scan).features.unpack() for key in track.keys)
+    else:
+        features = (extract_features(key.scan, config.ice.features, config.ice.segments) for key in track.keys)
+    feature_map = build_feature_map(key_poses, features, (key.scan for key in track.keys), config.feature_map)
+    return feature_map.record()
 
 
 def _described(laser: LaserNoise | None) -> LaserSummary | None:
@@ -253,84 +345,6 @@ def _described(laser: LaserNoise | None) -> LaserSummary | None:
         "no_return_share": round(laser.no_return_share, 4),
         "step_m": round(laser.step, 6),
     }
-
-
-def _matcher(log: Log, config: Config, noise: RangeNoise) -> Matcher:
-    if config.matcher != "ice":
-        return make_matcher(config.matcher)
-    return IceMatcher(config.ice, open_ground=is_open_ground(log), noise=noise)
-
-
-def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Config) -> OdometryCalibration:
-    """The same from all of the log, for the graph's odometry factors."""
-    if not (log.has_odometry and config.front_end.calibrate_odometry):
-        return first
-    return calibrate_odometry(track, log.odometry)
-
-
-def _solve(
-    track: Track,
-    log: Log,
-    matcher: Matcher,
-    calibration: OdometryCalibration,
-    heading: HeadingOdometry | None,
-    config: Config,
-) -> Solution:
-    if log.has_odometry:
-        odometry, noise = calibration.apply(log.odometry), calibration.lasting_noise
-        return solve_track(track, odometry, noise, matcher, config.graph, config.loops)
-    poses, noise = constant_velocity(track, heading) or (None, calibration.lasting_noise)
-    return solve_track(track, poses, noise, matcher, config.graph, config.loops)
-
-
-def _retied(track: Track, solution: Solution, log: Log, matcher: Matcher) -> Track:
-    """The track with the scans around each break on the right side of it."""
-    joined = [found.key for found in solution.breaks if found.outcome == "joined"]
-    if not joined:
-        return track
-    return retied(track, joined, log, matcher if isinstance(matcher, IceMatcher) else IceMatcher())
-
-
-def _finish(
-    solution: Solution,
-    track: Track,
-    log: Log,
-    matcher: Matcher,
-    config: Config,
-    noise: RangeNoise,
-    by_hand: list[Factor],
-) -> tuple[Solution, Finished]:
-    """The solution after the offline finish, and what that did; one with no rounds where it is switched off.
-
-    Its closures join the record; those it dropped stay in it with the reason.
-    """
-    if config.finish.enabled and len(track.keys) > 1:
-        finished = finish(
-            solution, track, matcher, config.loops, config.finish, kept=by_hand, scan_of=log.scan, noise=noise
-        )
-    else:
-        factors = FinalFactors.of(solution.graph.factors, solution.breaks, track)
-        finished = Finished(poses=solution.poses, factors=factors, attempts=solution.attempts, rounds=[])
-        if factors.are_all_believed:
-            return solution, finished
-    graph = PoseGraph.from_factors(finished.factors.measured, finished.poses, config.graph)
-    return replace(solution, graph=graph, poses=finished.poses, attempts=finished.attempts), finished
-
-
-def _covariances(finished: Finished, solution: Solution) -> NDArray[np.float64]:
-    """(k, 3, 3) of the key poses: as the walls tell, else the graph."""
-    if finished.covariances is not None:
-        return finished.covariances
-    return marginal_covariances(solution.graph.factors, solution.poses)
-
-
-def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, config: Config) -> Landmarks:
-    if isinstance(matcher, IceMatcher):
-        features = (matcher.observe(key.scan).features.unpack() for key in track.keys)
-    else:
-        features = (extract_features(key.scan, config.ice.features, config.ice.segments) for key in track.keys)
-    feature_map = build_feature_map(key_poses, features, (key.scan for key in track.keys), config.feature_map)
-    return feature_map.record()
 
 
 def _closures(track: Track, solution: Solution) -> list[Closure]:

@@ -85,6 +85,8 @@ class RunCounts(TypedDict):
     odometry: OdometrySummary
     least_known: LeastKnownSummary
     gyro: NotRequired[dict[str, Any]]
+    corrections: NotRequired[dict[str, Any]]
+    cut: NotRequired[dict[str, Any]]
 
 
 class RunSummary(RunCounts):

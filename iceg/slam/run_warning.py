@@ -17,6 +17,7 @@ Kind = Literal[
     "coarse grid",
     "covariances",
     "carried",
+    "corrections",
     "gyro",
 ]
 
@@ -43,7 +44,7 @@ _MANY: dict[Kind, str] = {
         "the odometry stands still at {n} places while the scans change, first at scan {scan}; it is not believed there"
     ),
 }
-"""How several of a kind are told; of all other kinds there is one at most."""
+"""How several of a kind are told; of all other kinds there is one at most, but each correction is told."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,16 +70,17 @@ def in_short(warnings: Iterable[RunWarning], details: str) -> list[str]:
         details: where each of them can be read.
 
     Returns:
-        A sentence as it is where it is the only one of its kind; else how many there are, and where the first is.
+        A sentence as it is where it is the only one of its kind, or about a correction; else how many there are, and
+        where the first is.
     """
     kinds: dict[Kind, list[RunWarning]] = {}
     for warning in warnings:
         kinds.setdefault(warning.kind, []).append(warning)
-    return [_line(kind, alike, details) for kind, alike in kinds.items()]
+    return [line for kind, alike in kinds.items() for line in _lines(kind, alike, details)]
 
 
-def _line(kind: Kind, alike: Sequence[RunWarning], details: str) -> str:
+def _lines(kind: Kind, alike: Sequence[RunWarning], details: str) -> list[str]:
     if len(alike) == 1 or kind not in _MANY:
-        return alike[0].sentence
+        return [warning.sentence for warning in alike]
     first = min(warning.scan for warning in alike if warning.scan is not None)
-    return f"{_MANY[kind].format(n=len(alike), scan=first)}; see {details}"
+    return [f"{_MANY[kind].format(n=len(alike), scan=first)}; see {details}"]

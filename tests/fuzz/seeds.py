@@ -3,6 +3,8 @@
 import math
 from pathlib import Path
 
+import numpy as np
+
 
 def ranges(k: int, n: int = 180) -> list[str]:
     """Readings of a room of 8 m by 6 m from 0.1 k m ahead of its middle [m]."""
@@ -169,6 +171,16 @@ def euroc(n: int = 8) -> str:
     return header + "".join(f"{200_000_000 * k},{0.1 * k},0.0,0.0,1.0,0.0,0.0,0.0\n" for k in range(n))
 
 
+def corrections() -> str:
+    """`corrections.toml` with a little of everything."""
+    return (
+        "[[forbid]]\nscans = [0, 5]\n[[forbid]]\nbetween = [[0, 2], [5, 7]]\n"
+        "[[add]]\nscans = [1, 6]\npose = [0.5, -0.25, 0.1]\nsigma_m = 0.2\npin = true\n"
+        "[[pin]]\nscans = [2, 7]\n[[distrust]]\nscans = [3, 4]\nfactor = 5.0\n"
+        "[cut]\nkeep = [[0, 7]]\n[map]\nupright = true\nturn_degrees = 90\norigin = [1.0, 2.0]\n"
+    )
+
+
 def closures() -> str:
     """Closures by hand."""
     return "scan_i,scan_j,x_m,y_m,theta_rad,sigma_m,sigma_rad\n0,7,0.7,0.0,0.0,0.1,0.05\n1,6,0.5,0.0,0.0,0.1,0.05\n"
@@ -210,3 +222,86 @@ def run_folder(folder: Path, n: int = 6) -> None:
         '"anchor": 0, "first_seen": 0, "last_seen": 4, "seen": 4, "missed": 0, "expired_at": null}}\n]}\n'
     )
     (folder / "summary.json").write_text('{"method": "ice"}\n')
+
+
+def findings() -> bytes:
+    """What a run has found in a few scans of a room."""
+    import tempfile
+
+    from frontends.scan import Log
+    from graph.factors import Factor, RobustKernel
+    from graph.measurement import NoMatch, RelativePose
+    from graph.odometry import OdometryModel, OdometryMotion
+    from graph.pose_graph import PoseGraph
+    from iceg.config import Config
+    from iceg.findings_file.codec import write_findings
+    from iceg.slam.back_end import Solution
+    from iceg.slam.closures.attempt import Attempt, Place
+    from iceg.slam.corrections.cut import KeptScans
+    from iceg.slam.findings import Findings
+    from iceg.slam.odometry.calibration import OdometryCalibration
+    from iceg.slam.odometry.gyro import GyroFinding
+    from iceg.slam.track import KeyScan, Track
+
+    n, poses = 6, np.array([[0.2 * k, 0.0, 0.0] for k in range(6)])
+    beside = 1.0 / np.maximum(np.abs(np.sin(np.linspace(-1.5, 1.5, 37))), 0.1)
+    log = Log.from_arrays(np.tile(beside.round(2), (n, 1)), field_of_view=3.0, odometry=poses, stamps=np.arange(n))
+    sure = np.diag([1e-4, 1e-4, 1e-5])
+    step = RelativePose(
+        T_ref_cur=np.array([0.4, 0.0, 0.0]),
+        covariance=sure,
+        score=0.9,
+        inliers=30,
+        overlap=0.8,
+        weak_directions=np.array([[1.0, 0.0, 0.0]]),
+    )
+    motion = OdometryMotion(T_key_robot=step.T_ref_cur, covariance=sure, distance=0.4)
+    keys = [
+        KeyScan(
+            index=2 * k,
+            scan=log.scan(2 * k),
+            motion=motion,
+            match=step if k else NoMatch(reason="the first"),
+            anchor=max(0, k - 1),
+            T_track_robot=poses[2 * k],
+        )
+        for k in range(3)
+    ]
+    track = Track(keys=keys, key_of_scan=np.arange(n) // 2, T_key_scan=np.tile(poses[:2], (3, 1)), failures=1, lost=[2])
+    attempt = Attempt(
+        key_old=0,
+        key_new=2,
+        match=step,
+        accepted=True,
+        reason="fits",
+        places=(Place(T_old_new=step.T_ref_cur, misfit=0.1),),
+    )
+    factors = [
+        Factor(kind="prior", i=None, j=0, T_i_j=np.zeros(3), covariance=sure),
+        Factor(kind="odometry", i=0, j=1, T_i_j=step.T_ref_cur, covariance=sure),
+        Factor(kind="ice", i=1, j=2, T_i_j=step.T_ref_cur, covariance=sure),
+        Factor(kind="closure", i=0, j=2, T_i_j=poses[4], covariance=sure, kernel=RobustKernel(name="dcs", width=5.0)),
+    ]
+    solution = Solution(
+        graph=PoseGraph.from_factors(factors, poses[::2]),
+        poses=poses[::2],
+        attempts=[attempt],
+        offered=np.ones(3, dtype=np.bool_),
+        odometry_jumps=(),
+    )
+    found = Findings(
+        log=log,
+        kept=KeptScans.all_of(n),
+        config=Config(),
+        is_own_matcher=False,
+        is_open_ground=False,
+        laser=None,
+        sweep={"source": "nothing", "applied": False},
+        gyro=GyroFinding(doubt="they are all zero"),
+        track=track,
+        calibration=OdometryCalibration(noise=OdometryModel()),
+        solution=solution,
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        write_findings(Path(folder) / "run.npz", found)
+        return (Path(folder) / "run.npz").read_bytes()

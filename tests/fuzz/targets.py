@@ -174,12 +174,26 @@ def _judged(name: str) -> Callable[[Path], Any]:
     return read
 
 
-def _closures(path: Path) -> Any:
-    from iceg.slam.manual_closures import check_manual_closures, read_manual_closures
+def _corrections(path: Path) -> Any:
+    from iceg.slam.corrections.reading import read_corrections
 
-    closures = read_manual_closures(path)
-    check_manual_closures(closures, 8)
-    return closures
+    corrections = read_corrections(path)
+    corrections.check(8)
+    return corrections
+
+
+def _findings(path: Path) -> Any:
+    from iceg.findings_file.codec import read_findings
+
+    findings = read_findings(path)
+    _require(bool(np.isfinite(findings.solution.poses).all()), "a pose not finite")
+    return findings
+
+
+def _conclude(findings: Any) -> None:
+    from iceg.slam.pipeline import resolve
+
+    resolve(findings)
 
 
 def _run_folder(path: Path) -> Any:
@@ -335,7 +349,9 @@ def _others() -> dict[str, Target]:
             words=("optimize", "x.g2o", "-o", "y.g2o"),
         ),
         "tum": Target(file="t.tum", seeds=(seeds.trajectory().encode(),), read=_tum, words=()),
-        "closures": Target(file="c.csv", seeds=(seeds.closures().encode(),), read=_closures, words=()),
+        "closures": Target(file="c.csv", seeds=(seeds.closures().encode(),), read=_corrections, words=()),
+        "corrections": Target(file="c.toml", seeds=(seeds.corrections().encode(),), read=_corrections, words=()),
+        "findings": Target(file="run.npz", seeds=(seeds.findings(),), read=_findings, use=_conclude, words=()),
     } | {
         name: Target(
             file="x.csv",

@@ -14,6 +14,8 @@ _NEAR_DISTANCE, _NEAR_TURN = 0.4, 0.12
 PARTNER_KEYS, PARTNER_DISTANCE, PARTNER_TURN = 60, 0.25, 0.05
 """Two closures within so many key poses confirm each other when they differ by less than this [m, rad]."""
 
+FORBIDDEN = "forbidden by hand"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
@@ -57,6 +59,11 @@ class Attempt:
     def is_ambiguous(self) -> bool:
         """Whether it would be accepted if it did not fit elsewhere, too."""
         return self.match is not None and not self.accepted and len(self.places) > 1
+
+
+def forbidden_attempt(key_old: int, key_new: int) -> Attempt:
+    """The record of a closure that a person forbids, so that it is not even matched."""
+    return Attempt(key_old=key_old, key_new=key_new, match=None, accepted=False, reason=FORBIDDEN)
 
 
 def closure_factor(attempt: Attempt, kernel: RobustKernel | None = None) -> Factor:

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 Verdict = Literal["accepted", "rejected", "removed"]
 
+CLOSURE_COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad", "score", "inliers", "overlap", "verdict", "reason")
+"""Of `closures.csv`."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Closure:

@@ -10,7 +10,7 @@ from graph.factors import Factor
 from graph.problem import Problem
 from iceg.slam.closures.attempt import Attempt
 
-_CONTRADICTED = 0.01
+CONTRADICTED = 0.01
 """A closure whose robust kernel leaves it a smaller weight than this is wrong."""
 
 
@@ -33,7 +33,7 @@ def without_contradicted(
     gone = {
         (loop.i, loop.j): f"contradicted by the rest of the graph, {norm**0.5:.0f} standard deviations off"
         for loop, weight, norm in zip(loops, at.weights.tolist(), at.squared.tolist(), strict=True)
-        if weight < _CONTRADICTED
+        if weight < CONTRADICTED
     }
     judged = [
         replace(attempt, accepted=False, removed=True, reason=f"{why}; {attempt.reason}")

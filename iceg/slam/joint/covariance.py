@@ -59,14 +59,33 @@ class Walls:
         return normal_equations(poses, seen)
 
 
-def joint_covariances(
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PoseInformation:
+    """What points on shared walls and odometry tell of all key poses together.
+
+    Attributes:
+        matrix: (3m, 3m) information of the anchors, tangent space at each; the first is held.
+        anchors: (m,) the key poses that are unknowns of their own.
+        anchor_of: (k,) index into `anchors` of the one that each key pose lies behind.
+        placements: (k, 3, 3) covariance of each key pose as its anchor sees it; zeros for the anchors.
+        covariances: (k, 3, 3) marginals, tangent space at each pose, relative to the first.
+    """
+
+    matrix: NDArray[np.float64]
+    anchors: NDArray[np.int64]
+    anchor_of: NDArray[np.int64]
+    placements: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+
+
+def joint_information(
     factors: Sequence[Factor],
     poses: NDArray[np.float64],
     key_starts: NDArray[np.int64],
     walls: Walls,
     precision: float,
-) -> NDArray[np.float64]:
-    """Marginal covariances of the key poses from odometry and the points on shared walls.
+) -> PoseInformation:
+    """What is known of the key poses from odometry and the points on shared walls.
 
     In long runs only every so many key poses are unknowns; the points of those between lie rigidly on the one before.
     On runs of 420 to 7,400 key poses, the standard deviations are within 3 % of those without groups in the median, and
@@ -78,9 +97,6 @@ def joint_covariances(
         key_starts: (k + 1,) first point of each key pose.
         walls: how the points lie on them; those of weight 0 tell nothing.
         precision: of one point of weight 1 [1/m²].
-
-    Returns:
-        (k, 3, 3) tangent space at each pose, relative to the first.
 
     Raises:
         numpy.linalg.LinAlgError: neither points nor factors hold some pose.
@@ -94,14 +110,24 @@ def joint_covariances(
     information[:3, :3] += np.eye(3) / _HELD
     known = diagonal_of_inverse(information)
     if len(anchors) == k:
-        return known
+        return PoseInformation(
+            matrix=information, anchors=anchors, anchor_of=anchors, placements=np.zeros((k, 3, 3)), covariances=known
+        )
     # The points of a group hold it as a whole; where each of its key poses lies in it, its own points and steps say.
     own, _ = _of_points(poses, key_starts, walls, precision)
     placement = dense.inv(own + dense.inv(steps[np.maximum(np.arange(k) - 1, 0)]))
     members = np.diff(np.append(anchors, k))
     of = np.repeat(np.arange(len(anchors)), members)
     share = (1.0 - 1.0 / members[of])[:, None, None]
-    return compose_covariance(known[of], between(poses[anchors][of], poses), share * placement)
+    placements = share * placement
+    placements[anchors] = 0.0
+    return PoseInformation(
+        matrix=information,
+        anchors=anchors,
+        anchor_of=of,
+        placements=placements,
+        covariances=compose_covariance(known[of], between(poses[anchors][of], poses), share * placement),
+    )
 
 
 def _anchors(k: int) -> NDArray[np.int64]:

@@ -40,7 +40,7 @@ def diagonal_of_inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
         numpy.linalg.LinAlgError: the matrix is not positive definite.
     """
     shared = _shared(matrix)
-    order = _close_together(shared)
+    order = _order(shared)
     band, panels = _eliminated(matrix, order, _ends(shared[np.ix_(order, order)]))
     blocks = np.empty((len(order), 3, 3))
     for panel in reversed(panels):
@@ -52,6 +52,11 @@ def diagonal_of_inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
         poses = order[panel.own.start // 3 : panel.own.stop // 3]
         blocks[poses] = inverse.reshape(len(at), 3, len(at), 3)[at, :, at]
     return blocks
+
+
+def close_together(matrix: NDArray[np.float64]) -> NDArray[np.int64]:
+    """(n,) the poses of a symmetric (3n, 3n) matrix, in an order that keeps those that share blocks together."""
+    return _order(_shared(matrix))
 
 
 def _eliminated(
@@ -81,7 +86,7 @@ def _shared(matrix: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray(rows[:, 0::3] | rows[:, 1::3] | rows[:, 2::3], dtype=np.bool_)
 
 
-def _close_together(shared: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _order(shared: NDArray[np.bool_]) -> NDArray[np.int64]:
     """(n,) all poses, in an order that keeps those that share blocks close together."""
     degrees = np.count_nonzero(shared, axis=1)
     first = _spreading(shared, degrees, int(degrees.argmin()))

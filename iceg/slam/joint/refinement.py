@@ -5,7 +5,7 @@ the same points. Here the points speak for themselves: pieces of wall are unknow
 every scan that sees a piece holds its line, and the line holds them together, along the path as across its passes.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import NamedTuple
@@ -24,7 +24,7 @@ from iceg.ice.points import thinned_points
 from iceg.slam.config import JointRefinementConfig
 from iceg.slam.joint import _wall_kernels as kernels
 from iceg.slam.joint._system_kernels import product
-from iceg.slam.joint.covariance import Walls, joint_covariances
+from iceg.slam.joint.covariance import PoseInformation, Walls, joint_information
 from iceg.slam.joint.wall_claims import believed_covariances
 from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.track import Track
@@ -67,6 +67,7 @@ class JointRefinement:
         on_walls: … and in the end.
         covariances: (k, 3, 3) marginal covariances of the poses in the end, None if the points do not determine them or
             claim more than is credible.
+        information: what the covariances rest on, None where they are.
         walls: the pieces of wall in the end, in the frame of the poses.
     """
 
@@ -81,6 +82,7 @@ class JointRefinement:
     on_walls: float
     walls: WallPieces
     covariances: NDArray[np.float64] | None = None
+    information: PoseInformation | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,6 +112,13 @@ class Clouds:
         """(k + 1,) first point of each key pose."""
         first = np.flatnonzero(np.diff(self.key_of_scan, prepend=-1))
         return np.append(self.starts[first], self.starts[-1])
+
+    def without(self, keys: Collection[int]) -> "Clouds":
+        """The same, the points of some key poses lying on no wall."""
+        if not keys:
+            return self
+        silent = np.repeat(np.isin(self.key_of_scan, sorted(keys)), np.diff(self.starts))
+        return replace(self, normals=np.where(silent[:, None], 0.0, self.normals))
 
 
 def refine_jointly(
@@ -152,10 +161,13 @@ def refine_jointly(
     if last.on_walls < on_walls:
         refined = poses
         last = _walls(clouds, poses, config, part_of, room, pieces)
-    covariances = _covariances(factors if believed is None else believed, refined, clouds, last, config)
-    if covariances is not None:
+    information = _information(factors if believed is None else believed, refined, clouds, last, config)
+    covariances = None
+    if information is not None:
         known = problem if believed is None else Problem.of(believed, len(poses))
-        covariances = believed_covariances(covariances, known.marginal_covariances(poses), config.walls_gain)
+        covariances = believed_covariances(
+            information.covariances, known.marginal_covariances(poses), config.walls_gain
+        )
     # As a whole the map may move, held by the prior alone: put the first pose back.
     back = compose(poses[0], inverse(refined[0]))
     refined = compose(back, refined) if steps else poses
@@ -171,24 +183,25 @@ def refine_jointly(
         on_walls=last.on_walls,
         walls=WallPieces.of(last, clouds.spreads, clouds.key_starts, back),
         covariances=covariances,
+        information=None if covariances is None else information,
     )
 
 
-def _covariances(
+def _information(
     factors: Sequence[Factor],
     poses: NDArray[np.float64],
     clouds: Clouds,
     walls: Walls,
     config: JointRefinementConfig,
-) -> NDArray[np.float64] | None:
-    """Marginal covariances; of points far away, where noise decides which return at all, nothing is believed."""
+) -> PoseInformation | None:
+    """Of all poses; of points far away, where noise decides which return at all, nothing is believed."""
     if not len(walls.lines):
         return None
     near = np.hypot(clouds.points[:, 0], clouds.points[:, 1]) <= config.telling_reach
     told = replace(walls, weights=np.where(near, walls.weights, 0.0))
     precision = _precision(walls, config) * max(1.0, clouds.stand_for / _STAND_FOR) ** (2.0 / 3.0)
     try:
-        return joint_covariances(factors, poses, clouds.key_starts, told, precision)
+        return joint_information(factors, poses, clouds.key_starts, told, precision)
     except np.linalg.LinAlgError:
         return None
 

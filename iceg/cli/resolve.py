@@ -1,0 +1,55 @@
+"""Commands on the folder of a run: conclude it anew, corrected by hand."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from iceg.cli.options import CorrectionsFile, GivenPath, Overwrite
+
+
+@dataclass(frozen=True, kw_only=True)
+class Resolve:
+    """Solve a run again from its folder, corrected by hand, without matching anew."""
+
+    directory: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR", help="Folder of a run.")]
+    corrections: CorrectionsFile = None
+    output: Annotated[
+        GivenPath,
+        tyro.conf.arg(
+            aliases=["-o"],
+            metavar="OTHER",
+            help="Folder for the results; unless given, they replace those in DIR.",
+            help_behavior_hint="(optional)",
+        ),
+    ] = None
+    overwrite: Overwrite = False
+
+    def __call__(self) -> None:
+        """Read, conclude, write."""
+        import time
+
+        from iceg.cli.quick_start import load_numba_without_scipy
+        from iceg.cli.run_log import tell_result_warnings, what_was_kept, written_at
+        from iceg.results import check_directory, write_results
+        from iceg.show.progress import compile_note
+        from iceg.slam.corrections.reading import read_all_corrections
+
+        load_numba_without_scipy()
+        target = self.output or self.directory
+        replaces = self.overwrite or self.output is None
+        check_directory(target, overwrite=replaces)
+        before, started = written_at(target), time.perf_counter()
+        try:
+            with compile_note():
+                from iceg.resolving import handed_back, resolve
+
+                asked = read_all_corrections([] if self.corrections is None else [self.corrections])
+                result = resolve(self.directory, handed_back(asked, self.directory))
+                write_results(result, target, overwrite=replaces)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt(what_was_kept(target, before)) from None
+        tell_result_warnings(result)
+        print(f"{result!r} in {time.perf_counter() - started:.1f} s; nothing was matched anew")
+        print(f"Results are in {target}")

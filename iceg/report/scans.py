@@ -1,0 +1,48 @@
+"""The scans of a run for its report: short whole numbers, and no more of them than a file to be sent can hold."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import Log
+from iceg.report.packing import packed
+
+_MOST_READINGS = 7_000_000
+"""So many readings are 19 MB of the page."""
+_STEPS = 65_534
+_FINEST = 0.001
+"""Ranges are told to a millimetre [m], to more where the laser reaches farther than 65 m."""
+
+
+def scans_payload(log: Log, key_scans: NDArray[np.int64]) -> Mapping[str, Any]:
+    """The laser and its scans: all of them, or the key scans and as many others as there is room for.
+
+    Args:
+        log: the log.
+        key_scans: (k,) which scans the graph has poses for.
+    """
+    geometry = log.geometry
+    every_beam = max(1, math.ceil(len(key_scans) * geometry.n_beams / _MOST_READINGS))
+    beams = np.arange(0, geometry.n_beams, every_beam)
+    kept = _kept(len(log), key_scans, _MOST_READINGS // len(beams))
+    ranges = np.nan_to_num(log.ranges[kept][:, beams].astype(np.float64), nan=0.0)
+    unit = max(_FINEST, float(ranges.max(initial=0.0)) / _STEPS)
+    return {
+        "scans": packed(kept, "i4"),
+        "unit_m": unit,
+        "ranges": packed(np.rint(ranges / unit), "u2"),
+        "directions": packed(geometry.directions_robot[beams], "f4"),
+        "origin": geometry.origin_robot.tolist(),
+        "left_out": {"scans": len(log) - len(kept), "every_beam": every_beam},
+    }
+
+
+def _kept(n_scans: int, key_scans: NDArray[np.int64], room: int) -> NDArray[np.int64]:
+    """Scans to show: the key scans, and others evenly spread, about `room` in all."""
+    if n_scans <= room:
+        return np.arange(n_scans)
+    others = np.arange(0, n_scans, math.ceil(n_scans / max(1, room - len(key_scans))))
+    return np.union1d(key_scans, others) if room > len(key_scans) else key_scans

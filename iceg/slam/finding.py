@@ -1,0 +1,176 @@
+"""The first half of a run: a log tracked, its loops closed, key scans matched again where the optimum puts them."""
+
+from dataclasses import replace
+from math import sqrt
+
+from frontends.laser_noise import LaserNoise, learn_laser_noise
+from frontends.matcher import Matcher
+from frontends.matchers import make_matcher
+from frontends.scan import Log
+from graph.pose_graph import PoseGraph
+from iceg.config import Config
+from iceg.ice._point_kernels import RangeNoise
+from iceg.ice.matcher import IceMatcher
+from iceg.ice.noise import beyond_allowed
+from iceg.slam.back_end import Solution, solve_track
+from iceg.slam.corrections.corrected import Corrected, corrected
+from iceg.slam.corrections.corrections import Corrections
+from iceg.slam.corrections.cut import KeptScans
+from iceg.slam.corrections.forbidden import forbids
+from iceg.slam.findings import Findings, without
+from iceg.slam.finish import Round, closure_kernel, matched_again
+from iceg.slam.loop_closure import Forbids, LoopCloser
+from iceg.slam.noise_widths import widened
+from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
+from iceg.slam.odometry.constant_velocity import constant_velocity
+from iceg.slam.odometry.gyro import learn_gyro
+from iceg.slam.odometry.heading_odometry import HeadingOdometry
+from iceg.slam.passes import track_with_gyro, track_with_sweep
+from iceg.slam.progress import ProgressCallback
+from iceg.slam.recording.repeated_scans import without_frozen_scans
+from iceg.slam.recording.standstill import with_odometry_between_readings
+from iceg.slam.stage_clock import StageClock
+from iceg.slam.track import Track
+from iceg.slam.tracking.broken_track import retied
+from iceg.slam.tracking.open_ground import is_open_ground
+from iceg.slam.tracking.split_half import with_measured_doubt
+
+
+def find(
+    log: Log,
+    kept: KeptScans,
+    given: Config,
+    corrections: Corrections,
+    matcher: Matcher | None,
+    progress: ProgressCallback | None,
+    clock: StageClock,
+) -> tuple[Findings, Matcher]:
+    """Track a log and close its loops.
+
+    Args:
+        log: the scans that take part.
+        kept: which of the recorded scans these are.
+        given: the settings.
+        corrections: what a person corrects, scans counted as in `log`: they guide the search, and are taken out of what
+            it finds.
+        matcher: any scan matcher; the one that the settings name when left out.
+        progress: called as the front end proceeds.
+        clock: notes what the stages take.
+
+    Returns:
+        What was found, and the matcher that found it.
+    """
+    own_matcher = matcher is not None
+    with clock.stage("front_end"):
+        laser = _laser_noise(log, given)
+        noise = beyond_allowed(laser)
+        config = widened(given, sqrt(noise.typical))
+        on_open_ground = is_open_ground(log)
+        matcher = matcher or matcher_of(config, noise, on_open_ground=on_open_ground)
+        log = with_odometry_between_readings(without_frozen_scans(log))
+        (log, track, first), heading = track_with_gyro(log, matcher, config, progress)
+    with clock.stage("sweep"):
+        (log, track, first), sweep = track_with_sweep((log, track, first), matcher, config, progress, heading)
+    with clock.stage("graph"):
+        track = with_measured_doubt(track, matcher, config.front_end.split_scans)
+        calibration = _recalibrate(track, log, first, config)
+        heading, gyro = learn_gyro(track, log) if config.front_end.gyro else (None, None)
+        is_forbidden = forbids(corrections.forbidden, track)
+        solution = _solve(track, log, matcher, calibration, heading, config, is_forbidden)
+        guided = corrected_by(solution, corrections, track, matcher, config)
+        solution = _with_factors(solution, guided, config)
+        track = _retied(track, solution, log, matcher)
+    with clock.stage("finish"):
+        rounds: list[Round] = []
+        if config.finish.enabled and len(track.keys) > 1:
+            solution, rounds = matched_again(
+                solution,
+                track,
+                matcher,
+                config.loops,
+                config.finish,
+                config.graph,
+                kept=guided.held,
+                is_forbidden=is_forbidden,
+            )
+    findings = Findings(
+        log=log,
+        kept=kept,
+        config=given,
+        is_own_matcher=own_matcher,
+        is_open_ground=on_open_ground,
+        laser=laser,
+        sweep=sweep.record(),
+        gyro=gyro,
+        track=track,
+        calibration=calibration,
+        solution=without(solution, guided.held, config),
+        rounds=tuple(rounds),
+    )
+    return findings, matcher
+
+
+def _laser_noise(log: Log, config: Config) -> LaserNoise | None:
+    """As the settings say, or else the log; None where neither does."""
+    learned = learn_laser_noise(log)
+    if config.laser.noise is None:
+        return learned
+    stated = LaserNoise(constant=config.laser.noise, per_metre=config.laser.noise_per_metre)
+    return stated if learned is None else replace(learned, constant=stated.constant, per_metre=stated.per_metre)
+
+
+def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Config) -> OdometryCalibration:
+    """The same from all of the log, for the graph's odometry factors."""
+    if not (log.has_odometry and config.front_end.calibrate_odometry):
+        return first
+    return calibrate_odometry(track, log.odometry)
+
+
+def _solve(
+    track: Track,
+    log: Log,
+    matcher: Matcher,
+    calibration: OdometryCalibration,
+    heading: HeadingOdometry | None,
+    config: Config,
+    is_forbidden: Forbids,
+) -> Solution:
+    if log.has_odometry:
+        odometry, noise = calibration.apply(log.odometry), calibration.lasting_noise
+        return solve_track(track, odometry, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden)
+    poses, noise = constant_velocity(track, heading) or (None, calibration.lasting_noise)
+    return solve_track(track, poses, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden)
+
+
+def _with_factors(solution: Solution, guided: Corrected, config: Config) -> Solution:
+    """The graph with closures by hand that fit it more, at the poses that they lead to."""
+    if not guided.held:
+        return solution
+    together, poses = [*solution.graph.factors, *guided.held], guided.solution.poses
+    return replace(solution, graph=PoseGraph.from_factors(together, poses, config.graph), poses=poses)
+
+
+def _retied(track: Track, solution: Solution, log: Log, matcher: Matcher) -> Track:
+    """The track with the scans around each break on the right side of it."""
+    joined = [found.key for found in solution.breaks if found.outcome == "joined"]
+    if not joined:
+        return track
+    return retied(track, joined, log, matcher if isinstance(matcher, IceMatcher) else IceMatcher())
+
+
+def matcher_of(config: Config, noise: RangeNoise, *, on_open_ground: bool) -> Matcher:
+    """The matcher that the settings name."""
+    if config.matcher != "ice":
+        return make_matcher(config.matcher)
+    return IceMatcher(config.ice, open_ground=on_open_ground, noise=noise)
+
+
+def corrected_by(
+    solution: Solution, corrections: Corrections, track: Track, matcher: Matcher, config: Config
+) -> Corrected:
+    """The graph corrected, see `corrected`; closures by hand that only name scans are matched with the matcher."""
+
+    def closer() -> LoopCloser:
+        return LoopCloser(matcher, track, config.loops)
+
+    return corrected(solution, corrections, track, closer, closure_kernel(config.finish), config.graph)

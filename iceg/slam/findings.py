@@ -1,0 +1,59 @@
+"""What a run finds in a log before it concludes: all that matching tells, so that concluding anew needs no matching."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from frontends.laser_noise import LaserNoise
+from frontends.scan import Log
+from graph.factors import Factor
+from graph.pose_graph import PoseGraph
+from iceg.config import Config
+from iceg.slam.back_end import Solution
+from iceg.slam.corrections.cut import KeptScans
+from iceg.slam.finish import Round
+from iceg.slam.odometry.calibration import OdometryCalibration
+from iceg.slam.odometry.gyro import GyroFinding
+from iceg.slam.track import Track
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Findings:
+    """What tracking, loop closing and matching again have found, nothing corrected by hand among it.
+
+    Attributes:
+        log: as it was tracked: odometry between readings filled in, beams moved by the motion within a sweep.
+        kept: which scans of the recorded log these are.
+        config: the settings that were given.
+        is_own_matcher: whether the caller brought the matcher, which no settings name.
+        is_open_ground: whether the log was taken on open ground, which matching depends on.
+        laser: its noise; None where too few beams meet walls.
+        sweep: what is known of the sweep of the laser, under the names of `summary.json`.
+        gyro: what the matches say of the log's gyro; None where they were not asked.
+        track: key scans, and every other scan tied to one.
+        calibration: of the odometry.
+        solution: the graph, its optimum, and the record of closures tried.
+        rounds: what the finish did until here.
+    """
+
+    log: Log
+    kept: KeptScans
+    config: Config
+    is_own_matcher: bool
+    is_open_ground: bool
+    laser: LaserNoise | None
+    sweep: dict[str, Any]
+    gyro: GyroFinding | None
+    track: Track
+    calibration: OdometryCalibration
+    solution: Solution
+    rounds: tuple[Round, ...] = ()
+
+
+def without(solution: Solution, factors: Sequence[Factor], config: Config) -> Solution:
+    """The solution without some of its factors, its poses as they are."""
+    if not factors:
+        return solution
+    gone = set(map(id, factors))
+    left = [factor for factor in solution.graph.factors if id(factor) not in gone]
+    return replace(solution, graph=PoseGraph.from_factors(left, solution.poses, config.graph))

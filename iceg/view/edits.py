@@ -1,0 +1,75 @@
+"""What a person asks for in the page, as a table of `corrections.toml`."""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from graph.limits import LIMITS
+from iceg.settings_file import shown_value
+from iceg.slam.corrections.errors import CorrectionsError
+
+_MOST_SCANS = 2
+
+
+def edit_block(kind: str, asked: Mapping[str, Any]) -> str:
+    """The table that one edit adds.
+
+    Args:
+        kind: "forbid", "add", "drag" or "pin".
+        asked: by the page: `scans`, two numbers; of "forbid" instead `between`, two stretches; of "add" and "drag" also
+            `pose`, x [m], y [m] and heading [rad] of the second scan in the frame of the first.
+
+    Raises:
+        CorrectionsError: it is none of these, or lacks what it needs.
+    """
+    if kind not in EDITS:
+        raise CorrectionsError(f"found the edit '{kind[:40]}', expected one of {', '.join(EDITS)}")
+    return EDITS[kind](asked)
+
+
+def _forbid(asked: Mapping[str, Any]) -> str:
+    if "between" in asked:
+        stretches = asked["between"]
+        if not isinstance(stretches, list) or len(stretches) != _MOST_SCANS:
+            raise CorrectionsError(f"between: found {shown_value(stretches)}, expected two stretches of scans")
+        one, other = (_scans(stretch, "between") for stretch in stretches)
+        return f"[[forbid]]\nbetween = [{one}, {other}]\n"
+    return f"[[forbid]]\nscans = {_scans(asked.get('scans'))}\n"
+
+
+def _add(asked: Mapping[str, Any]) -> str:
+    pose = "" if asked.get("pose") is None else f"pose = {_pose(asked['pose'])}\n"
+    return f"[[add]]\nscans = {_scans(asked.get('scans'))}\n{pose}"
+
+
+def _drag(asked: Mapping[str, Any]) -> str:
+    return f"[[add]]\nscans = {_scans(asked.get('scans'))}\npose = {_pose(asked.get('pose'))}\n"
+
+
+def _pin(asked: Mapping[str, Any]) -> str:
+    return f"[[pin]]\nscans = {_scans(asked.get('scans'))}\n"
+
+
+EDITS: Mapping[str, Callable[[Mapping[str, Any]], str]] = {"forbid": _forbid, "add": _add, "drag": _drag, "pin": _pin}
+"""By name."""
+
+
+def _scans(found: object, name: str = "scans") -> str:
+    if (
+        not isinstance(found, list)
+        or len(found) != _MOST_SCANS
+        or not all(isinstance(scan, int) and not isinstance(scan, bool) and 0 <= scan <= LIMITS.scans for scan in found)
+    ):
+        raise CorrectionsError(f"{name}: found {shown_value(found)}, expected two scans counted from 0")
+    return f"[{found[0]}, {found[1]}]"
+
+
+def _pose(found: object) -> str:
+    if (
+        not isinstance(found, list)
+        or len(found) != 3
+        or not all(isinstance(number, int | float) and not isinstance(number, bool) for number in found)
+        or not all(math.isfinite(number) and abs(number) <= LIMITS.coordinate for number in found)
+    ):
+        raise CorrectionsError(f"pose: found {shown_value(found)}, expected [x m, y m, heading rad]")
+    return "[" + ", ".join(f"{number:.6f}" for number in found) + "]"

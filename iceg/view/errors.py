@@ -1,0 +1,7 @@
+"""The error of the server."""
+
+from graph.errors import IcegError
+
+
+class ViewError(IcegError):
+    """A page that cannot be served."""

@@ -1,0 +1,104 @@
+"""A run that is being corrected: its folder, the corrections so far, and the way back."""
+
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from graph.files import read_text
+from iceg.resolving import findings_of
+from iceg.results import write_results
+from iceg.slam import pipeline
+from iceg.slam.corrections.errors import CorrectionsError
+from iceg.slam.corrections.reading import parse_corrections
+from iceg.view.edits import edit_block
+
+CORRECTIONS = "corrections.toml"
+_ABOUT_CLOSURES = "corrections"
+"""The kind of warning that is about corrections."""
+
+
+class StaleEditError(CorrectionsError):
+    """An edit of a page that shows an earlier state."""
+
+
+class Session:
+    """One run and what is corrected of it; edits are made one after the other, whoever asks for them.
+
+    The corrections are those of `corrections.toml` in the folder, as they are written there, and one table more for
+    each edit. Results and corrections are replaced together.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        """Read a run, and conclude it with the corrections that are there already.
+
+        Raises:
+            IcegError: the folder is none of a run's, or its corrections cannot be read.
+        """
+        self.directory = directory
+        self._findings = findings_of(directory)
+        path = directory / CORRECTIONS
+        self._given = read_text(path, "settings_bytes", CorrectionsError, "corrections") if path.exists() else ""
+        self._blocks: list[str] = []
+        self._revision = 0
+        self._sentences: list[str] = []
+        self._lock = threading.Lock()
+        if self._given:
+            self._conclude([])
+
+    def state(self) -> dict[str, Any]:
+        """For the page: which state it is, how many edits can be taken back, the corrections and what is doubtful."""
+        with self._lock:
+            return self._state()
+
+    def edit(self, kind: str, asked: Mapping[str, Any]) -> dict[str, Any]:
+        """Make an edit, conclude the run anew, and say what came of it.
+
+        Args:
+            kind: what is asked for, see `edit_block`, or "undo".
+            asked: by the page; `revision` is that of the state it shows.
+
+        Raises:
+            StaleEditError: the page shows an earlier state.
+            IcegError: the edit cannot be made; nothing has changed.
+        """
+        with self._lock:
+            if asked.get("revision") != self._revision:
+                raise StaleEditError("the run has been corrected elsewhere since this page was opened: load it again")
+            if kind == "undo":
+                if not self._blocks:
+                    raise CorrectionsError("there is nothing to undo")
+                blocks = self._blocks[:-1]
+            else:
+                blocks = [*self._blocks, edit_block(kind, asked)]
+            self._conclude(blocks)
+            self._blocks, self._revision = blocks, self._revision + 1
+            return self._state()
+
+    def wait(self) -> None:
+        """Until no edit is being made."""
+        with self._lock:
+            pass
+
+    @property
+    def has_edits(self) -> bool:
+        """Whether any edit is in force."""
+        return bool(self._blocks)
+
+    def _state(self) -> dict[str, Any]:
+        return {
+            "revision": self._revision,
+            "undo": len(self._blocks),
+            "corrections": self._text(self._blocks),
+            "warnings": self._sentences,
+        }
+
+    def _text(self, blocks: list[str]) -> str:
+        given = [] if not self._given else [self._given if self._given.endswith("\n") else f"{self._given}\n"]
+        return "\n".join([*given, *blocks])
+
+    def _conclude(self, blocks: list[str]) -> None:
+        text = self._text(blocks)
+        result = pipeline.resolve(self._findings, parse_corrections(text, CORRECTIONS))
+        write_results(result, self.directory, overwrite=True, beside={CORRECTIONS: text})
+        self._sentences = [warning.sentence for warning in result.warnings if warning.kind == _ABOUT_CLOSURES]
