@@ -3,6 +3,7 @@
 import gzip
 import itertools
 import json
+import shutil
 import sys
 from collections import defaultdict
 from pathlib import Path
@@ -182,12 +183,20 @@ def test_the_same_run_gives_the_same_bag_byte_for_byte(bag: Path, run: Path, log
     assert sorted(content) == ["foxglove-layout.json", "metadata.yaml", "run.mcap"]
 
 
+def test_the_scans_that_the_run_has_kept_are_as_good_as_the_log(bag: Path, run: Path, tmp_path: Path) -> None:
+    assert main(["export", str(run), "--to", "mcap", "-o", str(tmp_path / "bag")]) == 0
+    assert (tmp_path / "bag" / "run.mcap").read_bytes() == (bag / "run.mcap").read_bytes()
+
+
 @pytest.mark.parametrize("to", ["mcap", "rerun"])
-def test_without_the_log_all_but_the_scans_is_there(
+def test_without_any_log_all_but_the_scans_is_there(
     to: str, run: Path, found: RunFolder, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert main(["export", str(run), "--to", to, "-o", str(tmp_path / "out")]) == 0
-    assert "holds no scans" in capsys.readouterr().err
+    bare = tmp_path / "bare"
+    shutil.copytree(run, bare)
+    (bare / "run.npz").unlink()
+    assert main(["export", str(bare), "--to", to, "-o", str(tmp_path / "out")]) == 0
+    assert "has not kept its scans" in capsys.readouterr().err
     if to == "rerun":
         assert "/map/robot/laser/scan" not in rerun_rows(tmp_path / "out")
         return

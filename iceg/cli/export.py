@@ -51,7 +51,9 @@ class Export:
     log: Annotated[
         Path | None,
         tyro.conf.arg(
-            metavar="LOG", help="carmen: the recorded log; mcap, rerun: likewise, for the scans.", help_behavior_hint=""
+            metavar="LOG",
+            help="carmen: the recorded log; mcap, rerun: likewise, where DIR lacks run.npz.",
+            help_behavior_hint="",
         ),
     ] = None
     stamps: Annotated[
@@ -63,6 +65,7 @@ class Export:
         """Read, write, name the file."""
         from iceg.export.formats import export_results
         from iceg.export.options import ExportOptions
+        from iceg.export.recorded_run import holds_scans
 
         if self.log is None and self.to == "carmen":
             raise UsageError("--to carmen needs the recorded --log")
@@ -70,6 +73,6 @@ class Export:
             raise UsageError(f"--log goes with {', '.join(_WITH_SCANS)}, found --to {self.to}")
         if self.stamps != "recorded" and self.to not in ("tum", "euroc"):
             raise UsageError(f"--stamps repaired goes with tum and euroc, found --to {self.to}")
-        if self.log is None and self.to in _WITH_SCANS:
-            print("without --log the recording holds no scans", file=sys.stderr)
+        if self.log is None and self.to in _WITH_SCANS and not holds_scans(self.results):
+            print(f"{self.results} has not kept its scans: without --log the recording holds none", file=sys.stderr)
         print(export_results(self.results, self.to, self.output, ExportOptions(log=self.log, stamps=self.stamps)))

@@ -68,7 +68,7 @@ def write_mcap(directory: Path, path: Path, options: ExportOptions) -> None:
     Args:
         directory: of the run.
         path: the folder; these three files in it are replaced in one step.
-        options: with the log where the scans are to be in it.
+        options: with the log, where the run has not kept its scans.
 
     Raises:
         IcegError: a file cannot be read or written, or the log is not that of the run.
@@ -77,7 +77,7 @@ def write_mcap(directory: Path, path: Path, options: ExportOptions) -> None:
 
     run = read_recorded_run(directory, options)
     store = message_store(Stores.ROS2_HUMBLE)
-    pieces = _pieces(run, options, PlanarMessages(store.types, is_ros1=False))
+    pieces = _pieces(run, path, PlanarMessages(store.types, is_ros1=False))
     try:
         with publishing(path, replaces=(RECORDING, METADATA, LAYOUT)) as staging:
             _write_bag(staging, store, pieces)
@@ -104,12 +104,12 @@ def _write_bag(staging: Path, store: Any, pieces: Iterator[_Piece]) -> None:  # 
     room.rmdir()
 
 
-def _pieces(run: RecordedRun, options: ExportOptions, make: PlanarMessages) -> Iterator[_Piece]:
+def _pieces(run: RecordedRun, path: Path, make: PlanarMessages) -> Iterator[_Piece]:
     """All messages by their stamps."""
     streams = [_whole(run, make), _transforms(run, make), _key_poses(run, make), _paths_so_far(run, make)]
-    if run.log is not None and options.log is not None:
+    if run.log is not None:
         still = dataclasses.replace(run.log, sweep=None)  # a viewer draws a scan from one pose, that of its stamp
-        scan = scan_maker(options.log, still, make)
+        scan = scan_maker(path, still, make)
         streams.append(
             _Piece(stamp, "/scan", scan(stamp, ranges))
             for stamp, ranges in zip(run.stamps.tolist(), still.ranges, strict=True)

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from frontends.scan import Log
 from graph.g2o import G2oGraph, read_g2o
-from iceg.export.options import ExportOptions
+from iceg.export.options import ExportError, ExportOptions
 from iceg.export.recorded_log import read_log_of_run
 from iceg.ice.features import KIND_NAMES
-from iceg.results import whole_results
+from iceg.results import FINDINGS, whole_results
 from iceg.run_folder import RunFolder, read_run_folder
 from iceg.stamps import repaired_stamps
 
@@ -24,7 +24,7 @@ class RecordedRun:
         found: the files of the run.
         graph: its key poses and factors.
         stamps: (n,) of the scans [s], increasing, none negative.
-        log: the scans, None where no log was given.
+        log: the scans, None where neither a log was given nor the run has kept its own.
     """
 
     found: RunFolder
@@ -68,7 +68,7 @@ class RecordedRun:
 
 
 def read_recorded_run(directory: Path, options: ExportOptions) -> RecordedRun:
-    """Read a run, and its log where one is given.
+    """Read a run, with the log that is given, else the scans that the run has kept in its folder.
 
     Raises:
         IcegError: a file cannot be read, or the log is not the one that was run.
@@ -76,10 +76,30 @@ def read_recorded_run(directory: Path, options: ExportOptions) -> RecordedRun:
     found = read_run_folder(directory)
     with whole_results(directory):
         graph = read_g2o(directory / "graph.g2o")
+    log = _kept_log(directory) if options.log is None else read_log_of_run(directory, options.log)
+    if log is not None and len(log) != len(found.trajectory):
+        raise ExportError(
+            f"{directory / FINDINGS}: holds {len(log)} scans, the trajectory {len(found.trajectory)}; expected the "
+            "files of one run"
+        )
     stamps = repaired_stamps(found.trajectory.stamps)
     return RecordedRun(
         found=found,
         graph=graph,
         stamps=stamps - min(0.0, float(stamps.min())),
-        log=None if options.log is None else read_log_of_run(directory, options.log),
+        log=log,
     )
+
+
+def holds_scans(directory: Path) -> bool:
+    """Whether a run has kept its scans."""
+    return (directory / FINDINGS).exists()
+
+
+def _kept_log(directory: Path) -> Log | None:
+    if not holds_scans(directory):
+        return None
+    from iceg.findings_file.codec import read_findings
+
+    with whole_results(directory):
+        return read_findings(directory / FINDINGS).log

@@ -39,7 +39,7 @@ def write_rerun(directory: Path, path: Path, options: ExportOptions) -> None:
     Args:
         directory: of the run.
         path: the file, written atomically.
-        options: with the log where the scans are to be in it.
+        options: with the log, where the run has not kept its scans.
 
     Raises:
         IcegError: a file cannot be read or written, the log is not that of the run, or `rerun-sdk` is not installed.
