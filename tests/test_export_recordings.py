@@ -251,3 +251,16 @@ def test_a_log_that_is_not_the_runs_is_refused(run: Path, tmp_path: Path, capsys
     assert main(words) == 1
     assert "holds 1848 scans, the trajectory 120" in capsys.readouterr().err
     assert not (tmp_path / "bag").exists()
+
+
+@pytest.mark.parametrize("source", ["run.npz", "--log"])
+def test_of_a_run_that_was_cut_afterwards_the_scans_left_are_there(source: str, log: Path, tmp_path: Path) -> None:
+    (tmp_path / "cut.toml").write_text("[cut]\nkeep = [[20, 99]]\n")
+    whole, resolved = tmp_path / "whole", tmp_path / "resolved"
+    assert main(["run", str(log), "-o", str(whole), "--no-report"]) == 0
+    assert main(["resolve", str(whole), "--corrections", str(tmp_path / "cut.toml"), "-o", str(resolved)]) == 0
+    words = ["--log", str(log)] if source == "--log" else []
+    assert main(["export", str(resolved), "--to", "mcap", "-o", str(tmp_path / "bag"), *words]) == 0
+    ranges = [message.ranges for _, message in read_mcap(tmp_path / "bag" / "run.mcap")["/scan"]]
+    finite = np.where(np.isfinite(ranges), ranges, np.nan).astype(np.float32)
+    np.testing.assert_array_equal(finite, iceg.read_log(log).ranges[20:100])

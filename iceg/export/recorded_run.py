@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from frontends.scan import Log
 from graph.g2o import G2oGraph, read_g2o
 from iceg.export.options import ExportError, ExportOptions
-from iceg.export.recorded_log import read_log_of_run
+from iceg.export.recorded_log import kept_scans, read_log_of_run
 from iceg.ice.features import KIND_NAMES
-from iceg.results import FINDINGS, whole_results
+from iceg.results import FINDINGS, read_summary, whole_results
 from iceg.run_folder import RunFolder, read_run_folder
 from iceg.stamps import repaired_stamps
 
@@ -102,4 +102,7 @@ def _kept_log(directory: Path) -> Log | None:
     from iceg.findings_file.codec import read_findings
 
     with whole_results(directory):
-        return read_findings(directory / FINDINGS).log
+        findings, kept = read_findings(directory / FINDINGS), kept_scans(read_summary(directory))
+    if kept is None:
+        return findings.log
+    return findings.log.select(np.searchsorted(findings.kept.indices, kept.indices))  # a resolved run cuts more
