@@ -173,7 +173,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "dead odometry": Rule(
             what="odometry that stands while scans change says nothing",
-            without={f"{_SLAM}.tracking.log_tracking:dead_stretches": _empty},
+            without={f"{_SLAM}.tracking.log_tracking:dead_intervals": _empty},
         ),
         "sudden steps": Rule(
             what="steps no robot makes are doubted",
@@ -183,12 +183,12 @@ RULES: Mapping[str, Rule] = MappingProxyType(
                 )
             },
         ),
-        "retied": Rule(
-            what="scans around a break go to the right side of it", without={f"{_SLAM}.finding:retied": _first}
+        "reassigned": Rule(
+            what="scans around a break go to the right side of it", without={f"{_SLAM}.finding:reassigned": _first}
         ),
-        "let go": Rule(
+        "lost odometry": Rule(
             what="odometry tells nothing across a sudden loss",
-            without={f"{_SLAM}.final_factors:let_go": lambda factors, *_: list(factors)},
+            without={f"{_SLAM}.final_factors:without_lost_odometry": lambda factors, *_: list(factors)},
         ),
         "believed walls": Rule(
             what="walls know poses little better than the graph at most",
@@ -215,9 +215,9 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="dynamic covariance scaling in the finish",
             without={f"{_SLAM}.finish:closure_kernel": _nothing, f"{_SLAM}.finding:closure_kernel": _nothing},
         ),
-        "known ground": Rule(
+        "confirmed passes": Rule(
             what="passes over known ground are searched more seldom",
-            without={f"{_SLAM}.back_end:_KNOWN_AFTER": 1_000_000},
+            without={f"{_SLAM}.back_end:_CONFIRMED_AFTER": 1_000_000},
         ),
     }
 )
