@@ -13,7 +13,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export MPLBACKEND ?= Agg
 export ICEG_DATA ?= $(abspath ../shared/data)
 
-.PHONY: help demo bench docs test lint types imports browser pytest pytest-bounds pytest-python machines fuzz hostile format clean
+.PHONY: help demo bench docs test lint types imports browser pytest pytest-bounds pytest-python machines fuzz hostile package format clean
 .DEFAULT_GOAL := help
 
 help:
@@ -22,6 +22,7 @@ help:
 	@echo "make docs    these pages and the reference as a site, in $(PAGES)/; a warning is an error"
 	@echo "make bench   accuracy and speed on the real logs (ICEG_DATA), or ARGS=FILE.toml; result in $(BENCH)/"
 	@echo "make machines  whether every kind of processor finds the same; ARGS='LOG ... --python PATH ...'"
+	@echo "make package wheel and sdist in dist/, checked, installed elsewhere and run there"
 	@echo "make clean   remove the environment and all caches"
 
 demo: $(VENV)/installed.stamp
@@ -71,6 +72,10 @@ fuzz: $(VENV)/installed-dev.stamp
 # Each hostile file in a process of its own, with its memory and time; ARGS="plan PNG" for a few.
 hostile: $(VENV)/installed-dev.stamp
 	$(BIN)/python -m tests.fuzz.hostile $(ARGS)
+
+# ARGS="--python PATH ..." for the interpreters that the wheel is tried with.
+package: $(VENV)/installed-dev.stamp
+	$(BIN)/python tests/package.py $(ARGS)
 
 format: $(VENV)/installed-dev.stamp
 	$(BIN)/ruff check --fix

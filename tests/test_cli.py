@@ -67,9 +67,29 @@ def test_help_names_the_commands_and_loads_nothing_heavy() -> None:
         assert f"\n  {command} " in done.stdout
 
 
-def test_version(capsys: pytest.CaptureFixture[str]) -> None:
+def test_version_tells_of_iceg_and_what_it_rests_on(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["--version"]) == 0
-    assert capsys.readouterr().out == f"iceg {version('iceg')}\n"
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f"iceg {version('iceg')}"
+    for name in ("gtsam", "numba", "numpy", "scipy"):
+        assert f"{name} {version(name)}" in lines
+    assert f"extra dxf: ezdxf {version('ezdxf')}" in lines
+    assert not [line for line in lines if line.startswith("extra dev")]
+
+
+def test_an_extra_that_is_not_installed_is_named_with_what_it_lacks(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = [
+        "numpy>=2",
+        "ezdxf<2,>=1.3; extra == 'dxf'",
+        "no-such-package; extra == 'more'",
+        "ruff>=0.8; extra == 'dev'",
+    ]
+    monkeypatch.setattr("iceg.cli.versions.requires", lambda _: asked)
+    assert main(["--version"]) == 0
+    extras = [line for line in capsys.readouterr().out.splitlines() if line.startswith("extra")]
+    assert extras == [f"extra dxf: ezdxf {version('ezdxf')}", "extra more: not installed, lacks no-such-package"]
 
 
 @pytest.mark.parametrize(("given", "expected"), [({}, "1"), ({"OPENBLAS_NUM_THREADS": "3"}, "3")])

@@ -116,7 +116,7 @@ def test_tables_are_one_file_each(run: Path, tmp_path: Path, ending: str) -> Non
 def test_every_format_has_a_place_in_the_run_folder(log: Path, run: Path, capsys: pytest.CaptureFixture[str]) -> None:
     before = {path.name: path.read_bytes() for path in run.iterdir() if path.is_file()}
     for to, form in FORMATS.items():
-        more = ["--log", str(log)] if to == "carmen" else []
+        more = ["--log", str(log)] if to in ("carmen", "mcap", "rerun") else []
         assert main(["export", str(run), "--to", to, *more]) == 0
         assert capsys.readouterr().out == f"{run / form.name}\n"
     assert {name: (run / name).read_bytes() for name in before} == before

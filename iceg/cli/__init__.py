@@ -90,9 +90,9 @@ def _never_fail_to_print() -> None:
 
 def _main(words: list[str]) -> int:
     if words == ["--version"]:
-        from iceg import __version__
+        from iceg.cli.versions import versions
 
-        print(f"iceg {__version__}")
+        print(versions())
         return 0
     from graph.errors import IcegError, reason
     from iceg.cli.usage_error import UsageError

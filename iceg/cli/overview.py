@@ -11,7 +11,7 @@ _HEAD = (
 )
 _TAIL = """\
 Every command has --help, and --help-all for all of its settings. Angles are in degrees: 20, 20deg, 0.35rad.
-  --version      what is installed
+  --version      of iceg, what it rests on, and which extras are installed
   --completion   bash, zsh or fish: prints what completes commands and flags in that shell
   --debug        with any command: the traceback of an error of iceg itself
 

@@ -38,7 +38,9 @@ FORMATS: Mapping[str, Format] = {
     "floorplan.svg": Format(writer="floor_plans.write_floor_plan_svg", name="floorplan.svg"),
     "floorplan.pdf": Format(writer="floor_plans.write_floor_plan_pdf", name="floorplan.pdf"),
     "floorplan.dxf": Format(writer="floor_plans.write_floor_plan_dxf", name="floorplan.dxf"),
+    "mcap": Format(writer="mcap_recording.write_mcap", name="mcap", is_folder=True),
     "parquet": Format(writer="tables.write_parquet_tables", name="parquet", is_folder=True),
+    "rerun": Format(writer="rerun_recording.write_rerun", name="run.rrd"),
 }
 """By the name that asks for it."""
 
