@@ -6,7 +6,7 @@ import { CLOSURE_COLOURS, ellipseOf } from "report/draw";
 import { count, degrees, duration, escaped, facts, length, metres, percent } from "report/format";
 import { show } from "report/mapview";
 import { measurement, toggleMeasuring } from "report/measure";
-import { between, keyOfScan, nClosures, nKeys, poseOfKey, poseOfScan, run } from "report/run";
+import { between, keyOfScan, nClosures, nKeys, nLandmarks, poseOfKey, poseOfScan, run } from "report/run";
 
 const panel = document.getElementById("inspector");
 const { closures, factors, keys } = run;
@@ -53,7 +53,7 @@ function overview() {
   const places = run.warnings.filter((warning) => warning.scan !== null).slice(0, 6);
   const list = places.map((warning) => `<p>${link("scan", warning.scan, `Scan ${warning.scan}`)} ${escaped(warning.sentence)}</p>`).join("");
   return `<h2>What you see</h2>
-    <p>The map of <b>${escaped(run.name)}</b>: ${count(nKeys, "key pose")}, ${count(accepted, "loop closure")} in force, ${count(run.landmarks.kinds.length, "landmark")}.</p>
+    <p>The map of <b>${escaped(run.name)}</b>: ${count(nKeys, "key pose")}, ${count(accepted, "loop closure")} in force, ${count(run.landmarks.settled, "landmark")} (${nLandmarks.toLocaleString("en")} with those seen rarely or expired).</p>
     <p class="soft">Click a <b>pose</b> of the path for its scan, its covariance and what holds it; click a <b>loop closure</b> for the two scans it joins. The slider replays the run: space plays, ← and → step, Shift makes larger steps.</p>
     <p class="soft">The ruler measures between two points and says how well the distance is known.</p>
     ${list ? `<h3>Look here</h3>${list}` : ""}${leastAgreed()}
