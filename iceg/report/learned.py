@@ -65,9 +65,7 @@ def _gyro(gyro: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "Gyro, bias", f"{_signed(bias, 3)} ° per {'second' if has_times else 'scan'}"
     delay = f"{_signed(1000 * gyro['delay_s'], 0)} ms" if has_times else f"{_signed(gyro['delay_scans'], 2)} scans"
     yield "Gyro behind the scans", delay
-    left, without = (
-        math.degrees(gyro[name]) for name in ("turn_std_rad", "turn_std_of_constant_velocity_rad")
-    )
+    left, without = (math.degrees(gyro[name]) for name in ("turn_std_rad", "turn_std_of_constant_velocity_rad"))
     yield "Gyro, scatter of a turn", f"{left:.2f} °, {without:.2f} ° without it"
 
 

@@ -147,6 +147,11 @@ function closureFacts(index, matched, onPath) {
     rows.push(["Residual", `${factors.sigmas[factor].toFixed(2)} σ`]);
     if (factors.weights[factor] < 0.995) rows.push(["Weight left by the robust kernel", percent(factors.weights[factor])]);
   }
+  if (!Number.isNaN(closures.off_path[index])) rows.push(["Off the path when it was found", `${closures.off_path[index].toFixed(1)} σ at most`]);
+  const rival = closures.rivals[index];
+  if (rival) {
+    rows.push(["Other place that fits", `${length(rival.apart)} away`], ["Misfit there, and here", `${rival.misfit.toFixed(2)}, ${rival.own.toFixed(2)}`]);
+  }
   if (matched !== null) {
     const [dx, dy, turn] = between(matched, onPath);
     rows.push(["Path against match", `${length(Math.hypot(dx, dy))}, ${degrees(turn)}`]);
