@@ -135,7 +135,7 @@ function closureText(index, i, j, matched, onPath) {
     <p class="legend"><span><i style="background:var(--a)"></i>${link("scan", i, `scan ${i}`)}</span><span><i style="background:var(--b)"></i>${link("scan", j, `scan ${j}`)}</span></p>
     <div class="actions" data-for="closure" data-index="${index}"></div>
     <dl class="facts">${facts(closureFacts(index, matched, onPath))}</dl>
-    ${matched === null ? '<p class="soft">The matcher found no place where the scans agree.</p>' : picture("matched", "As matched")}
+    ${matched === null ? '<p class="soft">The matcher found no place where the scans agree.</p>' : picture("matched", closures.inliers[index] > 0 ? "As matched" : "As given by hand")}
     ${picture("path", "As the final path has them")}
     <p class="soft">Joins ${link("pose", keyOfScan(i), `key pose ${keyOfScan(i)}`)} and ${link("pose", keyOfScan(j), `key pose ${keyOfScan(j)}`)}.</p>`;
 }
@@ -154,7 +154,7 @@ function closureFacts(index, matched, onPath) {
   }
   if (matched !== null) {
     const [dx, dy, turn] = between(matched, onPath);
-    rows.push(["Path against match", `${length(Math.hypot(dx, dy))}, ${degrees(turn)}`]);
+    rows.push([closures.inliers[index] > 0 ? "Path against match" : "Path against what was given", `${length(Math.hypot(dx, dy))}, ${degrees(turn)}`]);
     if (closures.inliers[index] > 0) {
       rows.push(["Score", closures.scores[index].toFixed(3)], ["Beams that agree", String(closures.inliers[index])], ["Overlap", percent(closures.overlaps[index])]);
     }

@@ -51,6 +51,20 @@ def read_all_corrections(paths: Iterable[Path]) -> Corrections:
     return reduce(Corrections.joined, map(read_corrections, paths), Corrections())
 
 
+def text_of_corrections(path: Path) -> str | None:
+    """The text of `corrections.toml`, to be kept; None of a CSV.
+
+    Raises:
+        IcegError: the file cannot be read.
+    """
+    text = read_text(path, "settings_bytes", CorrectionsError, "corrections")
+    return None if _is_table(text.partition("\n")[0]) else text
+
+
+def _is_table(line: str) -> bool:
+    return [word.strip() for word in line.split(",")][:2] == ["scan_i", "scan_j"]
+
+
 def parse_corrections(text: str, where: str) -> Corrections:
     """Corrections from TOML.
 
