@@ -49,14 +49,15 @@ function offer() {
 function forClosure(index) {
   const verdict = run.closures.names[run.closures.verdicts[index]];
   const isMatched = !Number.isNaN(run.closures.matched[3 * index]);
+  const isByHand = run.closures.reasons[index].startsWith("by hand");
   const offers = [];
   if (verdict === "accepted") {
     offers.push(button("forbid", index, "Forbid", "This closure is wrong"));
     offers.push(button("around", index, "Forbid all around", `None between the ${2 * AROUND} key poses around its ends`));
   }
   if (verdict === "accepted") offers.push(button("pin", index, "Pin", "Believe it whatever contradicts it"));
-  else if (verdict !== "by hand" && isMatched) offers.push(button("accept", index, "Accept", "Add it as it was matched"));
-  else if (verdict === "by hand" && isLive) offers.push(button("withdraw", index, "Take out", "This closure by hand is wrong"));
+  else if (!isByHand && isMatched) offers.push(button("accept", index, "Accept", "Add it as it was matched"));
+  if (isByHand && isLive) offers.push(button("withdraw", index, "Take out", "This closure by hand is wrong"));
   offers.push(button("drag", index, "Drag…", "Lay one scan on the other by hand"));
   return offers.join("");
 }
