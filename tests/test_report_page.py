@@ -182,6 +182,7 @@ def test_a_click_on_a_closure_lays_its_scans_on_each_other(page: "Page", shown: 
     found = closures[index]
     text = page.locator("#inspector").inner_text()
     assert "accepted" in text
+    assert "% of the beams fall on the earlier pass" in text
     assert f"scan {found.scan_i}" in text
     assert f"scan {found.scan_j}" in text
     assert "σ" in page.locator("#inspector dl").inner_text()

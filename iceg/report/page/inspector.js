@@ -165,8 +165,8 @@ function closureFacts(index, matched, onPath) {
 /** What the three figures of a verdict mean, written out. */
 function inWords(reason) {
   const words = reason
-    .replace(/overlap (\d\.\d+)/, (_, share) => `${percent(share)} of the beams fall on the earlier pass`)
-    .replace(/fit (\d\.\d+)/, (_, share) => `${percent(share)} of those agree with it`)
-    .replace(/view (\d\.\d+)/, (_, share) => `${percent(share)} of what should be in view is seen`);
+    .replace(/overlap (\d\.\d+)/, (_, share) => `${percent(Number(share))} of the beams fall on the earlier pass`)
+    .replace(/fit (\d\.\d+)/, (_, share) => `${percent(Number(share))} of those agree with it`)
+    .replace(/view (\d\.\d+)/, (_, share) => `${percent(Number(share))} of what should be in view is seen`);
   return `${words.charAt(0).toUpperCase()}${words.slice(1)}.`;
 }
