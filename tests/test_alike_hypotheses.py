@@ -20,7 +20,7 @@ from iceg.slam import back_end
 from iceg.slam.back_end import BackEnd
 from iceg.slam.broken_path import place_search, relocalisation, untied_steps
 from iceg.slam.broken_path.estimate import Estimate
-from iceg.slam.broken_path.examination import Exam
+from iceg.slam.broken_path.hypothesis_verification import FitCount
 from iceg.slam.broken_path.path_break import Doubt, DoubtKind
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_single_steps
 from iceg.slam.broken_path.relocalisation import relocalise
@@ -89,7 +89,7 @@ class _Closer(LoopCloser):
         )
 
 
-class _Examiner:
+class _HypothesisVerifier:
     """Every hypothesis gets as many votes as it has closures, the estimate none."""
 
     def __init__(self, closer: LoopCloser, track: Track) -> None:
@@ -98,13 +98,13 @@ class _Examiner:
     against = 0
     """Votes against every hypothesis."""
 
-    def of_hypothesis(self, hypothesis: Hypothesis, poses: Array) -> Exam:
+    def of_hypothesis(self, hypothesis: Hypothesis, poses: Array) -> FitCount:
         del poses
-        return Exam(agreeing=list(hypothesis.closures), against=self.against)
+        return FitCount(agreeing=list(hypothesis.closures), against=self.against)
 
-    def of_estimate(self, hypothesis: Hypothesis, poses: Array, among: NDArray[np.bool_] | None = None) -> Exam:
+    def of_estimate(self, hypothesis: Hypothesis, poses: Array, among: NDArray[np.bool_] | None = None) -> FitCount:
         del hypothesis, poses, among
-        return Exam(agreeing=[], against=0)
+        return FitCount(agreeing=[], against=0)
 
 
 def _relocalised(
@@ -115,8 +115,8 @@ def _relocalised(
     held: Sequence[Attempt] = (),
 ) -> Estimate:
     """With the places found alike; closures found on the way hold the path."""
-    monkeypatch.setattr(place_search, "alike_places", lambda *_: [(_EARLIER, key) for key in places])
-    monkeypatch.setattr(relocalisation, "Examiner", _Examiner)
+    monkeypatch.setattr(place_search, "similar_places", lambda *_: [(_EARLIER, key) for key in places])
+    monkeypatch.setattr(relocalisation, "HypothesisVerifier", _HypothesisVerifier)
     return _searched(track, places, kind, held)
 
 
@@ -148,7 +148,7 @@ def test_the_set_that_agrees_picks_among_the_places_of_each(track: Track, monkey
     found = _relocalised(track, {k: [_by_chance(k), _moved(track, k, _HERE)] for k in _AGAIN}, monkeypatch)
     (at,) = found.breaks
     assert (at.key, at.outcome) == (_BREAK, "joined")
-    assert found.alike == ()
+    assert found.ambiguous == ()
     accepted = [attempt for attempt in found.attempts if attempt.accepted]
     assert [attempt.key_new for attempt in accepted] == list(_AGAIN)
     key = _AGAIN[3]
@@ -190,7 +190,9 @@ def test_what_is_told_without_acting_on_it_is_credible(
     track: Track, monkeypatch: pytest.MonkeyPatch, agree: int, against: int, n_held: int, is_told: bool
 ) -> None:
     monkeypatch.setattr(
-        _Examiner, "of_hypothesis", lambda _, claim, _poses: Exam(agreeing=claim.closures[:agree], against=against)
+        _HypothesisVerifier,
+        "of_hypothesis",
+        lambda _, claim, _poses: FitCount(agreeing=claim.closures[:agree], against=against),
     )
     places = {k: [_moved(track, k, _HERE)] for k in _AGAIN}
     held = [_over_the_whole_path(track)] * n_held
@@ -205,19 +207,19 @@ def _over_the_whole_path(track: Track) -> Attempt:
     return _Closer(track, {last: [between(poses[0], poses[last])]}).match_anywhere(0, last, poses)
 
 
-@pytest.mark.parametrize(("is_led", "outcome"), [(False, "joined"), (True, "contradicted")])
+@pytest.mark.parametrize(("is_dead_reckoned", "outcome"), [(False, "joined"), (True, "contradicted")])
 def test_who_was_led_into_a_loss_by_odometry_is_not_put_where_it_only_looks_alike(
-    track: Track, monkeypatch: pytest.MonkeyPatch, is_led: bool, outcome: str
+    track: Track, monkeypatch: pytest.MonkeyPatch, is_dead_reckoned: bool, outcome: str
 ) -> None:
-    monkeypatch.setitem(globals(), "Doubt", partial(Doubt, is_led=is_led))
+    monkeypatch.setitem(globals(), "Doubt", partial(Doubt, is_dead_reckoned=is_dead_reckoned))
     found = _relocalised(track, {k: [_moved(track, k, _HERE)] for k in _AGAIN}, monkeypatch)
     assert [at.outcome for at in found.breaks] == [outcome]
-    assert np.array_equal(found.poses, _poses(track)) == is_led
+    assert np.array_equal(found.poses, _poses(track)) == is_dead_reckoned
 
 
-@pytest.mark.parametrize(("known", "is_led"), [(True, [False, True, True]), (False, [False, False, False])])
+@pytest.mark.parametrize(("known", "is_dead_reckoned"), [(True, [False, True, True]), (False, [False, False, False])])
 def test_odometry_leads_from_the_second_key_scan_on_that_matches_nothing(
-    track: Track, known: bool, is_led: list[bool]
+    track: Track, known: bool, is_dead_reckoned: list[bool]
 ) -> None:
     keys, nothing = list(track.keys[:30]), NoMatch(reason="nothing")
     keys[20:23] = [replace(key, match=nothing) for key in keys[20:23]]
@@ -225,7 +227,7 @@ def test_odometry_leads_from_the_second_key_scan_on_that_matches_nothing(
     end = BackEnd(some, LoopCloser(IceMatcher(), some, LoopClosureConfig(enabled=False)), PoseGraphConfig())
     for k, key in enumerate(keys[1:], start=1):
         end.add(k, key.motion if known else None)
-    assert [end.doubts[k].is_led for k in (20, 21, 22)] == is_led
+    assert [end.doubts[k].is_dead_reckoned for k in (20, 21, 22)] == is_dead_reckoned
 
 
 def test_two_sets_about_as_strong_close_nothing_and_it_is_said(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -234,7 +236,7 @@ def test_two_sets_about_as_strong_close_nothing_and_it_is_said(track: Track, mon
     found = _relocalised(track, places, monkeypatch)
     assert [at.outcome for at in found.breaks] == ["apart"]
     assert not any(attempt.accepted for attempt in found.attempts)
-    (vote,) = found.alike
+    (vote,) = found.ambiguous
     assert (vote.first, vote.last) == (_AGAIN[0], _AGAIN[-1])
     assert (vote.count, vote.rival) == (len(_AGAIN), len(_AGAIN) - 1)
     poses = _poses(track)
@@ -253,13 +255,13 @@ def test_two_places_that_both_beat_the_path_are_told_though_closures_hold_the_pa
     found = _relocalised(track, places, monkeypatch, kind=DoubtKind.UNMATCHED, held=held)
     assert [attempt for attempt in found.attempts if attempt.accepted] == held
     assert found.breaks == ()
-    (vote,) = found.alike
+    (vote,) = found.ambiguous
     assert (vote.count, vote.rival) == (len(_AGAIN), len(_AGAIN) - 4)
     # nor do they settle it for the back end
     monkeypatch.setattr(back_end, "relocalise", lambda *_: found)
     noise, config = OdometryModel(), LoopClosureConfig()
     solution = back_end.solve_track(track, None, noise, IceMatcher(), PoseGraphConfig(), config)
-    assert solution.alike == (vote,)
+    assert solution.ambiguous == (vote,)
 
 
 @pytest.mark.parametrize(("against", "outcome"), [(0, "joined"), (1, "joined"), (2, "joined"), (3, "apart")])
@@ -268,11 +270,11 @@ def test_what_only_a_second_comparison_of_places_finds_must_be_sure(
 ) -> None:
     # Ten agree: at first three against them are few enough; those who look again find more that agree by chance.
     places = {k: [_moved(track, k, _HERE)] for k in _AGAIN}
-    monkeypatch.setattr(_Examiner, "against", against)
+    monkeypatch.setattr(_HypothesisVerifier, "against", against)
     monkeypatch.setattr(Hypothesis, "breadth", Hypothesis.support)
     at_first = _relocalised(track, places, monkeypatch)
     assert [at.outcome for at in at_first.breaks] == ["joined"]
-    monkeypatch.setattr(place_search, "alike_places", _only_the_second_time([(_EARLIER, key) for key in places]))
+    monkeypatch.setattr(place_search, "similar_places", _only_the_second_time([(_EARLIER, key) for key in places]))
     again = _searched(track, places)
     assert [at.outcome for at in again.breaks] == [outcome]
 
@@ -306,7 +308,7 @@ def test_few_pairs_are_matched_where_nothing_is_doubtful_and_little_untied(
         asked.append(config.places)
         return []
 
-    monkeypatch.setattr(place_search, "alike_places", alike)
+    monkeypatch.setattr(place_search, "similar_places", alike)
     config, first, last = LoopClosureConfig(), 90, len(track.keys) - 1
     closer = _Closer(track, {key: [np.zeros(3)] for key in range(last + 1)})
     # with all the key scans they rest on, they span the path up to the first step and after the last one
@@ -325,7 +327,7 @@ def test_a_set_with_far_fewer_is_no_rival(track: Track, monkeypatch: pytest.Monk
     alone = {k: [_moved(track, k, _HERE)] for k in _AGAIN if k not in few}
     found = _relocalised(track, both | alone, monkeypatch)
     assert [at.outcome for at in found.breaks] == ["joined"]
-    assert found.alike == ()
+    assert found.ambiguous == ()
 
 
 def test_an_ambiguous_place_that_confirms_the_path_says_nothing(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -344,8 +346,8 @@ def test_a_part_that_only_a_later_one_is_tied_to_moves_with_it(track: Track, mon
     places = {key: [between(T_map_second, T_map_third[key])] for key in again}
     places |= {key: [between(poses[_EARLIER], T_map_third[key])] for key in first_again}
     pairs = [(second if key in again else _EARLIER, key) for key in places]
-    monkeypatch.setattr(place_search, "alike_places", lambda *_: pairs)
-    monkeypatch.setattr(relocalisation, "Examiner", _Examiner)
+    monkeypatch.setattr(place_search, "similar_places", lambda *_: pairs)
+    monkeypatch.setattr(relocalisation, "HypothesisVerifier", _HypothesisVerifier)
     doubts = {
         key: Doubt(reason="nothing matched what was known before", kind=DoubtKind.LOST) for key in (before, third)
     }
@@ -365,8 +367,8 @@ def test_what_spans_one_doubtful_step_is_heard_before_what_spans_two(
     places = {key: [between(poses[_EARLIER], T_third[key])] for key in range(105, 135, 3)}
     within = {key: [between(T_second[70], T_third[key])] for key in range(140, 165, 4)}
     pairs = [(_EARLIER, key) for key in places] + [(70, key) for key in within]
-    monkeypatch.setattr(place_search, "alike_places", lambda *_: pairs)
-    monkeypatch.setattr(relocalisation, "Examiner", _Examiner)
+    monkeypatch.setattr(place_search, "similar_places", lambda *_: pairs)
+    monkeypatch.setattr(relocalisation, "HypothesisVerifier", _HypothesisVerifier)
     doubts = {
         second: Doubt(reason="scripted", kind=DoubtKind.LOST),
         _BREAK: Doubt(reason="scripted", kind=DoubtKind.UNMATCHED),
@@ -458,7 +460,7 @@ def test_what_a_single_place_before_the_loss_says_must_be_sure(
     track: Track, monkeypatch: pytest.MonkeyPatch, against: int, outcome: str
 ) -> None:
     places = {k: [_moved(track, k, _HERE)] for k in _AGAIN}
-    monkeypatch.setattr(_Examiner, "against", against)
+    monkeypatch.setattr(_HypothesisVerifier, "against", against)
     assert [at.outcome for at in _relocalised(track, places, monkeypatch).breaks] == [outcome]
 
 

@@ -344,8 +344,10 @@ def pipeline(monkeypatch: pytest.MonkeyPatch) -> Callable[[Pipeline], None]:
     return install
 
 
-def by_odometry(log: Log, config: Config, progress: ProgressCallback, *, closures: object = ()) -> Any:
-    del closures
+def by_odometry(
+    log: Log, config: Config, progress: ProgressCallback, *, closures: object = (), corrections: object = None
+) -> Any:
+    del closures, corrections
     for scan in range(len(log)):
         progress(Progress(scans=scan + 1, tried=scan, accepted=scan // 2))
     return SimpleNamespace(

@@ -14,7 +14,7 @@ from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose, compose_covariance
 from iceg.ice.matcher import IceMatcher
-from iceg.slam.back_end import KNOWN_SPACING, BackEnd, solve_track
+from iceg.slam.back_end import CONFIRMED_SPACING, BackEnd, solve_track
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.closures.candidates import Candidate, EarlierPasses
 from iceg.slam.closures.verification import ClosureVerifier
@@ -297,14 +297,14 @@ def test_ground_is_known_where_three_passes_confirm_it(track: Track, passes: int
         back_end._since_search[:] = 0.0
         back_end.add(key, None)
     back_end._search(30)
-    np.testing.assert_array_equal(np.flatnonzero(~closer.offered), np.arange(1, 31) if is_known else [])
+    np.testing.assert_array_equal(np.flatnonzero(~closer.searchable), np.arange(1, 31) if is_known else [])
     key = 30
     while back_end._searched_to == 30:
         key += 1
         back_end.add(key, None)
     since = sum(np.array([step.motion.distance, step.motion.turn]) for step in track.keys[31 : key + 1])
     last = np.array([track.keys[key].motion.distance, track.keys[key].motion.turn])
-    limits = np.array([closer.config.spacing, closer.config.spacing_angle]) * (KNOWN_SPACING if is_known else 1.0)
+    limits = np.array([closer.config.spacing, closer.config.spacing_angle]) * (CONFIRMED_SPACING if is_known else 1.0)
     assert (since > limits).any()
     assert (since - last <= limits).all(), "not a key scan later"
 
@@ -315,7 +315,7 @@ def test_key_scans_that_only_confirm_are_no_candidates(track: Track, true_poses:
     key = next(k for k in range(200, len(track.keys)) if closer.neighbours(k, true_poses, deviations))
     before = closer.neighbours(key, true_poses, deviations)
     nearest = before[0].key_old
-    closer.offered[max(0, nearest - 20) : nearest + 20] = False
+    closer.searchable[max(0, nearest - 20) : nearest + 20] = False
     after = closer.neighbours(key, true_poses, deviations)
     assert all(abs(candidate.key_old - nearest) > 4 for candidate in after)
     assert {candidate.key_old for candidate in before[1:]} - {candidate.key_old for candidate in after} <= {
@@ -327,7 +327,7 @@ def test_the_finish_looks_more_seldom_on_known_ground(track: Track) -> None:
     config, everywhere = FinishConfig(), np.ones(len(track.keys), dtype=np.bool_)
     usual = len(_spaced_keys(track, config, everywhere))
     seldom = len(_spaced_keys(track, config, ~everywhere))
-    assert 2.0 < usual / seldom < 1.2 * KNOWN_SPACING
+    assert 2.0 < usual / seldom < 1.2 * CONFIRMED_SPACING
 
 
 def test_each_factor_enters_once(track: Track) -> None:

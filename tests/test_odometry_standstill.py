@@ -11,7 +11,7 @@ from frontends.scan import Log
 from iceg.demo import demo_log_path
 from iceg.slam.recording.standstill import (
     between_readings,
-    dead_stretches,
+    dead_intervals,
     reading_period,
     with_odometry_between_readings,
 )
@@ -67,20 +67,20 @@ def test_a_run_is_told_that_odometry_was_interpolated(log: Log) -> None:
 
 def test_odometry_that_stops_counting_is_dead_from_there_on(log: Log) -> None:
     dying = log.odometry[np.minimum(np.arange(len(log)), 900)]
-    assert dead_stretches(dying, log.ranges) == [(900, len(log) - 1)]
+    assert dead_intervals(dying, log.ranges) == [(900, len(log) - 1)]
     pausing = log.odometry.copy()
     pausing[500:560] = pausing[500]
-    assert dead_stretches(pausing, log.ranges) == [(500, 559)]
+    assert dead_intervals(pausing, log.ranges) == [(500, 559)]
 
 
 def test_a_robot_that_stands_among_noise_and_people_has_no_dead_odometry(log: Log) -> None:
-    assert not dead_stretches(log.odometry, log.ranges)
+    assert not dead_intervals(log.odometry, log.ranges)
     rng = np.random.default_rng(1)
     standing = np.tile(log.ranges[300], (400, 1)) + rng.normal(0.0, 0.03, (400, log.ranges.shape[1]))
     standing[rng.random(standing.shape) < 0.3] = 0.7
     covered = standing.astype(np.float32)
     covered[100:200] = np.nan
-    assert not dead_stretches(np.tile([3.0, 2.0, 1.0], (400, 1)), covered)
+    assert not dead_intervals(np.tile([3.0, 2.0, 1.0], (400, 1)), covered)
 
 
 def test_a_laser_that_sees_the_move_a_little_before_the_odometry_does_is_no_contradiction(log: Log) -> None:
@@ -88,4 +88,4 @@ def test_a_laser_that_sees_the_move_a_little_before_the_odometry_does_is_no_cont
     ranges = np.concatenate([np.tile(moving[0], (40, 1)), moving])
     late = 2
     odometry = np.concatenate([np.tile(log.odometry[500], (40 + late, 1)), log.odometry[500 : 560 - late]])
-    assert not dead_stretches(odometry, ranges)
+    assert not dead_intervals(odometry, ranges)

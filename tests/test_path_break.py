@@ -7,7 +7,7 @@ import iceg
 from graph.factors import Factor
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryMotion
-from iceg.slam.broken_path.path_break import UNKNOWN_STEP, Break, Outcome, let_go
+from iceg.slam.broken_path.path_break import UNKNOWN_STEP, Break, Outcome, without_lost_odometry
 from iceg.slam.track import KeyScan, Track
 
 _SCAN = iceg.Scan.from_ranges(np.full(31, 4.0), field_of_view=np.pi)
@@ -49,33 +49,33 @@ def _chain(n: int) -> list[Factor]:
     return [prior, *steps, Factor(kind="ice", i=0, j=1, T_i_j=_STEP, covariance=1e-4 * np.eye(3))]
 
 
-def _let_go(track: Track, key: int, outcome: Outcome = "apart", *, witnesses: int = 0) -> list[int]:
+def _without_lost_odometry(track: Track, key: int, outcome: Outcome = "apart", *, witnesses: int = 0) -> list[int]:
     """Second key poses of the steps of which odometry tells nothing."""
     factors = _chain(len(track.keys))
-    after = let_go(factors, [Break(key=key, outcome=outcome, reason="", closures=witnesses)], track)
+    after = without_lost_odometry(factors, [Break(key=key, outcome=outcome, reason="", closures=witnesses)], track)
     changed = [now for was, now in zip(factors, after, strict=True) if now is not was]
     assert all(np.allclose(factor.covariance, UNKNOWN_STEP) for factor in changed)
     return [factor.j for factor in changed]
 
 
 def test_a_robot_that_saw_well_and_then_knows_nothing_may_be_anywhere() -> None:
-    assert _let_go(_track(_NOTHING, _match(), _match(), _NOTHING, _match()), 3) == [3]
+    assert _without_lost_odometry(_track(_NOTHING, _match(), _match(), _NOTHING, _match()), 3) == [3]
 
 
 def test_one_that_has_a_single_scan_to_know_goes_on_as_odometry_says() -> None:
-    assert _let_go(_track(_NOTHING, _NOTHING, _match()), 1) == []
+    assert _without_lost_odometry(_track(_NOTHING, _NOTHING, _match()), 1) == []
 
 
 @pytest.mark.parametrize(("witnesses", "torn"), [(0, [2]), (2, [2]), (3, [])])
 def test_so_does_one_whose_scans_agree_with_odometry_across_the_loss(witnesses: int, torn: list[int]) -> None:
-    assert _let_go(_track(_NOTHING, _match(), _NOTHING, _match()), 2, witnesses=witnesses) == torn
+    assert _without_lost_odometry(_track(_NOTHING, _match(), _NOTHING, _match()), 2, witnesses=witnesses) == torn
 
 
 @pytest.mark.parametrize("before", [_NOTHING, _match((1.0, 0.0, 0.0))])
 def test_one_that_saw_little_before_goes_on_as_odometry_says(before: RelativePose | NoMatch) -> None:
-    assert _let_go(_track(_NOTHING, _match(), before, _NOTHING, _match()), 3) == []
+    assert _without_lost_odometry(_track(_NOTHING, _match(), before, _NOTHING, _match()), 3) == []
 
 
 @pytest.mark.parametrize("outcome", ["joined", "credible", "contradicted"])
 def test_only_parts_that_nothing_joins(outcome: Outcome) -> None:
-    assert _let_go(_track(_NOTHING, _match(), _NOTHING, _match()), 2, outcome) == []
+    assert _without_lost_odometry(_track(_NOTHING, _match(), _NOTHING, _match()), 2, outcome) == []

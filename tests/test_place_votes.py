@@ -198,7 +198,7 @@ def test_where_two_rows_of_places_are_about_as_strong_nothing_is_closed_and_it_i
     assert _closures(solution) == 0
     assert not any(attempt.accepted for attempt in solution.attempts)
     assert all(attempt.reason.startswith("places look alike") for attempt in solution.attempts)
-    (vote,) = solution.alike
+    (vote,) = solution.ambiguous
     assert (vote.first, vote.last) == (_SEEN_AGAIN[0], _SEEN_AGAIN[-1])
     assert vote.rival == vote.count == len(_SEEN_AGAIN)
     said = describe_vote(vote, track).sentence
@@ -208,7 +208,7 @@ def test_where_two_rows_of_places_are_about_as_strong_nothing_is_closed_and_it_i
 
 def test_a_row_that_fits_one_place_better_closes_what_single_searches_left_open(track: Track) -> None:
     solution = _solved(track, _script(track, misfit_elsewhere=0.15)).solution()
-    assert solution.alike == ()
+    assert solution.ambiguous == ()
     accepted = [attempt for attempt in solution.attempts if attempt.accepted]
     assert len(accepted) == _closures(solution) >= len(_SEEN_AGAIN) - 1
     assert all(attempt.reason.startswith("here its neighbours fit best; 2 places") for attempt in accepted)
@@ -259,7 +259,7 @@ def test_the_finish_closes_nothing_across_what_is_alike(track: Track) -> None:
     back_end = _solved(track, {})
     plain = back_end.solution()
     middle = 200
-    alike = replace(plain, alike=(Vote(first=middle, last=middle + 5, count=6, rival=6, apart=6.0),))
+    alike = replace(plain, ambiguous=(Vote(first=middle, last=middle + 5, count=6, rival=6, apart=6.0),))
     matcher: Matcher = IceMatcher()
 
     def across(solution: Solution) -> int:

@@ -20,7 +20,7 @@ from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
 from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
 from iceg.slam import back_end
-from iceg.slam.broken_path.examination import Exam, Examiner
+from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.closures.reference import References
@@ -29,8 +29,8 @@ from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.pipeline import SlamResult, run
 from iceg.slam.track import Track
-from iceg.slam.tracking.broken_track import retied
 from iceg.slam.tracking.log_tracking import track_log
+from iceg.slam.tracking.reassigned_scans import reassigned
 
 _QUICK = Config(grid=GridConfig(resolution=0.2), finish=FinishConfig(enabled=False))
 
@@ -164,8 +164,8 @@ def test_where_odometry_told_the_way_closures_across_a_loss_stay(log: Log, truth
 
 def test_a_loss_that_only_a_majority_bridges_is_told(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     attempt = Attempt(key_old=0, key_new=1, match=None, overlap=0.0, accepted=True, reason="")
-    torn = Exam(agreeing=[attempt] * 4, against=2)
-    monkeypatch.setattr(Examiner, "of_estimate", lambda *_: torn)
+    torn = FitCount(agreeing=[attempt] * 4, against=2)
+    monkeypatch.setattr(HypothesisVerifier, "of_estimate", lambda *_: torn)
     sparse = noisy(every_metre(log).log, deviation=0.02, outliers=0.2).log
     result = run(sparse, _QUICK)
     assert {found["outcome"] for found in result.summary["breaks"]} == {"credible"}
@@ -180,7 +180,7 @@ def test_a_majority_is_enough_where_odometry_says_the_same(
     agreeing: int, against: int, credible: bool, passed: bool
 ) -> None:
     attempt = Attempt(key_old=0, key_new=1, match=None, overlap=0.0, accepted=True, reason="")
-    exam = Exam(agreeing=[attempt] * agreeing, against=against)
+    exam = FitCount(agreeing=[attempt] * agreeing, against=against)
     assert (exam.is_credible, exam.is_passed) == (credible, passed)
 
 
@@ -192,7 +192,7 @@ def test_scans_taken_before_the_next_key_scan_belong_to_it(log: Log) -> None:
     track = track_log(_joined(still, _part(log, 901, 1000)), IceMatcher(), OdometryModel(), FrontEndConfig())
     key = next(k for k, scan in enumerate(track.keys) if scan.index >= 400)
     assert (track.key_of_scan[400:405] == key - 1).all()
-    tied = retied(track, [key], _joined(still, _part(log, 901, 1000)), IceMatcher())
+    tied = reassigned(track, [key], _joined(still, _part(log, 901, 1000)), IceMatcher())
     assert (tied.key_of_scan[400 : track.keys[key].index + 1] == key).all()
     assert (tied.key_of_scan[:400] == track.key_of_scan[:400]).all()
     poses = np.array([scan.T_track_robot for scan in track.keys])
@@ -207,7 +207,7 @@ def test_references_and_supporters_stay_on_their_side_of_a_loss(log: Log) -> Non
     references = References(matcher, matcher, track, LoopClosureConfig().reference_half)
     sizes = [len(references.around(base, poses).placed) for base in (key - 20, key - 1, key, key + 20)]
     assert sizes == [15, 8, 8, 15]
-    assert [references.is_one_stretch(key, other) for other in (key - 1, key + 1)] == [False, True]
+    assert [references.is_one_pass(key, other) for other in (key - 1, key + 1)] == [False, True]
 
 
 def test_neighbours_are_not_sought_across_parts_that_nothing_ties(log: Log) -> None:

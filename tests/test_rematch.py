@@ -47,7 +47,7 @@ def tried(old: int, new: int, *, accepted: bool, reason: str = "") -> Attempt:
 class Closer:
     """Offers one pass, so many key poses back, and believes every match."""
 
-    offered: NDArray[np.bool_]
+    searchable: NDArray[np.bool_]
     back: int
     config: LoopClosureConfig = field(default_factory=LoopClosureConfig)
     matched: list[tuple[int, int]] = field(default_factory=list)
@@ -68,7 +68,7 @@ def loop(i: int, j: int) -> Factor:
 
 
 def matched_again(track: Track, sure: list[Factor], doubtful: list[Factor], back: int = 50) -> list[tuple[int, int]]:
-    closer = Closer(offered=np.ones(len(track.keys), dtype=np.bool_), back=back)
+    closer = Closer(searchable=np.ones(len(track.keys), dtype=np.bool_), back=back)
     poses = np.array([key.T_track_robot for key in track.keys])
     attempts = match_again(cast("LoopCloser", closer), track, poses, sure, doubtful, FinishConfig())
     assert sorted(closer.matched) == sorted((a.key_old, a.key_new) for a in attempts)

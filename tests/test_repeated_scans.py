@@ -8,7 +8,7 @@ import pytest
 from frontends.logs import read_log
 from frontends.scan import Log
 from iceg.demo import demo_log_path
-from iceg.slam.recording.repeated_scans import frozen_stretches, is_repeated, without_frozen_scans
+from iceg.slam.recording.repeated_scans import frozen_intervals, is_repeated, without_frozen_scans
 from iceg.slam.recording.standstill import with_odometry_between_readings
 
 
@@ -31,7 +31,7 @@ def test_no_two_scans_of_a_laser_are_the_same_bit_by_bit(log: Log) -> None:
 
 def test_a_laser_that_freezes_while_the_robot_drives_sees_nothing(log: Log) -> None:
     frozen = _frozen(_frozen(log, 500, 540), 800, 800)
-    assert frozen_stretches(frozen) == [(500, 540), (800, 800)]
+    assert frozen_intervals(frozen) == [(500, 540), (800, 800)]
     believed = without_frozen_scans(frozen)
     np.testing.assert_array_equal(believed.ranges[:500], log.ranges[:500])
     assert np.isnan(believed.ranges[500:541]).all()
@@ -42,10 +42,10 @@ def test_a_laser_that_freezes_while_the_robot_drives_sees_nothing(log: Log) -> N
 def test_a_robot_that_stands_and_a_laser_that_sees_nothing_are_not_frozen(log: Log) -> None:
     standing = replace(_frozen(log, 500, 540), odometry=log.odometry.copy())
     standing.odometry[499:541] = standing.odometry[499]
-    assert not frozen_stretches(standing)
+    assert not frozen_intervals(standing)
     nothing = replace(log, ranges=np.full_like(log.ranges, np.nan))
-    assert not frozen_stretches(nothing)
-    assert not frozen_stretches(replace(_frozen(log, 500, 540), has_odometry=False))
+    assert not frozen_intervals(nothing)
+    assert not frozen_intervals(replace(_frozen(log, 500, 540), has_odometry=False))
 
 
 def test_lines_written_twice_are_neither_a_frozen_laser_nor_a_slow_odometry(log: Log) -> None:

@@ -63,6 +63,7 @@ def written(folder: Path, form: str, stamps: Array, poses: Array) -> Path:
         "EuRoC": format_euroc(stamps, poses),
         "CSV": csv_text("t_s", [f"{stamp:.6f}" for stamp in stamps], poses),
         "CSV by scan": csv_text("scan", range(len(poses)), poses),
+        "CSV by scan and stamp": csv_text("scan,t_s", [f"{k},{t:.6f}" for k, t in enumerate(stamps)], poses),
         "columns t x y theta": "".join(
             f"{t:.6f} {x:.12f} {y:.12f} {h:.12f}\n" for t, (x, y, h) in zip(stamps, poses, strict=True)
         ),
@@ -78,7 +79,7 @@ def evaluated(capsys: pytest.CaptureFixture[str], *words: str | Path) -> dict[st
     return figures
 
 
-@pytest.mark.parametrize("form", ["TUM", "EuRoC", "CSV", "CSV by scan", "columns t x y theta"])
+@pytest.mark.parametrize("form", ["TUM", "EuRoC", "CSV", "CSV by scan", "CSV by scan and stamp", "columns t x y theta"])
 def test_every_format_gives_the_same_figures_and_is_named(
     tmp_path: Path, trajectory: Path, stamps: Array, true: Array, form: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

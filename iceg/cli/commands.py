@@ -60,7 +60,7 @@ COMMANDS: dict[str, Entry] = {
         kind=Run,
         group=_RUNS,
         settings=Config,
-        common=("matcher", "stamps", "log.range_max", "log.scan_topic", "grid.resolution", "loops.enabled"),
+        common=("matcher", "log.range_max", "log.scan_topic", "grid.resolution"),
     ),
     "info": Entry(
         kind=Info, group=_RUNS, settings=LogConfig, prefix="log.", common=("laser", "range_max", "scan_topic")

@@ -10,8 +10,14 @@ from graph.errors import reason
 from graph.files import check_file
 from iceg.euroc import is_euroc_header, read_euroc
 from iceg.evaluation.errors import EvaluationError
-from iceg.evaluation.trajectory import REFERENCE_COLUMNS, TRUTH_COLUMNS, read_reference_csv, read_stamped_csv
-from iceg.tables import read_blank_separated_table
+from iceg.evaluation.trajectory import (
+    REFERENCE_COLUMNS,
+    TRUTH_COLUMNS,
+    check_scan_numbers,
+    read_reference_csv,
+    read_stamped_csv,
+)
+from iceg.tables import read_blank_separated_table, read_csv_table
 from iceg.tum import read_tum
 
 _SNIFFED = 65536  # bytes that tell the format
@@ -44,8 +50,9 @@ def read_truth(path: Path | str) -> Truth:
     """Read true poses in whatever format they are.
 
     Args:
-        path: a CSV with the header `t_s,x_m,y_m,theta_rad` or `scan,x_m,y_m,theta_rad`; a EuRoC CSV; TUM lines
-            `t x y z qx qy qz qw`; lines `t x y theta` separated by blanks; or a log that holds its truth, as bags may.
+        path: a CSV with the header `t_s,x_m,y_m,theta_rad`, `scan,x_m,y_m,theta_rad` or both in one; a EuRoC CSV; TUM
+            lines `t x y z qx qy qz qw`; lines `t x y theta` separated by blanks; or a log that holds its truth, as bags
+            may.
 
     Raises:
         IcegError: it cannot be read or is in none of these formats.
@@ -55,6 +62,11 @@ def read_truth(path: Path | str) -> Truth:
         return _of_log(path)
     line = _first_line(path)
     words = line.split()
+    if line.startswith("scan,t_s,"):
+        table = read_csv_table(path, ("scan", *TRUTH_COLUMNS))
+        check_scan_numbers(table[:, 0], path)
+        scans = table[:, 0].astype(np.int64)
+        return Truth(poses=table[:, 2:], stamps=table[:, 1], scans=scans, form="CSV by scan and stamp", path=path)
     if line.startswith("scan,"):
         scans, poses = read_reference_csv(path)
         return Truth(poses=poses, stamps=None, scans=scans, form="CSV by scan", path=path)

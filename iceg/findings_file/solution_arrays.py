@@ -29,7 +29,7 @@ def solution_arrays(solution: Solution) -> dict[str, NDArray[Any]]:
     places = [[*place.T_old_new, place.misfit] for attempt in attempts for place in attempt.places]
     return {
         "graph_poses": solution.poses,
-        "graph_offered": solution.offered,
+        "graph_searchable": solution.searchable,
         "factor_kind": np.array([_KINDS.index(factor.kind) for factor in factors], dtype=np.uint8),
         "factor_ends": np.array([(-1 if factor.i is None else factor.i, factor.j) for factor in factors], np.int32),
         "factor_T": np.array([factor.T_i_j for factor in factors]),
@@ -52,7 +52,7 @@ def solution_facts(solution: Solution) -> dict[str, Any]:
         "closure_reasons": [attempt.reason for attempt in solution.attempts],
         "odometry_jumps": list(map(int, solution.odometry_jumps)),
         "breaks": [asdict(found) for found in solution.breaks],
-        "alike": [asdict(vote) for vote in solution.alike],
+        "alike": [asdict(vote) for vote in solution.ambiguous],
     }
 
 
@@ -75,10 +75,10 @@ def solution_of(table: Table, facts: Mapping[str, Any], n_keys: int, config: Pos
         graph=PoseGraph.from_factors(_factors(table, facts, n_keys), poses, config),
         poses=poses,
         attempts=_attempts(table, facts, n_keys),
-        offered=table.flags("graph_offered", n_keys),
+        searchable=table.flags("graph_searchable", n_keys),
         odometry_jumps=tuple(jumps),
         breaks=breaks,
-        alike=alike,
+        ambiguous=alike,
     )
 
 

@@ -31,9 +31,9 @@ UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
 _SMALL_MOVE, _SMALL_TURN, _MOST_WAITING = 0.05, 0.015, 15
 """Closures that move the newest pose by less [m, rad] leave all poses before the last search where they are, but not so
 many in a row."""
-_CONFIRMING_MOVE, _CONFIRMING_TURN, _KNOWN_AFTER = 0.1, 0.03, 3
+_CONFIRMING_MOVE, _CONFIRMING_TURN, _CONFIRMED_AFTER = 0.1, 0.03, 3
 """Ground is known where so many earlier passes confirm the newest pose this closely [m, rad]."""
-KNOWN_SPACING = 3.0
+CONFIRMED_SPACING = 3.0
 """On known ground loops are looked for so many times more seldom."""
 _CARRIED = 0.6
 """A match so far from odometry [m, or metres per metre driven if that is more] makes one wonder."""
@@ -52,19 +52,19 @@ class Solution:
         graph: every factor once, solved by iSAM2.
         poses: (k, 3) T_map_robot of the key poses.
         attempts: every loop closure that was tried.
-        offered: (k,) which key scans later ones are matched against; the others lie on known ground.
+        searchable: (k,) which key scans later ones are matched against; the others lie on known ground.
         odometry_jumps: key poses whose match contradicted odometry, which was then given little weight.
         breaks: where the path from scan to scan does not hold.
-        alike: where no loop was closed, since several places fit as well.
+        ambiguous: where no loop was closed, since several places fit as well.
     """
 
     graph: PoseGraph
     poses: NDArray[np.float64]
     attempts: list[Attempt]
-    offered: NDArray[np.bool_]
+    searchable: NDArray[np.bool_]
     odometry_jumps: tuple[int, ...]
     breaks: tuple[Break, ...] = ()
-    alike: tuple[Vote, ...] = ()
+    ambiguous: tuple[Vote, ...] = ()
 
 
 class BackEnd:
@@ -88,9 +88,9 @@ class BackEnd:
         self._unclear: list[Vote] = []
         self._since_search = np.zeros(2)
         self._searched_to = 0
-        self._is_on_known_ground = False
+        self._is_confirmed = False
         self._closures_waiting = 0
-        self._unmatched, self._is_led = 0, True
+        self._unmatched, self._is_dead_reckoned = 0, True
         self._drift = Drift(len(track.keys))
 
     def add(self, key: int, motion: OdometryMotion | None) -> None:
@@ -106,7 +106,7 @@ class BackEnd:
         self.graph.add_pose(self._poses[key])
         known, searched = [], []
         match = None if isinstance(current.match, NoMatch) else current.match
-        self._note_leading(key, motion, match)
+        self._note_dead_reckoning(key, motion, match)
         if motion is not None:
             covariance = motion.covariance if match is None else self._believed(motion, match, key)
             self.graph.add_odometry(key - 1, key, motion.T_key_robot, covariance)
@@ -124,13 +124,13 @@ class BackEnd:
         if self._is_search_due():
             self._search(key)
 
-    def _note_leading(self, key: int, motion: OdometryMotion | None, match: RelativePose | None) -> None:
+    def _note_dead_reckoning(self, key: int, motion: OdometryMotion | None, match: RelativePose | None) -> None:
         """Tell the doubts that arise where odometry alone has told the way for a while."""
         self._unmatched = 0 if match is not None else self._unmatched + 1
-        self._is_led = match is not None or (self._is_led and motion is not None)
+        self._is_dead_reckoned = match is not None or (self._is_dead_reckoned and motion is not None)
         doubt = self.doubts.get(key)
-        if doubt is not None and doubt.kind < DoubtKind.ADRIFT and self._is_led and self._unmatched > 1:
-            self.doubts[key] = replace(doubt, is_led=True)
+        if doubt is not None and doubt.kind < DoubtKind.ADRIFT and self._is_dead_reckoned and self._unmatched > 1:
+            self.doubts[key] = replace(doubt, is_dead_reckoned=True)
 
     def _believed(self, motion: OdometryMotion, match: RelativePose, key: int) -> NDArray[np.float64]:
         """Covariance of odometry; widened where the match contradicts it, as after a jump or a slip."""
@@ -158,9 +158,9 @@ class BackEnd:
             graph=self.graph,
             poses=self.graph.all_poses(),
             attempts=self.attempts,
-            offered=self._closer.offered,
+            searchable=self._closer.searchable,
             odometry_jumps=tuple(self.odometry_jumps),
-            alike=unsettled(self._unclear, self.attempts),
+            ambiguous=unsettled(self._unclear, self.attempts),
         )
 
     def _held_back(self, attempt: Attempt) -> str:
@@ -172,7 +172,7 @@ class BackEnd:
 
     def _is_search_due(self) -> bool:
         config = self._config
-        seldom = KNOWN_SPACING if self._is_on_known_ground else 1.0
+        seldom = CONFIRMED_SPACING if self._is_confirmed else 1.0
         distance, turn = (self._since_search / seldom).tolist()
         return bool(distance > config.spacing or turn > config.spacing_angle)
 
@@ -189,9 +189,9 @@ class BackEnd:
         closed = [self.attempts[index] for index in found if self._insert(index, poses)]
         offsets = [_offset(attempt, poses) for attempt in closed]
         confirmed_by = sum(_is_within(offset, _CONFIRMING_MOVE, _CONFIRMING_TURN) for offset in offsets)
-        self._is_on_known_ground = confirmed_by >= _KNOWN_AFTER
-        if self._is_on_known_ground:
-            self._closer.offered[self._searched_to + 1 : key + 1] = False
+        self._is_confirmed = confirmed_by >= _CONFIRMED_AFTER
+        if self._is_confirmed:
+            self._closer.searchable[self._searched_to + 1 : key + 1] = False
         if closed:
             self._correct(key, np.mean(offsets, axis=0))
             if any(attempt.match is not None and attempt.match.is_fully_observed for attempt in closed):
@@ -204,7 +204,7 @@ class BackEnd:
         On known ground the others need not move: later searches look at the earlier passes. So the cost of a closure
         does not grow with the run.
         """
-        if not self._is_on_known_ground:
+        if not self._is_confirmed:
             self._closures_waiting += 1
             if not _is_within(offset, _SMALL_MOVE, _SMALL_TURN) or self._closures_waiting >= _MOST_WAITING:
                 self._poses[: key + 1] = self.graph.all_poses()
@@ -370,8 +370,10 @@ def _relocalised(
     graph = solution.graph
     if after.factors is not before.factors:
         graph = PoseGraph.from_factors(after.factors, after.poses, graph_config)
-    alike = (*unsettled(solution.alike, after.attempts), *after.alike)
-    return replace(solution, graph=graph, poses=after.poses, attempts=after.attempts, breaks=after.breaks, alike=alike)
+    alike = (*unsettled(solution.ambiguous, after.attempts), *after.ambiguous)
+    return replace(
+        solution, graph=graph, poses=after.poses, attempts=after.attempts, breaks=after.breaks, ambiguous=alike
+    )
 
 
 def _front_end_doubts(track: Track) -> dict[int, Doubt]:

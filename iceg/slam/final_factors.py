@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from graph.factors import Factor
-from iceg.slam.broken_path.path_break import Break, let_go
+from iceg.slam.broken_path.path_break import Break, without_lost_odometry
 from iceg.slam.track import Track
 
 
@@ -25,7 +25,7 @@ class FinalFactors:
     @classmethod
     def of(cls, solved: Sequence[Factor], breaks: Sequence[Break], track: Track) -> "FinalFactors":
         """Both, from the solved ones and where the path is broken."""
-        return cls(solved=list(solved), measured=let_go(solved, breaks, track))
+        return cls(solved=list(solved), measured=without_lost_odometry(solved, breaks, track))
 
     @property
     def are_all_believed(self) -> bool:

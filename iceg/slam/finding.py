@@ -31,8 +31,8 @@ from iceg.slam.recording.repeated_scans import without_frozen_scans
 from iceg.slam.recording.standstill import with_odometry_between_readings
 from iceg.slam.stage_clock import StageClock
 from iceg.slam.track import Track
-from iceg.slam.tracking.broken_track import retied
 from iceg.slam.tracking.open_ground import is_open_ground
+from iceg.slam.tracking.reassigned_scans import reassigned
 from iceg.slam.tracking.split_half import with_measured_doubt
 
 
@@ -79,7 +79,7 @@ def find(
         solution = _solve(track, log, matcher, calibration, heading, config, is_forbidden)
         guided = corrected_by(solution, corrections, track, matcher, config)
         solution = _with_factors(solution, guided, config)
-        track = _retied(track, solution, log, matcher)
+        track = _reassigned(track, solution, log, matcher)
     with clock.stage("finish"):
         rounds: list[Round] = []
         if config.finish.enabled and len(track.keys) > 1:
@@ -150,12 +150,12 @@ def _with_factors(solution: Solution, guided: Corrected, config: Config) -> Solu
     return replace(solution, graph=PoseGraph.from_factors(together, poses, config.graph), poses=poses)
 
 
-def _retied(track: Track, solution: Solution, log: Log, matcher: Matcher) -> Track:
+def _reassigned(track: Track, solution: Solution, log: Log, matcher: Matcher) -> Track:
     """The track with the scans around each break on the right side of it."""
     joined = [found.key for found in solution.breaks if found.outcome == "joined"]
     if not joined:
         return track
-    return retied(track, joined, log, matcher if isinstance(matcher, IceMatcher) else IceMatcher())
+    return reassigned(track, joined, log, matcher if isinstance(matcher, IceMatcher) else IceMatcher())
 
 
 def matcher_of(config: Config, noise: RangeNoise, *, on_open_ground: bool) -> Matcher:

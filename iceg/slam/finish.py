@@ -117,7 +117,7 @@ def matched_again(
     """
     limits = replace(closures, max_passes=config.max_passes)
     closer = LoopCloser(matcher, track, limits, _parts(solution), is_forbidden)
-    closer.offered = solution.offered
+    closer.searchable = solution.searchable
     clock = _Clock()
     graph, done = _solved("solve", _Graph.of(solution, kept, config), clock)
     rounds = [done]
@@ -255,7 +255,7 @@ def _is_in_doubt(factor: Factor) -> bool:
 def _parts(solution: Solution) -> list[int]:
     """Key poses at which a part begins that nothing ties to what was before."""
     parts = [found.key for found in solution.breaks if found.outcome == "apart"]
-    return parts + [vote.first for vote in solution.alike]
+    return parts + [vote.first for vote in solution.ambiguous]
 
 
 def _rematched(graph: _Graph, closer: LoopCloser, track: Track, config: FinishConfig) -> _Graph:

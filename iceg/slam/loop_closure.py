@@ -49,13 +49,13 @@ class LoopCloser:
         self._is_forbidden = is_forbidden
 
     @property
-    def offered(self) -> NDArray[np.bool_]:
+    def searchable(self) -> NDArray[np.bool_]:
         """(n_keys,) which key scans later ones are matched against: not those that only confirm a known place."""
-        return self._passes.offered
+        return self._passes.searchable
 
-    @offered.setter
-    def offered(self, offered: NDArray[np.bool_]) -> None:
-        self._passes.offered = offered
+    @searchable.setter
+    def searchable(self, searchable: NDArray[np.bool_]) -> None:
+        self._passes.searchable = searchable
 
     @property
     def judge(self) -> IceMatcher:

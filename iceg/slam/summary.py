@@ -114,5 +114,5 @@ def run_warnings(
     if rounds and rounds[-1].covariances_from == "graph":
         warnings.append(RunWarning(kind="covariances", sentence=_COVARIANCES_OF_GRAPH))
     warnings += [describe_break(found, track) for found in solution.breaks]
-    warnings += [describe_vote(vote, track) for vote in solution.alike]
+    warnings += [describe_vote(vote, track) for vote in solution.ambiguous]
     return tuple(warnings)

@@ -286,7 +286,7 @@ def findings() -> bytes:
         graph=PoseGraph.from_factors(factors, poses[::2]),
         poses=poses[::2],
         attempts=[attempt],
-        offered=np.ones(3, dtype=np.bool_),
+        searchable=np.ones(3, dtype=np.bool_),
         odometry_jumps=(),
     )
     found = Findings(

@@ -117,7 +117,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "goes on": Rule(what="tells a jump of the odometry from a move", without={f"{_FRONT_END}._goes_on": _no}),
         "open ground": Rule(
-            what="posts and trunks count where little stands near", without={f"{_SLAM}.pipeline:is_open_ground": _no}
+            what="posts and trunks count where little stands near", without={f"{_SLAM}.finding:is_open_ground": _no}
         ),
         "few beams": Rule(what="few beams do not overrule odometry", without={f"{_CHECK}._sees_too_little": _nothing}),
         "near odometry": Rule(
@@ -145,7 +145,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "halves of scans": Rule(
             what="matches count less where halves of scans disagree",
-            without={f"{_SLAM}.pipeline:with_measured_doubt": _first},
+            without={f"{_SLAM}.finding:with_measured_doubt": _first},
         ),
         "joint refinement": Rule(what="poses and walls refined together", config=_without_joint_refinement),
         "calibration": Rule(
@@ -166,14 +166,14 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "slow odometry": Rule(
             what="interpolates odometry that is read seldom",
-            without={f"{_SLAM}.pipeline:with_odometry_between_readings": _first},
+            without={f"{_SLAM}.finding:with_odometry_between_readings": _first},
         ),
         "frozen scans": Rule(
-            what="scans that repeat bit by bit show nothing", without={f"{_SLAM}.pipeline:without_frozen_scans": _first}
+            what="scans that repeat bit by bit show nothing", without={f"{_SLAM}.finding:without_frozen_scans": _first}
         ),
         "dead odometry": Rule(
             what="odometry that stands while scans change says nothing",
-            without={f"{_SLAM}.tracking.log_tracking:dead_stretches": _empty},
+            without={f"{_SLAM}.tracking.log_tracking:dead_intervals": _empty},
         ),
         "sudden steps": Rule(
             what="steps no robot makes are doubted",
@@ -183,12 +183,12 @@ RULES: Mapping[str, Rule] = MappingProxyType(
                 )
             },
         ),
-        "retied": Rule(
-            what="scans around a break go to the right side of it", without={f"{_SLAM}.pipeline:retied": _first}
+        "reassigned": Rule(
+            what="scans around a break go to the right side of it", without={f"{_SLAM}.finding:reassigned": _first}
         ),
-        "let go": Rule(
+        "lost odometry": Rule(
             what="odometry tells nothing across a sudden loss",
-            without={f"{_SLAM}.final_factors:let_go": lambda factors, *_: list(factors)},
+            without={f"{_SLAM}.final_factors:without_lost_odometry": lambda factors, *_: list(factors)},
         ),
         "believed walls": Rule(
             what="walls know poses little better than the graph at most",
@@ -212,11 +212,12 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             without={f"{_SLAM}.finish:without_contradicted": lambda attempts, loops, _poses: (attempts, loops)},
         ),
         "robust closures": Rule(
-            what="dynamic covariance scaling in the finish", without={f"{_SLAM}.finish:_kernel": _nothing}
+            what="dynamic covariance scaling in the finish",
+            without={f"{_SLAM}.finish:closure_kernel": _nothing, f"{_SLAM}.finding:closure_kernel": _nothing},
         ),
-        "known ground": Rule(
+        "confirmed passes": Rule(
             what="passes over known ground are searched more seldom",
-            without={f"{_SLAM}.back_end:_KNOWN_AFTER": 1_000_000},
+            without={f"{_SLAM}.back_end:_CONFIRMED_AFTER": 1_000_000},
         ),
     }
 )

@@ -25,14 +25,14 @@ class Estimate:
         poses: (k, 3) T_map_robot of the key poses.
         attempts: every loop closure tried.
         breaks: in the order of the path.
-        alike: where several places explain what was seen about as well.
+        ambiguous: where several places explain what was seen about as well.
     """
 
     factors: list[Factor]
     poses: NDArray[np.float64]
     attempts: list[Attempt]
     breaks: tuple[Break, ...] = ()
-    alike: tuple[Vote, ...] = ()
+    ambiguous: tuple[Vote, ...] = ()
 
 
 class ChangingEstimate:

@@ -46,16 +46,16 @@ class Doubt:
         reason: what was noticed there, for a person.
         unexplained: share of the scan that a weak match does not explain.
         distance2: squared Mahalanobis distance of a contradicted match from odometry.
-        is_led: whether the laser saw nothing it knew at the key pose before either, and odometry told the way: on
-            ground where little is in reach that is what losing it looks like. Who is carried is lost at once (143 of
-            143 carries on recorded logs that were found again), for odometry does not drive on meanwhile.
+        is_dead_reckoned: whether the laser saw nothing it knew at the key pose before either, and odometry told the
+            way: on ground where little is in reach that is what losing it looks like. Who is carried is lost at once,
+            for odometry does not drive on meanwhile.
     """
 
     kind: DoubtKind
     reason: str
     unexplained: float = 0.0
     distance2: float = 0.0
-    is_led: bool = False
+    is_dead_reckoned: bool = False
 
     @property
     def is_lost(self) -> bool:
@@ -104,7 +104,7 @@ class Break:
     across: int = 0
 
 
-def let_go(factors: Sequence[Factor], breaks: Sequence[Break], track: Track) -> list[Factor]:
+def without_lost_odometry(factors: Sequence[Factor], breaks: Sequence[Break], track: Track) -> list[Factor]:
     """The factors of a graph, odometry telling nothing where it alone holds what a sudden loss has torn apart.
 
     Where the laser knew its way until the key scan before, and nothing fits the next one, the robot may have been

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.factors import Factor
-from iceg.slam.broken_path.alike_places import alike_places
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, agreeing_sets
+from iceg.slam.broken_path.similar_places import similar_places
 from iceg.slam.closures.attempt import Attempt, is_near, lies_near
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.config import LoopClosureConfig
@@ -53,7 +53,7 @@ class PlaceSearch:
         """
         known = {(attempt.key_old, attempt.key_new) for attempt in self._tried}
         config = replace(self._config, places=most)
-        pairs = set(alike_places(self._track, self._closer.judge, parts, config)) - known
+        pairs = set(similar_places(self._track, self._closer.judge, parts, config)) - known
         if not pairs:
             return []
         self._tried += [self._closer.match_anywhere(old, new, poses) for old, new in sorted(pairs)]

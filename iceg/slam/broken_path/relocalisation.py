@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from graph.se2 import compose, inverse
 from iceg.slam.broken_path.estimate import ChangingEstimate, Estimate
-from iceg.slam.broken_path.examination import Exam, Examiner
+from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
 from iceg.slam.broken_path.path_break import Break, Doubt, DoubtKind, Outcome
 from iceg.slam.broken_path.path_parts import PathParts
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_parts, about_single_steps
@@ -84,9 +84,9 @@ class _Relocalisation:
         self._now = ChangingEstimate(estimate)
         self._steps = UntiedSteps(track, estimate.factors, doubts, config)
         self._places = PlaceSearch(closer, track, estimate.factors, config)
-        self._examiner = Examiner(closer, track)
+        self._verifier = HypothesisVerifier(closer, track)
         self._breaks: dict[int, Break] = {}
-        self._alike: dict[int, Vote] = {}
+        self._ambiguous: dict[int, Vote] = {}
         self._looks_again = False  # who compares places anew finds more that fit by chance
         self._ties: dict[int, int] = {}  # by key pose before which parts were joined, another that it is tied to
 
@@ -111,7 +111,9 @@ class _Relocalisation:
             poses=now.poses,
             attempts=[*now.attempts, *self._places.in_vain(closed)],
             breaks=tuple(self._breaks[key] for key in sorted(self._breaks)),
-            alike=tuple(self._alike.values()),  # closures that tie the path as it is settle nothing: both beat it
+            ambiguous=tuple(
+                self._ambiguous.values()
+            ),  # closures that tie the path as it is settle nothing: both beat it
         )
 
     # What is looked for, and in which order it is tried.
@@ -142,11 +144,11 @@ class _Relocalisation:
         Args:
             sets: of closures that agree; those that were acted on leave them.
         """
-        self._alike.clear()
+        self._ambiguous.clear()
         gone: set[tuple[int, int]] = set()
         for claimed in sorted(self._hypotheses(sets), key=self._refuted_within):
             hypothesis = claimed.without(gone)
-            if hypothesis.key in self._alike or not self._is_supported(hypothesis):
+            if hypothesis.key in self._ambiguous or not self._is_supported(hypothesis):
                 continue  # where stronger ones are in doubt none decides
             outcome = self._try(hypothesis, self._others(hypothesis, sets))
             if outcome != "open":
@@ -191,17 +193,17 @@ class _Relocalisation:
     def _try(self, hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> _Outcome:
         """Examine a hypothesis, and where they differ the present estimate and others; act on what holds."""
         poses = self._now.poses
-        exam = self._examiner.of_hypothesis(hypothesis, poses)
+        exam = self._verifier.of_hypothesis(hypothesis, poses)
         closures = _distinct([*exam.agreeing, *hypothesis.closures])
         is_confirmed = self._is_confirmed(closures)
         if not exam.is_passed:
             return "open"
         whole, first = self._parts().whole, hypothesis.closures[0]
         among = whole == whole[first.key_old]
-        if not (is_confirmed or exam.beats(self._examiner.of_estimate(hypothesis, poses, among))):
+        if not (is_confirmed or exam.beats(self._verifier.of_estimate(hypothesis, poses, among))):
             return "open"
         if not is_confirmed and (rival := self._rival(hypothesis, exam, others)) is not None:
-            self._alike[hypothesis.key] = rival
+            self._ambiguous[hypothesis.key] = rival
             return "open"
         key = hypothesis.key if among[first.key_new] else int(max(whole[first.key_old], whole[first.key_new]))
         path, untied = self._places.path, self._steps.untied if key in self._steps.refuted() else None
@@ -222,14 +224,14 @@ class _Relocalisation:
         """The key poses before which the robot was lost, and nothing says yet how they lie to what was before."""
         return [key for key, doubt in self._steps.doubts.items() if doubt.is_lost]
 
-    def _rival(self, hypothesis: Hypothesis, exam: Exam, others: Sequence[Hypothesis]) -> Vote | None:
+    def _rival(self, hypothesis: Hypothesis, exam: FitCount, others: Sequence[Hypothesis]) -> Vote | None:
         """What speaks for another place of the same scans, if a hypothesis does not clearly beat it."""
         poses = self._now.poses
         for other in others:
             apart = hypothesis.apart_from(other, poses)
             if apart < _OTHER_PLACE or other.support < _AS_STRONG * hypothesis.support:
                 continue
-            there = self._examiner.of_hypothesis(other, poses)
+            there = self._verifier.of_hypothesis(other, poses)
             if there.is_passed and not exam.beats(there):
                 ends = [closure.key_new for closure in hypothesis.closures]
                 return Vote(
@@ -241,7 +243,7 @@ class _Relocalisation:
                 )
         return None
 
-    def _against_the_path(self, key: int, exam: Exam) -> Exam:
+    def _against_the_path(self, key: int, exam: FitCount) -> FitCount:
         """An examination in which the closures that hold the path together before a key pose speak against it, too."""
         held = closures_across(self._now.factors, len(self._now.poses), self._config)[key]
         return replace(exam, against=exam.against + int(held))
@@ -249,20 +251,20 @@ class _Relocalisation:
     def _tell(self, hypothesis: Hypothesis) -> None:
         """Say what is too little to act on, where odometry and match contradict each other and nothing else agrees."""
         key, poses = hypothesis.key, self._now.poses
-        if key not in self._steps.refuted() or key in self._lost() or key in self._breaks or key in self._alike:
+        if key not in self._steps.refuted() or key in self._lost() or key in self._breaks or key in self._ambiguous:
             return
         if self._places.sure_support(hypothesis) < self._config.confirmations:
             return
-        exam = self._against_the_path(key, self._examiner.of_hypothesis(hypothesis, poses))
+        exam = self._against_the_path(key, self._verifier.of_hypothesis(hypothesis, poses))
         closures = _distinct([*exam.agreeing, *hypothesis.closures])
         if not exam.is_credible or self._is_confirmed(closures):
             return
-        if exam.beats(self._examiner.of_estimate(hypothesis, poses)):
+        if exam.beats(self._verifier.of_estimate(hypothesis, poses)):
             self._note(key, "contradicted", closures, hypothesis.correction(poses))
 
     # What becomes of a break.
 
-    def _break(self, key: int, hypothesis: Hypothesis, exam: Exam, closures: list[Attempt]) -> _Outcome:
+    def _break(self, key: int, hypothesis: Hypothesis, exam: FitCount, closures: list[Attempt]) -> _Outcome:
         """Record a break; the parts are joined only where something else spoke against the path, too.
 
         Where odometry led the way into a loss nothing did: farther off than its errors explain, only what looks alike
@@ -272,7 +274,7 @@ class _Relocalisation:
         is to compare: the three metres before a loss fit many places along a corridor of even doors.
         """
         doubt = self._steps.doubts.get(key)
-        is_known = doubt is not None and not doubt.is_led
+        is_known = doubt is not None and not doubt.is_dead_reckoned
         if not is_known:
             if self._steps.doubt(key).rank <= 1.0 - _EXPLAINED:
                 return "open"
@@ -332,7 +334,7 @@ class _Relocalisation:
         across = [a for a in self._now.attempts if a.accepted and a.key_old < key <= a.key_new < end]
         claimed, agreeing = Hypothesis(key=key, closures=across), 0
         if claimed.support >= self._config.confirmations:
-            exam = self._examiner.of_estimate(claimed, self._now.poses)
+            exam = self._verifier.of_estimate(claimed, self._now.poses)
             if exam.is_passed:
                 return
             if doubt.kind < DoubtKind.ADRIFT:

@@ -68,7 +68,7 @@ class EarlierPasses:
         self._config = config
         self._part = np.searchsorted(np.sort(np.asarray(parts, dtype=np.int64)), np.arange(n_keys), side="right")
         self._path = np.cumsum([key.motion.distance for key in track.keys])
-        self.offered = np.ones(n_keys, dtype=np.bool_)
+        self.searchable = np.ones(n_keys, dtype=np.bool_)
         """(n_keys,) which key scans later ones are matched against: not those that only confirm a known place."""
 
     def within_drift(self, key_new: int, poses: NDArray[np.float64], drift: Drift) -> list[Candidate]:
@@ -123,7 +123,7 @@ class EarlierPasses:
     def _nearest(self, key_new: int, poses: NDArray[np.float64], reach: float, piece: int) -> list[tuple[float, int]]:
         """Distance of the views and key pose of each piece of an earlier pass within reach, nearest first."""
         n_old = int(np.searchsorted(self._path, self._path[key_new] - self._config.min_path))
-        may_see = self.offered[:n_old] & (self._part[:n_old] == self._part[key_new])
+        may_see = self.searchable[:n_old] & (self._part[:n_old] == self._part[key_new])
         # No view is nearer than its robot, less twice the distance of a view.
         offsets = poses[:n_old, :2] - poses[key_new, :2]
         may_see &= (offsets * offsets).sum(axis=1) < (reach + 2.0 * self._config.view_distance) ** 2

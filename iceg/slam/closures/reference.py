@@ -53,7 +53,7 @@ class References:
         self._stretch = np.cumsum([key.index in lost for key in track.keys])
         self._kept: dict[int, Reference] = {}
 
-    def is_one_stretch(self, key: int, other: int) -> bool:
+    def is_one_pass(self, key: int, other: int) -> bool:
         """Whether the robot was never lost between two key poses, so that the track says how they lie."""
         return bool(self._stretch[key] == self._stretch[other])
 

@@ -37,7 +37,7 @@ _REMEMBERED = 50
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Witnesses:
+class _Neighbours:
     """The key scans that are asked whether they agree with a closure.
 
     Attributes:
@@ -67,7 +67,7 @@ class ClosureVerifier:
         self._config = config
         self.judge = matcher if isinstance(matcher, IceMatcher) else IceMatcher()
         """The matcher that verifies."""
-        self._witnesses: dict[int, _Witnesses | None] = {}
+        self._neighbours: dict[int, _Neighbours | None] = {}
         self.references = References(matcher, self.judge, track, config.reference_half)
 
     def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
@@ -196,25 +196,25 @@ class ClosureVerifier:
             least_overlap: see `IceMatcher.agreements` …
             least_fit: ….
         """
-        witnesses = self._witnesses_of(key_new)
+        witnesses = self._neighbours_of(key_new)
         if witnesses is None:
             return [Agreement()] * len(T_ref_news)
         placements = compose(T_ref_news[:, None], witnesses.T_new_scans)
         return self.judge.agreements(reference.judged, witnesses.scans, placements, least_overlap, least_fit)
 
-    def _witnesses_of(self, key_new: int) -> _Witnesses | None:
+    def _neighbours_of(self, key_new: int) -> _Neighbours | None:
         """A key scan and its neighbours, None where none is asked; joined once, since several passes are tried."""
-        if key_new in self._witnesses:
-            return self._witnesses[key_new]
+        if key_new in self._neighbours:
+            return self._neighbours[key_new]
         asked = [key_new + offset for offset in self._config.support_offsets]
-        asked = [key for key in asked if 0 <= key < len(self._keys) and self.references.is_one_stretch(key, key_new)]
+        asked = [key for key in asked if 0 <= key < len(self._keys) and self.references.is_one_pass(key, key_new)]
         found = None
         if asked:
             T_new_scans = between(self._keys[key_new].T_track_robot, self._T_track_keys[asked])
-            found = _Witnesses(scans=self.judge.join([self._keys[key].scan for key in asked]), T_new_scans=T_new_scans)
-        if len(self._witnesses) >= _REMEMBERED:
-            del self._witnesses[next(iter(self._witnesses))]
-        self._witnesses[key_new] = found
+            found = _Neighbours(scans=self.judge.join([self._keys[key].scan for key in asked]), T_new_scans=T_new_scans)
+        if len(self._neighbours) >= _REMEMBERED:
+            del self._neighbours[next(iter(self._neighbours))]
+        self._neighbours[key_new] = found
         return found
 
     def _is_supported(self, support: Agreement) -> bool:

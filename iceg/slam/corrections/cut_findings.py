@@ -119,12 +119,12 @@ def _solution(findings: Findings, cut: _Cut, track: Track, at: NDArray[np.int64]
         graph=PoseGraph.from_factors(factors, poses, config),
         poses=poses,
         attempts=[found for attempt in before.attempts if (found := _attempt(attempt, cut)) is not None],
-        offered=before.offered[cut.keys],
+        searchable=before.searchable[cut.keys],
         odometry_jumps=tuple(rows.values()),
         breaks=tuple(replace(each, key=cut.next_row(each.key)) for each in before.breaks if cut.next_row(each.key)),
-        alike=tuple(
+        ambiguous=tuple(
             replace(vote, first=cut.next_row(vote.first), last=cut.next_row(vote.last))
-            for vote in before.alike
+            for vote in before.ambiguous
             if cut.next_row(vote.first)
         ),
     )

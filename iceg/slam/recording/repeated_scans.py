@@ -15,7 +15,7 @@ def is_repeated(ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
     return np.concatenate([np.zeros(min(len(bits), 1), dtype=np.bool_), (bits[1:] == bits[:-1]).all(axis=1)])
 
 
-def frozen_stretches(log: Log) -> list[tuple[int, int]]:
+def frozen_intervals(log: Log) -> list[tuple[int, int]]:
     """First and last of the repeated scans of each stretch over which the laser repeats itself, but the odometry moves.
 
     A scan without any return says nothing anyway.
@@ -30,7 +30,7 @@ def frozen_stretches(log: Log) -> list[tuple[int, int]]:
 
 def without_frozen_scans(log: Log) -> Log:
     """The same log; where its laser is frozen while the odometry moves, with nothing seen and a warning."""
-    stretches = frozen_stretches(log)
+    stretches = frozen_intervals(log)
     if not stretches:
         return log
     ranges = log.ranges.copy()

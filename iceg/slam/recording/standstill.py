@@ -79,7 +79,7 @@ def between_readings(odometry: NDArray[np.float64], period: int) -> NDArray[np.f
     return spread
 
 
-def dead_stretches(odometry: NDArray[np.float64], ranges: NDArray[np.float32]) -> list[tuple[int, int]]:
+def dead_intervals(odometry: NDArray[np.float64], ranges: NDArray[np.float32]) -> list[tuple[int, int]]:
     """Stretches of a log over which the odometry stands still while the scans say that the robot moves.
 
     Args:

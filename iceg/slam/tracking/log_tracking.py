@@ -13,7 +13,7 @@ from graph.se2 import between
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
-from iceg.slam.recording.standstill import dead_stretches
+from iceg.slam.recording.standstill import dead_intervals
 from iceg.slam.recording.steps import sudden_steps
 from iceg.slam.track import Track
 from iceg.slam.tracking.front_end import FrontEnd
@@ -114,7 +114,7 @@ class _Journey:
         self._turns = None if heading is None else np.diff(heading.headings, prepend=0.0)
         self._front_end = FrontEnd(matcher, noise if log.has_odometry else None, config, heading)
         self._sudden = sudden_steps(log.odometry, log.stamps)
-        self._dead = dead_stretches(log.odometry, log.ranges) if log.has_odometry else []
+        self._dead = dead_intervals(log.odometry, log.ranges) if log.has_odometry else []
         self._is_known = _known_steps(self._dead, len(log))
         is_plain = self._is_known & ~self._sudden & log.has_odometry
         self._doubtful = np.flatnonzero(~np.append(False, is_plain)).tolist()

@@ -16,7 +16,7 @@ _AROUND = 5
 """Key scans on either side of a break that show what is there."""
 
 
-def retied(track: Track, breaks: Iterable[int], log: Log, matcher: IceMatcher) -> Track:
+def reassigned(track: Track, breaks: Iterable[int], log: Log, matcher: IceMatcher) -> Track:
     """Tie the scans that were taken after a break, but before the next key scan, to that one.
 
     Args:

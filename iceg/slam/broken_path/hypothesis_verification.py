@@ -29,7 +29,7 @@ has taken so many with it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Exam:
+class FitCount:
     """How scans fit where they are put.
 
     Attributes:
@@ -55,7 +55,7 @@ class Exam:
         """Whether so few do not agree that a path may be contradicted in which nothing else is doubtful."""
         return len(self.agreeing) - _DISSENT * self.against >= _FEWEST_VOTES
 
-    def beats(self, other: "Exam") -> bool:
+    def beats(self, other: "FitCount") -> bool:
         """Whether this is clearly the better of two."""
         return len(self.agreeing) - self.against > _BELIEF * (len(other.agreeing) - other.against)
 
@@ -74,7 +74,7 @@ _KEYS = 24
 """… at most so many."""
 
 
-class Examiner:
+class HypothesisVerifier:
     """Matches key scans after a break against everything before it."""
 
     def __init__(self, closer: LoopCloser, track: Track) -> None:
@@ -85,7 +85,7 @@ class Examiner:
         usual = max(float(np.median(steps)), 1e-3)
         self._spacing = int(np.clip(round(_SPACING / usual), 1, ANCHOR_SPACING))
 
-    def of_hypothesis(self, hypothesis: Hypothesis, poses: NDArray[np.float64]) -> Exam:
+    def of_hypothesis(self, hypothesis: Hypothesis, poses: NDArray[np.float64]) -> FitCount:
         """Examine scans where a hypothesis puts them.
 
         Args:
@@ -94,16 +94,16 @@ class Examiner:
         """
         seen = (
             candidate
-            for key, nearest in self._to_examine(hypothesis)
+            for key, nearest in self._to_verify(hypothesis)
             for candidate in self._around(key, self._put_by(nearest, key, poses), poses, hypothesis)
             # other passes may have drifted away from this one
             if abs(self._path[candidate.key_old] - self._path[nearest.key_old]) <= _PASS
         )
-        return self._exam(seen, poses)
+        return self._count(seen, poses)
 
     def of_estimate(
         self, hypothesis: Hypothesis, poses: NDArray[np.float64], among: NDArray[np.bool_] | None = None
-    ) -> Exam:
+    ) -> FitCount:
         """Examine the same scans where the poses put them.
 
         Args:
@@ -113,13 +113,13 @@ class Examiner:
         """
         seen = (
             candidate
-            for key, _ in self._to_examine(hypothesis)
+            for key, _ in self._to_verify(hypothesis)
             for candidate in self._around(key, poses[key], poses, hypothesis)
             if among is None or among[candidate.key_old]
         )
-        return self._exam(seen, poses)
+        return self._count(seen, poses)
 
-    def _to_examine(self, hypothesis: Hypothesis) -> list[tuple[int, Attempt]]:
+    def _to_verify(self, hypothesis: Hypothesis) -> list[tuple[int, Attempt]]:
         """Key poses near those of a hypothesis, each with the closure nearest to it along the path."""
         path, ends = self._path, np.array([closure.key_new for closure in hypothesis.closures])
         keys = np.arange(hypothesis.key, len(self._keys), self._spacing)
@@ -138,7 +138,7 @@ class Examiner:
     ) -> list[Candidate]:
         return self._closer.seen_from(key, T_map_key, poses, hypothesis.key, _DEVIATIONS)
 
-    def _exam(self, seen: Iterator[Candidate], poses: NDArray[np.float64]) -> Exam:
+    def _count(self, seen: Iterator[Candidate], poses: NDArray[np.float64]) -> FitCount:
         agreeing, against = [], 0
         for candidate in seen:
             attempt = self._closer.match(candidate, poses)
@@ -146,4 +146,4 @@ class Examiner:
                 agreeing.append(attempt)
             elif attempt.overlap >= _OVERLAP:
                 against += 1
-        return Exam(agreeing=agreeing, against=against)
+        return FitCount(agreeing=agreeing, against=against)

@@ -17,7 +17,7 @@ _SAME_PASS = 3
 """Places so few rows apart are one pass."""
 
 
-def alike_places(
+def similar_places(
     track: Track, judge: IceMatcher, parts: NDArray[np.int64], config: LoopClosureConfig
 ) -> list[tuple[int, int]]:
     """Pairs of key poses of parts that nothing ties together whose places look alike.
