@@ -17,6 +17,7 @@ from iceg.slam.back_end import BackEnd, Solution
 from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, describe_vote, unsettled
 from iceg.slam.closures.attempt import Attempt, Place
 from iceg.slam.closures.candidates import Candidate
+from iceg.slam.closures.rival import best_rival
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.finish import matched_again
@@ -268,3 +269,12 @@ def test_the_finish_closes_nothing_across_what_is_alike(track: Track) -> None:
 
     assert across(plain) > 0
     assert across(alike) == 0
+
+
+def test_the_best_other_place_is_the_rival_of_a_closure() -> None:
+    attempt = _attempt(60, _PATH, {0.0: 0.05, 0.1: 0.04, 3.0: 0.3, 2.0: 0.2})
+    rival = best_rival(attempt)
+    assert rival is not None
+    assert (rival.own, rival.misfit) == (0.04, 0.2)
+    assert rival.apart == pytest.approx(2.0)
+    assert best_rival(_attempt(60, _PATH, {0.0: 0.05, 0.1: 0.04})) is None

@@ -1,6 +1,7 @@
 """Matching again after the optimum is known: only what it may change."""
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 from typing import cast
 
 import numpy as np
@@ -13,7 +14,7 @@ from graph.measurement import RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between
 from iceg.ice.matcher import IceMatcher
-from iceg.slam.closures.attempt import Attempt
+from iceg.slam.closures.attempt import Attempt, Place
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.closures.record import with_earlier
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
@@ -107,3 +108,11 @@ def test_the_record_keeps_what_was_not_tried_again() -> None:
         (1, 50, True),
         (9, 60, True),
     ]
+
+
+def test_what_is_tried_again_still_tells_what_the_first_search_found() -> None:
+    places = (Place(T_old_new=np.zeros(3), misfit=0.05), Place(T_old_new=np.array([2.0, 0.0, 0.0]), misfit=0.2))
+    first = replace(tried(2, 40, accepted=True), off_path=1.5, places=places)
+    again, fresh = with_earlier([tried(2, 40, accepted=True), tried(3, 45, accepted=True)], [first])
+    assert (again.off_path, again.places) == (1.5, places)
+    assert math.isnan(fresh.off_path)

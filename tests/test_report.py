@@ -2,6 +2,7 @@
 
 import base64
 import json
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -12,14 +13,17 @@ import pytest
 import iceg
 from frontends.scan import Log
 from frontends.simulator.simulation import simulate
+from graph.noise import largest_squared_norm
 from iceg.config import Config
 from iceg.maps.config import GridConfig
 from iceg.maps.grid import OccupancyGrid
 from iceg.report import write_report
 from iceg.report.explained import explained_shares
 from iceg.report.grid import grid_payload
+from iceg.report.learned import learned_payload
 from iceg.report.scans import scans_payload
 from iceg.report.settings import changed_settings
+from iceg.slam.odometry.gyro import GyroFinding
 from iceg.slam.pipeline import SlamResult
 
 _TYPES = {"f4": np.float32, "f8": np.float64, "i4": np.int32, "u2": np.uint16, "u1": np.uint8}
@@ -55,6 +59,46 @@ def test_the_page_holds_the_run(result: SlamResult, tmp_path: Path) -> None:
     assert len(unpacked(data["factors"]["i"])) == len(result.graph.factors)
     assert len(data["closures"]["reasons"]) == len(result.closures)
     assert [setting["name"] for setting in data["settings"]] == ["grid.resolution"]
+    np.testing.assert_allclose(unpacked(data["walls"]["ends"]), result.walls.ends.reshape(-1, 4), atol=1e-4)
+    assert data["landmarks"]["settled"] == len(result.landmarks.settled())
+
+
+def test_closures_tell_how_far_off_the_path_they_were(result: SlamResult, tmp_path: Path) -> None:
+    write_report(result, tmp_path / "report.html")
+    closures = data_of((tmp_path / "report.html").read_text(encoding="utf-8"))["closures"]
+    off = unpacked(closures["off_path"])
+    assert len(off) == len(closures["rivals"]) == len(result.closures)
+    refused = [k for k, closure in enumerate(result.closures) if "sigma off the path" in closure.reason]
+    held = [k for k, closure in enumerate(result.closures) if closure.verdict == "accepted" and off[k] >= 0.0]
+    assert held
+    bound = math.sqrt(largest_squared_norm(result.config.loops.path_probability))
+    assert all(off[k] <= bound + 1e-6 for k in held)
+    assert all(off[k] > bound for k in refused)
+
+
+@pytest.mark.parametrize("has_times", [True, False])
+def test_what_was_learned_of_the_gyro_is_told(result: SlamResult, has_times: bool) -> None:
+    found = GyroFinding(
+        chance=1e-9,
+        scale=(0.0, 0.001, 0.98),
+        bias=math.radians(0.5),
+        delay=0.25,
+        deviation=math.radians(0.2),
+        deviation_without=math.radians(1.1),
+        has_times=has_times,
+    )
+    told = learned_payload({**result.summary, "gyro": found.record()}, has_odometry=False)
+    values = {entry["name"]: entry["value"] for entry in told}
+    assert values["Gyro"] == "used for the heading"
+    assert values["Gyro, bias"] == f"+0.500 ° per {'second' if has_times else 'scan'}"
+    assert values["Gyro behind the scans"] == ("+250 ms" if has_times else "+0.25 scans")
+    assert values["Gyro, scatter of a turn"] == "0.20 °, 1.10 ° without it"
+
+
+def test_a_gyro_that_is_not_used_is_told_with_the_reason(result: SlamResult) -> None:
+    record = GyroFinding(doubt="they are all zero").record()
+    told = learned_payload({**result.summary, "gyro": record}, has_odometry=False)
+    assert {"name": "Gyro", "value": "not used: they are all zero"} in told
 
 
 def test_the_same_run_gives_the_same_page_that_asks_for_nothing(result: SlamResult, tmp_path: Path) -> None:

@@ -163,3 +163,20 @@ def test_a_tab_that_is_behind_and_a_server_that_is_gone_are_told(
     page.get_by_role("button", name="Pin").click()
     page.locator("#edits", has_text="iceg view has ended").wait_for()
     page.context.close()
+
+
+def test_a_wrong_closure_by_hand_is_taken_out_in_the_page(browser: "Browser", served: ViewServer) -> None:
+    directory = served.session.directory
+    before = read_run_folder(directory).trajectory.poses
+    _, scans = first_accepted(directory)
+    served.session.edit("drag", {"revision": 0, "scans": scans, "pose": [4.0, 1.0, 2.0]})
+    page = open_served(browser, served)
+    page.evaluate(
+        "iceg.set('selection', {selection: {type: 'closure', index: iceg.run.closures.reasons.findIndex("
+        "(reason) => reason.startsWith('by hand'))}})"
+    )
+    page.get_by_role("button", name="Take out").click()
+    page.locator("#edits", has_text="2 corrections, saved").wait_for()
+    assert "[[add]]" not in (directory / CORRECTIONS).read_text()
+    np.testing.assert_array_equal(read_run_folder(directory).trajectory.poses, before)
+    page.context.close()

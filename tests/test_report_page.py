@@ -130,6 +130,13 @@ def test_layers_are_switched(page: "Page") -> None:
         before = inked(page, sheet)
         page.locator(f'input[name="{name}"]').uncheck()
         assert inked(page, sheet) < before
+    page.locator('input[name="metres"]').uncheck()
+    assert inked(page, GROUND) == 0
+    page.locator('input[name="walls"]').check()
+    whole = inked(page, GROUND)
+    page.keyboard.press("Home")
+    assert 0 < inked(page, GROUND) < whole
+    page.keyboard.press("End")
     assert inked(page, LANDMARKS) == 0
     page.locator('input[name="corner"]').check()
     assert inked(page, LANDMARKS) > 0
@@ -175,6 +182,7 @@ def test_a_click_on_a_closure_lays_its_scans_on_each_other(page: "Page", shown: 
     found = closures[index]
     text = page.locator("#inspector").inner_text()
     assert "accepted" in text
+    assert "% of the beams fall on the earlier pass" in text
     assert f"scan {found.scan_i}" in text
     assert f"scan {found.scan_j}" in text
     assert "σ" in page.locator("#inspector dl").inner_text()
@@ -269,6 +277,10 @@ def test_figures_warnings_and_what_was_learned_are_told(page: "Page", shown: Sho
     assert "NEES" in figures
     assert "Least known position" in figures
     assert f"{shown.result.summary['closures']['accepted']} of {shown.result.summary['closures']['tried']}" in figures
+    landmarks = shown.result.landmarks
+    counts = f"{len(landmarks.settled())} landmarks ({len(landmarks)} with those seen rarely"
+    assert counts in figures
+    assert counts in page.locator("#inspector").inner_text()
     assert "Laser noise" in page.locator("#learned").inner_text()
     assert "grid.resolution" in page.locator("#settings").inner_text()
     assert page.locator("#warnings").inner_text()

@@ -20,6 +20,7 @@ from iceg.cli import main
 from iceg.maps.config import GridConfig
 from iceg.results import RESULT_FILES
 from iceg.run_folder import read_closures
+from iceg.slam.corrections.errors import CorrectionsError
 from iceg.view.errors import ViewError
 from iceg.view.server import PAGE, ViewServer
 from iceg.view.session import CORRECTIONS, Session
@@ -313,3 +314,43 @@ def test_ctrl_c_ends_it_well(folder: Path) -> None:
         out, err = process.communicate(timeout=60)
     assert (process.returncode, "Traceback" in err) == (0, False)
     assert "Nothing was corrected" in out
+
+
+def test_a_closure_by_hand_is_taken_out_and_all_else_stays_as_written(folder: Path) -> None:
+    first, second, third, *_ = accepted(folder)
+    others = f"# the far corridor\n[[forbid]]\nscans = {first}\n\n"
+    wrong = f"[[add]] # surely\nscans = {second}\npose = [3.0, 3.0, 0.5]\npin = true\n"
+    more = f"[[add]]\nscans = {third}\n"
+    (folder / CORRECTIONS).write_text(others + wrong + more)
+    session = Session(folder)
+    bent = (folder / "trajectory.tum").read_bytes()
+    session.edit("withdraw", {"revision": 0, "scans": second[::-1]})
+    assert (folder / CORRECTIONS).read_text() == others + more
+    assert (folder / "trajectory.tum").read_bytes() != bent
+    session.edit("undo", {"revision": 1})
+    assert (folder / CORRECTIONS).read_text() == others + wrong + more
+    assert (folder / "trajectory.tum").read_bytes() == bent
+    with pytest.raises(CorrectionsError, match="found no closure by hand between scans"):
+        session.edit("withdraw", {"revision": 2, "scans": first})
+
+
+def test_a_closure_by_hand_that_is_written_otherwise_is_left_to_the_hand(folder: Path) -> None:
+    first, second, *_ = accepted(folder)
+    written = f"add = [{{scans = {first}}}, {{scans = {second}}}]\n\n[map]\nturn_degrees = 90\n"
+    (folder / CORRECTIONS).write_text(written)
+    session = Session(folder)
+    with pytest.raises(CorrectionsError, match="take it out by hand"):
+        session.edit("withdraw", {"revision": 0, "scans": first})
+    assert (folder / CORRECTIONS).read_text() == written
+
+
+def test_corrections_that_a_run_was_given_are_not_lost(folder: Path, tmp_path: Path) -> None:
+    first, second, *_ = accepted(folder)
+    given = tmp_path / "mine.toml"
+    given.write_text(f"[[forbid]]\nscans = {first}\n")
+    main(["run", str(iceg.demo_log_path()), "-o", str(tmp_path / "given"), "--corrections", str(given), "--no-report"])
+    assert (tmp_path / "given" / CORRECTIONS).read_text() == given.read_text()
+    (tmp_path / "given" / CORRECTIONS).unlink()
+    session = Session(tmp_path / "given")
+    with pytest.raises(CorrectionsError, match=f"put them there as {CORRECTIONS}"):
+        session.edit("forbid", {"revision": 0, "scans": second})

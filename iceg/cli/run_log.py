@@ -68,8 +68,9 @@ def run_log(
             tell_warnings(log)
             if truth is not None:
                 log = _with_truth(log, truth)
-            from iceg.slam.corrections.reading import read_all_corrections
+            from iceg.slam.corrections.reading import read_all_corrections, text_of_corrections
             from iceg.slam.pipeline import run
+            from iceg.view.session import CORRECTIONS
 
             asked = read_all_corrections(path for path in (corrections, closures) if path)
             asked.check(len(log))
@@ -78,7 +79,9 @@ def run_log(
                     result = run(log, config, progress, corrections=asked)
             except GraphError as err:
                 raise GraphError(f"{path}: {err}") from err
-            write_results(result, directory, overwrite=overwrite, report=report)
+            text = text_of_corrections(corrections) if corrections and not closures else None
+            beside = None if text is None else {CORRECTIONS: text}
+            write_results(result, directory, overwrite=overwrite, report=report, beside=beside)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(what_was_kept(directory, before)) from None
     with Telling(as_json=as_json) as telling:

@@ -32,11 +32,11 @@ class View:
 
             session = Session(self.directory)
         with ViewServer(session, self.port) as server:
-            print(f"{self.directory} is at {server.address}", flush=True)
-            print("Ctrl-C ends it", flush=True)
-            if self.browser:
-                _open(server.address)
             try:
+                print(f"{self.directory} is at {server.address}", flush=True)
+                print("Ctrl-C ends it", flush=True)
+                if self.browser:
+                    _open(server.address)
                 server.serve_forever(poll_interval=0.2)
             except KeyboardInterrupt:
                 session.wait()

@@ -38,6 +38,7 @@ def solution_arrays(solution: Solution) -> dict[str, NDArray[Any]]:
         "closure_keys": np.array([(a.key_old, a.key_new) for a in attempts], dtype=np.uint32).reshape(-1, 2),
         "closure_flags": np.array([(a.accepted, a.removed) for a in attempts], dtype=np.bool_).reshape(-1, 2),
         "closure_overlap": np.array([a.overlap for a in attempts], dtype=np.float64),
+        "closure_off_path": np.array([a.off_path for a in attempts], dtype=np.float64),
         "closure_n_places": np.array([len(a.places) for a in attempts], dtype=np.uint32),
         "closure_places": np.array(places, dtype=np.float64).reshape(-1, 4),
         **match_arrays("closure_match", [attempt.match for attempt in attempts]),
@@ -116,6 +117,7 @@ def _attempts(table: Table, facts: Mapping[str, Any], n_keys: int) -> list[Attem
     n = len(keys)
     flags, overlaps = table.flags("closure_flags", n, 2).tolist(), table.floats("closure_overlap", n).tolist()
     matches, reasons = matches_of(table, "closure_match", n), list(map(str, facts["closure_reasons"]))
+    off_path = table.floats("closure_off_path", n, is_nan_allowed=True).tolist()
     ends = np.cumsum(table.whole("closure_n_places", n, high=LIMITS.rows)).tolist()
     places = table.floats("closure_places", ends[-1] if ends else 0, 4)
     if len(reasons) != n or any(old >= new for old, new in keys):
@@ -132,6 +134,7 @@ def _attempts(table: Table, facts: Mapping[str, Any], n_keys: int) -> list[Attem
             overlap=overlaps[k],
             removed=flags[k][1],
             places=tuple(Place(T_old_new=row[:3], misfit=float(row[3])) for row in places[first:last]),
+            off_path=off_path[k],
         )
         for k, (first, last) in enumerate(zip([0, *ends], ends, strict=False))
     ]

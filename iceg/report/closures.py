@@ -1,6 +1,7 @@
 """The record of loop closures for the report of a run, each with how the final path differs from it."""
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -37,6 +38,8 @@ def closures_payload(result: "SlamResult", held: HeldBy) -> Mapping[str, Any]:
         "inliers": packed([closure.inliers for closure in closures], "i4"),
         "overlaps": packed([closure.overlap for closure in closures], "f4"),
         "verdicts": packed([_VERDICTS.index(verdict) for verdict in verdicts], "u1"),
+        "off_path": packed([closure.off_path for closure in closures], "f4"),
+        "rivals": [None if (rival := closure.rival) is None else asdict(rival) for closure in closures],
         "factors": packed(_factors_of(result, held), "i4"),
         "reasons": [closure.reason for closure in closures],
     }

@@ -135,9 +135,9 @@ def _sizes(result: "SlamResult") -> Iterator[Figure]:
     yield Figure(
         name="Map",
         value=f"{x_max - x_min:.1f} × {y_max - y_min:.1f} m",
-        meaning=f"Cells of {100 * result.grid.resolution:g} cm, {len(result.landmarks)} landmarks, "
-        f"{int((result.landmarks.expired_at >= 0).sum())}"
-        " of them no longer there at the end.",
+        meaning=f"Cells of {100 * result.grid.resolution:g} cm, {len(result.landmarks.settled())} landmarks "
+        f"({len(result.landmarks)} with those seen rarely, and {int((result.landmarks.expired_at >= 0).sum())} "
+        "that were no longer there at the end).",
     )
 
 

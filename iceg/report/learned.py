@@ -15,6 +15,8 @@ def learned_payload(summary: Mapping[str, Any], *, has_odometry: bool) -> list[d
     pairs = [*_laser(summary["laser"]), *_sweep(summary["sweep"])]
     if has_odometry:
         pairs += _odometry(summary["odometry"])
+    if "gyro" in summary:
+        pairs += _gyro(summary["gyro"])
     pairs.append(("Variances of matches", f"× {summary['match_doubt']:.2f}, as halves of scans agree"))
     pairs += [(f"Chosen: {subject}", str(choice)) for subject, choice in summary["chosen"].items()]
     return [{"name": name, "value": value} for name, value in pairs]
@@ -49,6 +51,22 @@ def _odometry(odometry: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     x, y, heading = odometry["T_odometry_laser"]
     yield "Laser on the robot", f"{_signed(100 * x, 1)} cm ahead, {_signed(100 * y, 1)} cm left"
     yield "… turned to the left by", f"{_signed(math.degrees(heading), 2)} °"
+
+
+def _gyro(gyro: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """What the matches say of the gyro, see `GyroFinding.record`."""
+    yield "Gyro", "used for the heading" if gyro["used"] else f"not used: {gyro['reason']}"
+    if "rad_per_unit" not in gyro:
+        return
+    scales = ", ".join(_signed(scale, 3) for scale in gyro["rad_per_unit"])
+    yield "Gyro, turn per unit about x, y, z", f"{scales} rad"
+    has_times = "delay_s" in gyro
+    bias = math.degrees(gyro["bias_rad_per_s" if has_times else "bias_rad_per_scan"])
+    yield "Gyro, bias", f"{_signed(bias, 3)} ° per {'second' if has_times else 'scan'}"
+    delay = f"{_signed(1000 * gyro['delay_s'], 0)} ms" if has_times else f"{_signed(gyro['delay_scans'], 2)} scans"
+    yield "Gyro behind the scans", delay
+    left, without = (math.degrees(gyro[name]) for name in ("turn_std_rad", "turn_std_of_constant_velocity_rad"))
+    yield "Gyro, scatter of a turn", f"{left:.2f} °, {without:.2f} ° without it"
 
 
 def _signed(value: float, decimals: int) -> str:

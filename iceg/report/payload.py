@@ -19,6 +19,7 @@ from iceg.report.packing import packed
 from iceg.report.scans import scans_payload
 from iceg.report.settings import changed_settings
 from iceg.report.truth import truth_payload
+from iceg.report.walls import walls_payload
 from iceg.report.warned_places import warnings_payload
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ def page_payload(result: "SlamResult", truth: NDArray[np.float64] | None = None)
         },
         "laser": scans_payload(result.log, result.key_scans),
         "grid": grid_payload(result.grid),
+        "walls": walls_payload(result.walls),
         "landmarks": _landmarks(result),
         "closures": closures_payload(result, held),
         "factors": held.payload(),
@@ -79,6 +81,7 @@ def _landmarks(result: "SlamResult") -> dict[str, Any]:
     landmarks = result.landmarks
     return {
         "names": KIND_NAMES,
+        "settled": len(landmarks.settled()),
         "kinds": packed(landmarks.kinds, "u1"),
         "positions": packed(landmarks.positions, "f4"),
         "directions": packed(landmarks.directions, "f4"),

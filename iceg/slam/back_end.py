@@ -231,12 +231,13 @@ class BackEnd:
         assert attempt.match is not None
         i, j, most = attempt.key_old, attempt.key_new, largest_squared_norm(self._config.path_probability)
         offset = _offset(attempt, poses)
-        if squared_norm(offset, self._drift.covariance(i, j, poses) + attempt.match.covariance) <= most:
-            return attempt
-        squared = squared_norm(offset, self.graph.relative_covariance(i, j) + attempt.match.covariance)
+        squared = squared_norm(offset, self._drift.covariance(i, j, poses) + attempt.match.covariance)
+        if squared > most:
+            squared = squared_norm(offset, self.graph.relative_covariance(i, j) + attempt.match.covariance)
+        judged = replace(attempt, off_path=math.sqrt(squared))
         if squared <= most:
-            return attempt
-        return replace(attempt, accepted=False, reason=f"{math.sqrt(squared):.1f} sigma off the path; {attempt.reason}")
+            return judged
+        return replace(judged, accepted=False, reason=f"{judged.off_path:.1f} sigma off the path; {attempt.reason}")
 
     def _insert(self, index: int, poses: NDArray[np.float64]) -> bool:
         """Insert a closure near the estimate at once; one far off waits for others that say the same.

@@ -24,6 +24,7 @@ from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.result_tables import RunTables, TableName
 from iceg.slam.back_end import Solution
 from iceg.slam.closures.closure import Closure
+from iceg.slam.closures.rival import best_rival
 from iceg.slam.corrections.corrected import Corrected
 from iceg.slam.corrections.corrections import Corrections, MapFrame
 from iceg.slam.corrections.cut_findings import cut_findings
@@ -358,6 +359,8 @@ def _closures(track: Track, solution: Solution) -> list[Closure]:
             overlap=0.0 if attempt.match is None else attempt.match.overlap,
             verdict="accepted" if attempt.accepted else "removed" if attempt.removed else "rejected",
             reason=attempt.reason,
+            off_path=attempt.off_path,
+            rival=best_rival(attempt),
         )
         for attempt in solution.attempts
     ]

@@ -9,6 +9,8 @@ from iceg.settings_file import shown_value
 from iceg.slam.corrections.errors import CorrectionsError
 
 _MOST_SCANS = 2
+WITHDRAW = "withdraw"
+"""The edit that takes a closure by hand out again."""
 
 
 def edit_block(kind: str, asked: Mapping[str, Any]) -> str:
@@ -25,6 +27,17 @@ def edit_block(kind: str, asked: Mapping[str, Any]) -> str:
     if kind not in EDITS:
         raise CorrectionsError(f"found the edit '{kind[:40]}', expected one of {', '.join(EDITS)}")
     return EDITS[kind](asked)
+
+
+def withdrawn_scans(asked: Mapping[str, Any]) -> tuple[int, int]:
+    """Which scans the closures by hand join that are to be taken out.
+
+    Raises:
+        CorrectionsError: `scans` are not two of them.
+    """
+    _scans(found := asked.get("scans"))
+    assert isinstance(found, list)
+    return found[0], found[1]
 
 
 def _forbid(asked: Mapping[str, Any]) -> str:

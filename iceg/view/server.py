@@ -26,7 +26,7 @@ _PATIENCE = 20.0
 """Seconds for a request to come in, and for an answer to be taken."""
 _MARK = b"<head>"
 """Behind it the page is told that it is served."""
-_EDITS = ("forbid", "add", "drag", "pin", "undo")
+_EDITS = ("forbid", "add", "drag", "pin", "withdraw", "undo")
 _HEADERS = {
     "Cache-Control": "no-store",
     "X-Content-Type-Options": "nosniff",

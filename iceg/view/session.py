@@ -7,11 +7,12 @@ from typing import Any
 
 from graph.files import read_text
 from iceg.resolving import findings_of
-from iceg.results import write_results
+from iceg.results import read_summary, write_results
 from iceg.slam import pipeline
 from iceg.slam.corrections.errors import CorrectionsError
 from iceg.slam.corrections.reading import parse_corrections
-from iceg.view.edits import edit_block
+from iceg.view.edits import WITHDRAW, edit_block, withdrawn_scans
+from iceg.view.withdrawal import without_added
 
 CORRECTIONS = "corrections.toml"
 _ABOUT_CLOSURES = "corrections"
@@ -26,7 +27,7 @@ class Session:
     """One run and what is corrected of it; edits are made one after the other, whoever asks for them.
 
     The corrections are those of `corrections.toml` in the folder, as they are written there, and one table more for
-    each edit. Results and corrections are replaced together.
+    each edit, or without that of a closure that is taken out. Results and corrections are replaced together.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -38,13 +39,14 @@ class Session:
         self.directory = directory
         self._findings = findings_of(directory)
         path = directory / CORRECTIONS
-        self._given = read_text(path, "settings_bytes", CorrectionsError, "corrections") if path.exists() else ""
-        self._blocks: list[str] = []
+        given = read_text(path, "settings_bytes", CorrectionsError, "corrections") if path.exists() else ""
+        self._texts = [given if not given or given.endswith("\n") else f"{given}\n"]
+        self._is_missing = not path.exists() and "corrections" in read_summary(directory)
         self._revision = 0
         self._sentences: list[str] = []
         self._lock = threading.Lock()
-        if self._given:
-            self._conclude([])
+        if given:
+            self._conclude(self._texts[-1])
 
     def state(self) -> dict[str, Any]:
         """For the page: which state it is, how many edits can be taken back, the corrections and what is doubtful."""
@@ -55,7 +57,7 @@ class Session:
         """Make an edit, conclude the run anew, and say what came of it.
 
         Args:
-            kind: what is asked for, see `edit_block`, or "undo".
+            kind: what is asked for, see `edit_block`, or "withdraw" or "undo".
             asked: by the page; `revision` is that of the state it shows.
 
         Raises:
@@ -65,15 +67,26 @@ class Session:
         with self._lock:
             if asked.get("revision") != self._revision:
                 raise StaleEditError("the run has been corrected elsewhere since this page was opened: load it again")
-            if kind == "undo":
-                if not self._blocks:
-                    raise CorrectionsError("there is nothing to undo")
-                blocks = self._blocks[:-1]
-            else:
-                blocks = [*self._blocks, edit_block(kind, asked)]
-            self._conclude(blocks)
-            self._blocks, self._revision = blocks, self._revision + 1
+            if self._is_missing:
+                raise CorrectionsError(
+                    f"the run was given corrections that its folder does not hold: put them there as {CORRECTIONS}, "
+                    "or they would be lost, and start iceg view again"
+                )
+            texts = self._after(kind, asked)
+            self._conclude(texts[-1])
+            self._texts, self._revision = texts, self._revision + 1
             return self._state()
+
+    def _after(self, kind: str, asked: Mapping[str, Any]) -> list[str]:
+        """The corrections after each edit, the newest last."""
+        if kind == "undo":
+            if not self.has_edits:
+                raise CorrectionsError("there is nothing to undo")
+            return self._texts[:-1]
+        text = self._texts[-1]
+        if kind == WITHDRAW:
+            return [*self._texts, without_added(text, withdrawn_scans(asked), CORRECTIONS)]
+        return [*self._texts, _joined(text, edit_block(kind, asked))]
 
     def wait(self) -> None:
         """Until no edit is being made."""
@@ -83,22 +96,21 @@ class Session:
     @property
     def has_edits(self) -> bool:
         """Whether any edit is in force."""
-        return bool(self._blocks)
+        return len(self._texts) > 1
 
     def _state(self) -> dict[str, Any]:
         return {
             "revision": self._revision,
-            "undo": len(self._blocks),
-            "corrections": self._text(self._blocks),
+            "undo": len(self._texts) - 1,
+            "corrections": self._texts[-1],
             "warnings": self._sentences,
         }
 
-    def _text(self, blocks: list[str]) -> str:
-        given = [] if not self._given else [self._given if self._given.endswith("\n") else f"{self._given}\n"]
-        return "\n".join([*given, *blocks])
-
-    def _conclude(self, blocks: list[str]) -> None:
-        text = self._text(blocks)
+    def _conclude(self, text: str) -> None:
         result = pipeline.resolve(self._findings, parse_corrections(text, CORRECTIONS))
         write_results(result, self.directory, overwrite=True, beside={CORRECTIONS: text})
         self._sentences = [warning.sentence for warning in result.warnings if warning.kind == _ABOUT_CLOSURES]
+
+
+def _joined(text: str, block: str) -> str:
+    return f"{text}\n{block}" if text else block

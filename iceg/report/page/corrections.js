@@ -16,7 +16,7 @@ export const corrections = { n: served?.state.undo ?? 0, busy: false, error: "",
 /** Call `listener()` whenever anything about the corrections changes. */
 export const onCorrected = (listener) => listeners.push(listener);
 
-/** Make an edit: {kind: "forbid" | "add" | "drag" | "pin", scans or between, pose}, scans as the page counts them. */
+/** Make an edit: {kind: "forbid" | "add" | "drag" | "pin" | "withdraw", scans or between, pose}, scans as the page counts them. */
 export function apply(edit) {
   const asked = inRecordedScans(edit);
   if (isLive) ask(asked.kind, asked);

@@ -2,8 +2,8 @@
 
 import { drawGrid } from "report/grid";
 import { sureBounds } from "report/layers";
-import { revealed } from "report/revealed";
-import { endsOfRow, keyOfScan, nClosures, nKeys, nLandmarks, nScans, poseOfKey, poseOfScan, rowOfScan, run } from "report/run";
+import { isRevealed, revealed } from "report/revealed";
+import { endsOfRow, keyOfScan, nClosures, nKeys, nLandmarks, nScans, nWalls, poseOfKey, poseOfScan, rowOfScan, run } from "report/run";
 import { colour, onScale } from "report/theme";
 
 const BINS = 96;
@@ -13,6 +13,7 @@ const isOver = (state) => state.scan >= nScans - 1;
 export function ground(context, view, state) {
   if (state.visible.has("grid")) drawGrid(context, view, isOver(state) ? undefined : revealed(keyOfScan(state.scan)));
   if (state.visible.has("metres")) metreLines(context, view);
+  if (state.visible.has("walls")) walls(context, view, state);
   if (state.visible.has("returns")) returns(context, view, state);
 }
 
@@ -29,6 +30,23 @@ function metreLines(context, view) {
   for (let y = Math.ceil(y0 / step); y * step <= y1; y++) {
     context.moveTo(0, Math.round(view.y(y * step)) + 0.5);
     context.lineTo(view.width, Math.round(view.y(y * step)) + 0.5);
+  }
+  context.stroke();
+}
+
+/** The pieces of wall that poses and map were refined with; in the replay those looked at so far. */
+function walls(context, view, state) {
+  const { ends } = run.walls;
+  const isKnown = isOver(state) ? () => true : isRevealed(keyOfScan(state.scan));
+  context.strokeStyle = colour("wall");
+  context.lineWidth = Math.max(1.4, Math.min(3, 0.03 * view.scale));
+  context.lineCap = "butt";
+  context.beginPath();
+  for (let i = 0; i < nWalls; i++) {
+    const [ax, ay, bx, by] = ends.subarray(4 * i, 4 * i + 4);
+    if (!isKnown((ax + bx) / 2, (ay + by) / 2)) continue;
+    context.moveTo(view.x(ax), view.y(ay));
+    context.lineTo(view.x(bx), view.y(by));
   }
   context.stroke();
 }

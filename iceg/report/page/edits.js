@@ -49,13 +49,15 @@ function offer() {
 function forClosure(index) {
   const verdict = run.closures.names[run.closures.verdicts[index]];
   const isMatched = !Number.isNaN(run.closures.matched[3 * index]);
+  const isByHand = run.closures.reasons[index].startsWith("by hand");
   const offers = [];
   if (verdict === "accepted") {
     offers.push(button("forbid", index, "Forbid", "This closure is wrong"));
     offers.push(button("around", index, "Forbid all around", `None between the ${2 * AROUND} key poses around its ends`));
   }
   if (verdict === "accepted") offers.push(button("pin", index, "Pin", "Believe it whatever contradicts it"));
-  else if (verdict !== "by hand" && isMatched) offers.push(button("accept", index, "Accept", "Add it as it was matched"));
+  else if (!isByHand && isMatched) offers.push(button("accept", index, "Accept", "Add it as it was matched"));
+  if (isByHand && isLive) offers.push(button("withdraw", index, "Take out", "This closure by hand is wrong"));
   offers.push(button("drag", index, "Drag…", "Lay one scan on the other by hand"));
   return offers.join("");
 }
@@ -65,6 +67,7 @@ function chosen(edit, at) {
   const scans = [...run.closures.scans.subarray(2 * at, 2 * at + 2)];
   if (edit === "forbid") apply({ kind: "forbid", scans });
   else if (edit === "around") apply({ kind: "forbid", between: scans.map(stretchAround) });
+  else if (edit === "withdraw") apply({ kind: "withdraw", scans });
   else if (edit === "pin") apply({ kind: "pin", scans });
   else if (edit === "accept") apply({ kind: "add", scans, pose: [...run.closures.matched.subarray(3 * at, 3 * at + 3)] });
   else if (edit === "drag") startDragging(panel, scans[0], scans[1], finish);

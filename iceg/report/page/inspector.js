@@ -6,7 +6,7 @@ import { CLOSURE_COLOURS, ellipseOf } from "report/draw";
 import { count, degrees, duration, escaped, facts, length, metres, percent } from "report/format";
 import { show } from "report/mapview";
 import { measurement, toggleMeasuring } from "report/measure";
-import { between, keyOfScan, nClosures, nKeys, poseOfKey, poseOfScan, run } from "report/run";
+import { between, keyOfScan, nClosures, nKeys, nLandmarks, poseOfKey, poseOfScan, run } from "report/run";
 
 const panel = document.getElementById("inspector");
 const { closures, factors, keys } = run;
@@ -53,7 +53,7 @@ function overview() {
   const places = run.warnings.filter((warning) => warning.scan !== null).slice(0, 6);
   const list = places.map((warning) => `<p>${link("scan", warning.scan, `Scan ${warning.scan}`)} ${escaped(warning.sentence)}</p>`).join("");
   return `<h2>What you see</h2>
-    <p>The map of <b>${escaped(run.name)}</b>: ${count(nKeys, "key pose")}, ${count(accepted, "loop closure")} in force, ${count(run.landmarks.kinds.length, "landmark")}.</p>
+    <p>The map of <b>${escaped(run.name)}</b>: ${count(nKeys, "key pose")}, ${count(accepted, "loop closure")} in force, ${count(run.landmarks.settled, "landmark")} (${nLandmarks.toLocaleString("en")} with those seen rarely or expired).</p>
     <p class="soft">Click a <b>pose</b> of the path for its scan, its covariance and what holds it; click a <b>loop closure</b> for the two scans it joins. The slider replays the run: space plays, ← and → step, Shift makes larger steps.</p>
     <p class="soft">The ruler measures between two points and says how well the distance is known.</p>
     ${list ? `<h3>Look here</h3>${list}` : ""}${leastAgreed()}
@@ -135,7 +135,7 @@ function closureText(index, i, j, matched, onPath) {
     <p class="legend"><span><i style="background:var(--a)"></i>${link("scan", i, `scan ${i}`)}</span><span><i style="background:var(--b)"></i>${link("scan", j, `scan ${j}`)}</span></p>
     <div class="actions" data-for="closure" data-index="${index}"></div>
     <dl class="facts">${facts(closureFacts(index, matched, onPath))}</dl>
-    ${matched === null ? '<p class="soft">The matcher found no place where the scans agree.</p>' : picture("matched", "As matched")}
+    ${matched === null ? '<p class="soft">The matcher found no place where the scans agree.</p>' : picture("matched", closures.inliers[index] > 0 ? "As matched" : "As given by hand")}
     ${picture("path", "As the final path has them")}
     <p class="soft">Joins ${link("pose", keyOfScan(i), `key pose ${keyOfScan(i)}`)} and ${link("pose", keyOfScan(j), `key pose ${keyOfScan(j)}`)}.</p>`;
 }
@@ -147,9 +147,14 @@ function closureFacts(index, matched, onPath) {
     rows.push(["Residual", `${factors.sigmas[factor].toFixed(2)} σ`]);
     if (factors.weights[factor] < 0.995) rows.push(["Weight left by the robust kernel", percent(factors.weights[factor])]);
   }
+  if (!Number.isNaN(closures.off_path[index])) rows.push(["Off the path when it was found", `${closures.off_path[index].toFixed(1)} σ at most`]);
+  const rival = closures.rivals[index];
+  if (rival) {
+    rows.push(["Other place that fits", `${length(rival.apart)} away`], ["Misfit there, and here", `${rival.misfit.toFixed(2)}, ${rival.own.toFixed(2)}`]);
+  }
   if (matched !== null) {
     const [dx, dy, turn] = between(matched, onPath);
-    rows.push(["Path against match", `${length(Math.hypot(dx, dy))}, ${degrees(turn)}`]);
+    rows.push([closures.inliers[index] > 0 ? "Path against match" : "Path against what was given", `${length(Math.hypot(dx, dy))}, ${degrees(turn)}`]);
     if (closures.inliers[index] > 0) {
       rows.push(["Score", closures.scores[index].toFixed(3)], ["Beams that agree", String(closures.inliers[index])], ["Overlap", percent(closures.overlaps[index])]);
     }
@@ -160,8 +165,8 @@ function closureFacts(index, matched, onPath) {
 /** What the three figures of a verdict mean, written out. */
 function inWords(reason) {
   const words = reason
-    .replace(/overlap (\d\.\d+)/, (_, share) => `${percent(share)} of the beams fall on the earlier pass`)
-    .replace(/fit (\d\.\d+)/, (_, share) => `${percent(share)} of those agree with it`)
-    .replace(/view (\d\.\d+)/, (_, share) => `${percent(share)} of what should be in view is seen`);
+    .replace(/overlap (\d\.\d+)/, (_, share) => `${percent(Number(share))} of the beams fall on the earlier pass`)
+    .replace(/fit (\d\.\d+)/, (_, share) => `${percent(Number(share))} of those agree with it`)
+    .replace(/view (\d\.\d+)/, (_, share) => `${percent(Number(share))} of what should be in view is seen`);
   return `${words.charAt(0).toUpperCase()}${words.slice(1)}.`;
 }

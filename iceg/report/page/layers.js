@@ -2,7 +2,7 @@
 
 import { emit, on, set, state } from "report/bus";
 import { count, length } from "report/format";
-import { nKeys, run } from "report/run";
+import { nKeys, nWalls, run } from "report/run";
 import { onScale } from "report/theme";
 
 const { closures, landmarks } = run;
@@ -31,6 +31,7 @@ export const GROUPS = [
     title: "Map",
     layers: [
       { name: "grid", label: "Occupancy grid", swatch: ["", "map-wall"], shown: true },
+      { name: "walls", label: "Walls", swatch: ["stroke", "wall"], n: nWalls },
       { name: "returns", label: "Laser returns", swatch: ["dot", "scan"], n: nReturns() },
       { name: "metres", label: "Grid in metres", swatch: ["stroke", "line"], shown: true },
     ],

@@ -40,6 +40,18 @@ export function revealed(key) {
   return shown;
 }
 
+/** Tells of places [m] whether they were in view after a key scan. */
+export function isRevealed(key) {
+  revealed(key);
+  const { data } = mask.getContext("2d").getImageData(0, 0, mask.width, mask.height);
+  const scale = shrink / resolution;
+  return (x, y) => {
+    const column = Math.floor((x - origin[0]) * scale);
+    const row = Math.floor(mask.height - (y - origin[1]) * scale);
+    return data[4 * (row * mask.width + column) + 3] > 0;
+  };
+}
+
 function addView(context, key) {
   const pose = poseOfKey(key);
   const [c, s] = [Math.cos(pose[2]), Math.sin(pose[2])];

@@ -10,6 +10,7 @@ export const nScans = run.trajectory.length / 3;
 export const nKeys = run.keys.scans.length;
 export const nBeams = run.laser.directions.length / 2;
 export const nClosures = run.closures.reasons.length;
+export const nWalls = run.walls.ends.length / 4;
 export const nLandmarks = run.landmarks.kinds.length;
 
 /** Index of the last number in a sorted array that is not above a value; 0 where all are. */

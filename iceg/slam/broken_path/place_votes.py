@@ -14,11 +14,10 @@ from numpy.typing import NDArray
 
 from graph.se2 import between, compose
 from iceg.slam.closures.attempt import PARTNER_DISTANCE, PARTNER_KEYS, PARTNER_TURN, Attempt
+from iceg.slam.closures.rival import is_one_place
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.track import Track
 
-_SAME_PLACE, _SAME_TURN = 0.5, 0.1
-"""Places of one key scan no farther apart than this are one [m, rad]."""
 _RIVAL = 1.0 / 3.0
 """Another place does not count that so small a share of the key scans speak for …"""
 _MANY, _BETTER = 6, 0.05
@@ -105,7 +104,7 @@ class PlaceVotes:
         assert attempt.match is not None
         places = self._voted(attempt.key_new, poses)
         claimed = compose(poses[attempt.key_old], attempt.match.T_ref_cur)
-        here = next((place for place in places if _is_one_place(between(claimed, place.T_map_key))), None)
+        here = next((place for place in places if is_one_place(between(claimed, place.T_map_key))), None)
         if here is None:
             return Vote(first=attempt.key_new, last=attempt.key_new, count=1)
         rivals = [place for place in places if place is not here and not place.is_worse_than(here)]
@@ -131,7 +130,7 @@ class PlaceVotes:
         found: list[_Voted] = []
         own = np.flatnonzero(new == key)
         for claimed in T_map_new[own[np.argsort(misfits[own], kind="stable")]]:
-            if any(_is_one_place(between(claimed, other.T_map_key)) for other in found):
+            if any(is_one_place(between(claimed, other.T_map_key)) for other in found):
                 continue
             x, y, turn = between(claimed, T_map_key).T
             agree = np.flatnonzero((x * x + y * y < PARTNER_DISTANCE**2) & (np.abs(turn) < PARTNER_TURN))
@@ -140,11 +139,6 @@ class PlaceVotes:
                 best[voter] = min(misfit, best.get(voter, misfit))
             found.append(_Voted(T_map_key=claimed, misfits=best))
         return found
-
-
-def _is_one_place(T_a_b: NDArray[np.float64]) -> bool:
-    x, y, turn = T_a_b.tolist()
-    return bool(x * x + y * y < _SAME_PLACE**2 and abs(turn) < _SAME_TURN)
 
 
 def unsettled(votes: Iterable[Vote], attempts: Iterable[Attempt]) -> tuple[Vote, ...]:

@@ -1,5 +1,6 @@
 """A loop closure that was tried: what it says, and whether that agrees with an estimate or with another closure."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,6 +45,8 @@ class Attempt:
         removed: whether it was in the graph before it was found to be wrong.
         places: where the later key scan fits, the one it was matched at first; empty where it was looked for close to
             the estimate only.
+        off_path: how far off the path it was when it was judged on the way, in standard deviations, at most; NaN where
+            it was not.
     """
 
     key_old: int
@@ -54,6 +57,7 @@ class Attempt:
     overlap: float = 0.0
     removed: bool = False
     places: tuple[Place, ...] = ()
+    off_path: float = math.nan
 
     @property
     def is_ambiguous(self) -> bool:

@@ -1,11 +1,14 @@
 """The record of a loop closure that was tried, whatever became of it."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from iceg.slam.closures.rival import Rival
 
 Verdict = Literal["accepted", "rejected", "removed"]
 
@@ -26,6 +29,9 @@ class Closure:
         overlap: share of the usable beams that fell on known reference, in [0, 1].
         verdict: accepted into the graph, rejected before, or removed afterwards.
         reason: why, in a sentence for a person.
+        off_path: how far off the path it was when it was judged on the way, in standard deviations, at most; NaN where
+            it was not, or where the closure was read back.
+        rival: the best other place, where a wide search found some; None where the closure was read back.
     """
 
     scan_i: int
@@ -36,6 +42,8 @@ class Closure:
     overlap: float
     verdict: Verdict
     reason: str
+    off_path: float = math.nan
+    rival: Rival | None = None
 
 
 def joined_scans(closures: Iterable[Closure]) -> NDArray[np.int64]:

@@ -45,7 +45,18 @@ def without_contradicted(
 
 
 def with_earlier(last: Sequence[Attempt], earlier: Sequence[Attempt]) -> list[Attempt]:
-    """The record of all closures in the order of the path; those tried last in the place of the same tried before."""
+    """The record of all closures in the order of the path; those tried last in the place of the same tried before.
+
+    What the search on the way has found of the path and of other places stays told.
+    """
+    before = {(attempt.key_old, attempt.key_new): attempt for attempt in earlier}
     known = {(attempt.key_old, attempt.key_new) for attempt in last}
-    others = [a for a in earlier if (a.key_old, a.key_new) not in known]
-    return sorted([*others, *last], key=lambda attempt: (attempt.key_new, attempt.key_old))
+    others = [attempt for attempt in earlier if (attempt.key_old, attempt.key_new) not in known]
+    renewed = [_told(attempt, before.get((attempt.key_old, attempt.key_new))) for attempt in last]
+    return sorted([*others, *renewed], key=lambda attempt: (attempt.key_new, attempt.key_old))
+
+
+def _told(attempt: Attempt, before: Attempt | None) -> Attempt:
+    if before is None:
+        return attempt
+    return replace(attempt, places=attempt.places or before.places, off_path=before.off_path)

@@ -33,9 +33,8 @@ def read_corrections(path: Path | str) -> Corrections:
         IcegError: file and line, what was found and what was expected.
     """
     path = Path(path)
-    with open_table(path, CorrectionsError, "corrections", "utf-8-sig") as file:
-        head = [word.strip() for word in file.readline(1000).split(",")]
-    if head[:2] != ["scan_i", "scan_j"]:
+    head = _head(path)
+    if not _is_table(head):
         return parse_corrections(read_text(path, "settings_bytes", CorrectionsError, "corrections"), str(path))
     if head == list(CLOSURE_COLUMNS):
         return Corrections(verdicts=_verdicts(path))
@@ -49,6 +48,27 @@ def read_all_corrections(paths: Iterable[Path]) -> Corrections:
         IcegError: as `read_corrections`; or two of them cut the log, or turn the map.
     """
     return reduce(Corrections.joined, map(read_corrections, paths), Corrections())
+
+
+def text_of_corrections(path: Path) -> str | None:
+    """The text of `corrections.toml`, to be kept; None of a CSV.
+
+    Raises:
+        IcegError: the file cannot be read.
+    """
+    if _is_table(_head(path)):
+        return None
+    return read_text(path, "settings_bytes", CorrectionsError, "corrections")
+
+
+def _head(path: Path) -> list[str]:
+    """What stands between the commas of the first line."""
+    with open_table(path, CorrectionsError, "corrections", "utf-8-sig") as file:
+        return [word.strip() for word in file.readline(1000).split(",")]
+
+
+def _is_table(head: list[str]) -> bool:
+    return head[:2] == ["scan_i", "scan_j"]
 
 
 def parse_corrections(text: str, where: str) -> Corrections:
