@@ -193,6 +193,7 @@ def test_the_path_in_the_copy_is_the_truth_of_the_run(
     (tmp_path / "path.tum").write_text("\n".join(lines) + "\n")
     trajectory, truth = read_run_folder(run).trajectory, read_truth(tmp_path / "path.tum")
     np.testing.assert_allclose(between(truth.poses, trajectory.poses), 0.0, atol=1e-9)
+    assert truth.stamps is not None
     np.testing.assert_allclose(truth.stamps, trajectory.stamps, atol=1e-6)
 
 

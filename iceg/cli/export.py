@@ -39,9 +39,9 @@ class Export:
         ],
         tyro.conf.arg(
             help="Trajectory as tum, euroc or kitti; the log with corrected poses as carmen; a copy of the bag with "
-            "map, path and map → odom as bag; the graph as g2o or serialised by gtsam; trajectory, key poses, closures, "
-            "landmarks and factors as tables in csv or parquet; walls as straight lines as floorplan; all of it to "
-            "replay in Foxglove as mcap, in Rerun as rerun."
+            "map, path and map → odom as bag; the graph as g2o or serialised by gtsam; trajectory, key poses, "
+            "closures, landmarks and factors as tables in csv or parquet; walls as straight lines as floorplan; all of "
+            "it to replay in Foxglove as mcap, in Rerun as rerun."
         ),
     ]
     output: Annotated[
