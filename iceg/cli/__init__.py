@@ -19,8 +19,8 @@ _COLLECTION = (500_000, 20, 20)
 """Thresholds of the garbage collector: hardly anything here forms cycles, and looking for them takes 0.15 of
 2.8 s of the embedded log's run."""
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
-"""The matrices here are small: with BLAS threads the last digits of the results would depend on the number of cores, and
-they would wait for each other, busily."""
+"""The matrices here are small: BLAS threads would wait for each other, busily, and the last digits of the results would
+depend on the number of cores."""
 _DEBUG = "--debug"
 _FAILED, _USAGE = 1, 2
 
