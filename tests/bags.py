@@ -12,6 +12,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
+from frontends.bags.compression import zstd
+
 SCAN, ODOMETRY, TF, POSE = (
     "sensor_msgs/msg/LaserScan",
     "nav_msgs/msg/Odometry",
@@ -215,3 +217,8 @@ def _quaternion(heading: float, roll: float) -> tuple[float, float, float, float
     """Turned by the heading, then rolled about the own x axis."""
     (sy, cy), (sr, cr) = ((math.sin(0.5 * angle), math.cos(0.5 * angle)) for angle in (heading, roll))
     return cy * sr, sy * sr, sy * cr, cy * cr
+
+
+def unpacked(data: bytes) -> bytes:
+    """A message of ROS 2 that may be packed on its own."""
+    return zstd.decompress(data) if data.startswith(b"\x28\xb5\x2f\xfd") else data

@@ -603,3 +603,15 @@ def test_importing_iceg_is_light() -> None:
     code = f"import sys, iceg; sys.exit(', '.join(m for m in {heavy} if m in sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stderr.strip() == ""
+
+
+@pytest.mark.parametrize("word", ["run", "info"])
+def test_the_program_says_all_and_ends_with_its_code(word: str) -> None:
+    code = (
+        "import sys, iceg.cli\n"
+        "iceg.cli.main = lambda: print('told') or print('warned', file=sys.stderr) or 3\n"
+        f"sys.argv = ['iceg', '{word}']\n"
+        "iceg.cli.command()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout, done.stderr) == (3, "told\n", "warned\n")

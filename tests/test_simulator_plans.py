@@ -20,7 +20,8 @@ Walls = NDArray[np.float64]
 
 def drawing(folder: Path, body: str, head: str = 'viewBox="0 0 10 8"') -> Path:
     path = folder / "plan.svg"
-    path.write_text(f'<svg xmlns="http://www.w3.org/2000/svg" {head}>{body}</svg>')
+    spaces = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    path.write_text(f"<svg {spaces} {head}>{body}</svg>")
     return path
 
 
@@ -50,6 +51,30 @@ def as_set(segments: Walls) -> set[tuple[tuple[float, ...], ...]]:
         ('<line transform="rotate(90 1 0)" x1="1" y1="0" x2="2" y2="0"/>', [(1, 8, 1, 7)]),
         ('<g transform="scale(2)"><line transform="translate(1 1)" x2="1"/></g>', [(2, 6, 4, 6)]),
         ('<line transform="matrix(0 1 -1 0 3 0)" x1="1" y1="0" x2="2" y2="0"/>', [(3, 7, 3, 6)]),
+        ('<line x1="25.4mm" y1="1in" x2="5.08cm" y2="72pt"/>', [(96, -88, 192, -88)]),
+        ('<line x1="50%" y1="25%" x2="100%" y2="6pc"/>', [(5, 6, 10, -88)]),
+        (
+            '<g transform="translate(1 1)"><use href="#a" x="2" y="1"/></g><defs><line id="a" x2="1"/></defs>',
+            [(3, 6, 4, 6)],
+        ),
+        ('<line id="b" x2="1"/><use xlink:href="#b" transform="rotate(90)"/>', [(0, 8, 1, 8), (0, 8, 0, 7)]),
+        (
+            '<g id="c"><line id="d" x2="1"/></g><use href="#c" y="1"/><use href="#d" y="2"/>',
+            [(0, 8 - k, 1, 8 - k) for k in range(3)],
+        ),
+        (
+            '<symbol id="e" viewBox="0 0 2 2"><line x2="2"/></symbol><use href="#e" x="1" width="4" height="4"/>',
+            [(1, 8, 5, 8)],
+        ),
+        (
+            '<svg x="1" y="2" width="6" height="4" viewBox="1 1 2 2"><line x1="1" y1="1" x2="3" y2="1"/></svg>',
+            [(2, 6, 6, 6)],
+        ),
+        ('<svg width="6" height="4"><line x2="50%"/></svg>', [(0, 8, 3, 8)]),
+        (
+            '<marker><line x2="1"/></marker><mask><line x2="1"/></mask><symbol><line x2="1"/></symbol><line y2="2"/>',
+            [(0, 8, 0, 6)],
+        ),
         ('<defs><line x2="1"/></defs><line x2="1" style="display:none"/><line y2="2"/>', [(0, 8, 0, 6)]),
     ],
 )
@@ -108,6 +133,13 @@ def test_metres_and_the_corner_of_the_view(tmp_path: Path) -> None:
         ('<polyline points="1 2 3"/>', "3 numbers"),
         ('<line transform="spin(3)" x2="1"/>', "spin"),
         ('<line x2="wide"/>', "x2='wide'"),
+        ('<line x2="3em"/>', "x2='3em'"),
+        ('<line transform="scale()" x2="1"/>', r"scale\(\)"),
+        ('<use href="other.svg#a"/>', "a <use> of 'other.svg#a', expected '#' and the id"),
+        ('<use href="#a"/>', "a <use> of '#a', expected '#' and the id"),
+        ('<g id="a"><use href="#a"/></g>', "a <use> of '#a' inside what it uses"),
+        ('<g id="a"><use href="#b"/></g><g id="b"><use href="#a"/></g>', "inside what it uses"),
+        ('<svg viewBox="0 0 0 1"><line x2="1"/></svg>', "viewBox='0 0 0 1'"),
         ("<text>no wall</text>", "no wall"),
         ("<line", "SVG drawing"),
     ],
@@ -116,6 +148,19 @@ def test_a_drawing_that_cannot_be_understood_is_named(tmp_path: Path, body: str,
     with pytest.raises(SimulatorError, match=said) as caught:
         walls(tmp_path, body)
     assert "plan.svg" in str(caught.value)
+
+
+def test_a_rectangle_with_round_corners(tmp_path: Path) -> None:
+    rounded = walls(tmp_path, '<rect x="1" y="1" width="6" height="4" rx="1"/>')
+    assert {(2.0, 7.0), (6.0, 7.0), (7.0, 6.0), (7.0, 4.0)} <= {end for pair in as_set(rounded) for end in pair}
+    length = np.hypot(*(rounded[:, 2:] - rounded[:, :2]).T).sum()
+    assert length == pytest.approx(4.0 + 4.0 + 2.0 + 2.0 + 2.0 * math.pi, rel=0.002)
+
+
+def test_uses_of_uses_are_bounded(tmp_path: Path) -> None:
+    levels = "".join(f'<g id="u{k + 1}">{f"""<use href="#u{k}"/>""" * 10}</g>' for k in range(9))
+    with pytest.raises(SimulatorError, match=r"plan\.svg: found \d+ elements or more, those of <use> counted"):
+        walls(tmp_path, f'<defs><g id="u0"/>{levels}</defs><use href="#u9"/>')
 
 
 def test_files_that_are_no_plans(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from frontends.bags.gyro import choose_gyro
 from frontends.bags.laser_choice import choose_laser
 from frontends.bags.mount import Mount, base_of, find_mount
 from frontends.bags.odometry_choice import PosesOfScans, choose_odometry, choose_truth
-from frontends.bags.records import Records, ScanRecords, collect
+from frontends.bags.records import Laser, Records, ScanRecords, collect
 from frontends.bags.storage import open_bag
 from frontends.bags.times import ScanTimes, scan_times
 from frontends.bags.urdf import described_frames
@@ -54,6 +54,37 @@ class BagOptions:
     range_max: float | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Choice:
+    """What of a bag makes a log.
+
+    Attributes:
+        frames: its tree.
+        laser: whose scans.
+        laser_reason: why, for a person.
+        stacked: its sweeps.
+        times: of its scans, as their messages state them.
+        sweep: seconds from the smallest bearing to the largest, None where that is not stated.
+        stamps: (n,) of the middle of each scan [s].
+        odometry: None where there is none.
+        odometry_notes: what else there was.
+        base: the robot's frame.
+        warnings: what is odd about the description, the laser and its sweeps.
+    """
+
+    frames: Frames
+    laser: Laser
+    laser_reason: str
+    stacked: StackedSweeps
+    times: ScanTimes
+    sweep: float | None
+    stamps: NDArray[np.float64]
+    odometry: PosesOfScans | None
+    odometry_notes: tuple[str, ...]
+    base: str
+    warnings: tuple[str, ...]
+
+
 def read_bag_as_log(path: Path, options: BagOptions, progress: Callable[[int, int], None] | None = None) -> Log:
     """Read a bag and choose what of it makes a log; see `read_bag`.
 
@@ -73,24 +104,13 @@ def _assemble(path: Path, records: Records, warnings: list[str], options: BagOpt
     """Turn what the messages held into arrays."""
     if not records.scans:
         raise BagError(_why_no_scans(records, warnings))
-    described, description_warnings = described_frames(records.descriptions)
-    frames = Frames.of(records.transforms, described)
-    chosen = choose_laser(records.scans, frames, topic=options.scan_topic, frame=options.scan_frame)
-    scans = records.scans[chosen.laser]
-    stacked = stack(scans)
-    if stacked is None:
-        raise BagError(f"no message of {chosen.laser.topic} has angles and beams that make a scan")
-    times = _times(scans, stacked)
-    sweep = _sweep(scans, stacked, times)
-    stamps = times.stamps + 0.5 * abs(sweep or 0.0)
-    odometry, odometry_notes = choose_odometry(
-        records, frames, chosen.laser.frame, times, stamps, options.odometry_topic
-    )
-    base = _base(options.base_frame, odometry, chosen.laser.frame, frames)
-    mount = find_mount(base, chosen.laser.frame, frames)
-    geometry, ranges = _geometry(stacked, scans, times, mount, options)
-    T_odom_robot, has_odometry, judged, odometry_said = _odometry(odometry, base, frames, ranges)
-    odometry_said = "; ".join([odometry_said, *odometry_notes])
+    chosen = choose(records, options)
+    times, stamps, sweep = chosen.times, chosen.stamps, chosen.sweep
+    mount = find_mount(chosen.base, chosen.laser.frame, chosen.frames)
+    geometry, ranges = _geometry(chosen.stacked, records.scans[chosen.laser], times, mount, options)
+    odometry = chosen.odometry
+    T_odom_robot, has_odometry, judged, odometry_said = _odometry(odometry, chosen.base, chosen.frames, ranges)
+    odometry_said = "; ".join([odometry_said, *chosen.odometry_notes])
     gyro = choose_gyro(records.imus, times, stamps, has_odometry=has_odometry)
     truth, truth_said = _truth(records, times, stamps, options.odometry_topic)
     sweep = -sweep if sweep is not None and mount.is_upside_down else sweep
@@ -103,9 +123,7 @@ def _assemble(path: Path, records: Records, warnings: list[str], options: BagOpt
         has_odometry=has_odometry,
         warnings=(
             *warnings,
-            *description_warnings,
             *chosen.warnings,
-            *stacked.warnings,
             *_warn_of_few_returns(ranges),
             *mount.warnings,
             *([_UNKNOWN_MOUNT] if has_odometry and not mount.is_known else []),
@@ -119,13 +137,45 @@ def _assemble(path: Path, records: Records, warnings: list[str], options: BagOpt
         sweep=sweep,
         gyro=gyro.turned if gyro else None,
         choices={
-            "laser": chosen.reason,
+            "laser": chosen.laser_reason,
             "odometry": odometry_said,
             **({"gyro": gyro.reason} if gyro else {}),
             "mount": mount.reason,
             **({"truth": truth_said} if truth_said else {}),
             "sweep": "not stated" if sweep is None else f"{sweep:+.4f} s from the smallest bearing to the largest",
         },
+    )
+
+
+def choose(records: Records, options: BagOptions) -> Choice:
+    """Choose the laser, the odometry and the robot's frame of a bag that holds scans.
+
+    Raises:
+        BagError: what a person asked for is not there.
+    """
+    described, description_warnings = described_frames(records.descriptions)
+    frames = Frames.of(records.transforms, described)
+    laser = choose_laser(records.scans, frames, topic=options.scan_topic, frame=options.scan_frame)
+    scans = records.scans[laser.laser]
+    stacked = stack(scans)
+    if stacked is None:
+        raise BagError(f"no message of {laser.laser.topic} has angles and beams that make a scan")
+    times = _times(scans, stacked)
+    sweep = _sweep(scans, stacked, times)
+    stamps = times.stamps + 0.5 * abs(sweep or 0.0)
+    odometry, notes = choose_odometry(records, frames, laser.laser.frame, times, stamps, options.odometry_topic)
+    return Choice(
+        frames=frames,
+        laser=laser.laser,
+        laser_reason=laser.reason,
+        stacked=stacked,
+        times=times,
+        sweep=sweep,
+        stamps=stamps,
+        odometry=odometry,
+        odometry_notes=notes,
+        base=_base(options.base_frame, odometry, laser.laser.frame, frames),
+        warnings=(*description_warnings, *laser.warnings, *stacked.warnings),
     )
 
 

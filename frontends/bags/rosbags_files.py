@@ -19,7 +19,7 @@ def read(path: Path, container: str, types: Collection[str], see: See) -> Iterat
     Raises:
         Exception: whatever rosbags raises where a file is damaged.
     """
-    reader = _reader(path, container)
+    reader = bag_reader(path, container)
     reader.open()
     try:
         is_cdr = container != "ros1"
@@ -37,8 +37,8 @@ def read(path: Path, container: str, types: Collection[str], see: See) -> Iterat
         reader.close()
 
 
-def _reader(path: Path, container: str) -> Any:  # noqa: ANN401
-    """The reader of rosbags: its own choice goes by the end of a file's name, which may be any."""
+def bag_reader(path: Path, container: str) -> Any:  # noqa: ANN401
+    """The reader of rosbags for one file, still to be opened: its own choice goes by the name, which may be any."""
     if container == "ros1":
         from rosbags.rosbag1 import Reader
 

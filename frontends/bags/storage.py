@@ -99,7 +99,7 @@ def _indexed(file: BagFile, types: Collection[str], see: See) -> Iterator[Messag
     try:
         yield from rosbags_files.read(file.path, file.container, types, see)
     except Exception as error:  # damage trips rosbags anywhere; a length gone wrong asks for any memory
-        raise DamagedFileError(file, _told(error)) from error
+        raise DamagedFileError(file, said_of_damage(error)) from error
 
 
 def _recovered(file: BagFile, why: str, types: Collection[str], see: See, tell: Tell) -> Iterator[Message]:
@@ -114,7 +114,7 @@ def _recovered(file: BagFile, why: str, types: Collection[str], see: See, tell: 
     tell(f"{file.path.name}: its index cannot be used ({why}): the {n} messages that can be reached are read in turn")
 
 
-def _told(error: Exception) -> str:
+def said_of_damage(error: Exception) -> str:
     """What rosbags says of damage, in one line."""
     said = " ".join(str(error).split())
     if isinstance(error, MemoryError):

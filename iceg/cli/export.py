@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -9,7 +10,9 @@ import tyro
 
 from iceg.cli.options import UsageError
 
-_WITH_SCANS = ("carmen", "mcap", "rerun")
+_WITH_SCANS = ("carmen", "bag", "mcap", "rerun")
+_WITH_LOG = {"carmen": "log", "bag": "bag"}
+"""What a format must be given, as it is called there."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,6 +26,7 @@ class Export:
             "euroc",
             "kitti",
             "carmen",
+            "bag",
             "g2o",
             "gtsam",
             "csv",
@@ -34,9 +38,10 @@ class Export:
             "rerun",
         ],
         tyro.conf.arg(
-            help="Trajectory as tum, euroc or kitti; the log with corrected poses as carmen; the graph as g2o or "
-            "serialised by gtsam; trajectory, key poses, closures, landmarks and factors as tables in csv or parquet; "
-            "walls as straight lines as floorplan; all of it to replay in Foxglove as mcap, in Rerun as rerun."
+            help="Trajectory as tum, euroc or kitti; the log with corrected poses as carmen; a copy of the bag with "
+            "map, path and map → odom as bag; the graph as g2o or serialised by gtsam; trajectory, key poses, "
+            "closures, landmarks and factors as tables in csv or parquet; walls as straight lines as floorplan; all of "
+            "it to replay in Foxglove as mcap, in Rerun as rerun."
         ),
     ]
     output: Annotated[
@@ -44,7 +49,7 @@ class Export:
         tyro.conf.arg(
             aliases=["-o"],
             metavar="OUT",
-            help="File, for gtsam, csv, mcap and parquet a folder; replaced if it is there; in DIR when left out.",
+            help="File, for bag, gtsam, csv, mcap and parquet a folder; replaced if it is there; in DIR when left out.",
             help_behavior_hint="",
         ),
     ] = None
@@ -52,7 +57,7 @@ class Export:
         Path | None,
         tyro.conf.arg(
             metavar="LOG",
-            help="carmen: the recorded log; mcap, rerun: likewise, where DIR lacks run.npz.",
+            help="carmen, bag: the recorded log; mcap, rerun: likewise, where DIR lacks run.npz.",
             help_behavior_hint="",
         ),
     ] = None
@@ -67,12 +72,13 @@ class Export:
         from iceg.export.options import ExportOptions
         from iceg.export.recorded_run import holds_scans
 
-        if self.log is None and self.to == "carmen":
-            raise UsageError("--to carmen needs the recorded --log")
+        if self.log is None and self.to in _WITH_LOG:
+            raise UsageError(f"--to {self.to} needs the recorded {_WITH_LOG[self.to]}: --log")
         if self.log is not None and self.to not in _WITH_SCANS:
             raise UsageError(f"--log goes with {', '.join(_WITH_SCANS)}, found --to {self.to}")
         if self.stamps != "recorded" and self.to not in ("tum", "euroc"):
             raise UsageError(f"--stamps repaired goes with tum and euroc, found --to {self.to}")
         if self.log is None and self.to in _WITH_SCANS and not holds_scans(self.results):
             print(f"{self.results} has not kept its scans: without --log the recording holds none", file=sys.stderr)
-        print(export_results(self.results, self.to, self.output, ExportOptions(log=self.log, stamps=self.stamps)))
+        options = ExportOptions(log=self.log, stamps=self.stamps, tell=partial(print, file=sys.stderr))
+        print(export_results(self.results, self.to, self.output, options))

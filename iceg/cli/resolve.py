@@ -30,13 +30,11 @@ class Resolve:
         """Read, conclude, write."""
         import time
 
-        from iceg.cli.quick_start import load_numba_without_scipy
         from iceg.cli.run_log import tell_result_warnings, what_was_kept, written_at
         from iceg.results import check_directory, write_results
         from iceg.show.progress import compile_note
         from iceg.slam.corrections.reading import read_all_corrections
 
-        load_numba_without_scipy()
         target = self.output or self.directory
         replaces = self.overwrite or self.output is None
         check_directory(target, overwrite=replaces)

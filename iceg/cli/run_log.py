@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from iceg.cli.quick_start import load_numba_without_scipy
 from iceg.cli.telling import Telling
 from iceg.config import Config
 from iceg.slam.run_warning import RunWarning, in_short
@@ -55,7 +54,6 @@ def run_log(
     from iceg.results import check_directory, write_results
     from iceg.show.progress import ProgressBar, compile_note, reading_bar
 
-    load_numba_without_scipy()
     check_directory(directory, overwrite=overwrite)
     before = written_at(directory)
     started = time.perf_counter()

@@ -32,6 +32,7 @@ FORMATS: Mapping[str, Format] = {
     "euroc": Format(writer="trajectories.write_euroc", name="trajectory.euroc.csv"),
     "kitti": Format(writer="trajectories.write_kitti", name="trajectory.kitti.txt"),
     "carmen": Format(writer="corrected_log.write_corrected_carmen", name="corrected.clf"),
+    "bag": Format(writer="corrected_bag.write_corrected_bag", name="bag", is_folder=True),
     "g2o": Format(writer="graphs.write_plain_g2o", name="exported.g2o"),
     "gtsam": Format(writer="graphs.write_gtsam", name="gtsam", is_folder=True),
     "csv": Format(writer="tables.write_csv_tables", name="csv", is_folder=True),

@@ -17,19 +17,21 @@ Colour = tuple[float, float, float, float]
 _LINE_LIST, _SPHERE_LIST = 5, 7  # of visualization_msgs/Marker
 
 
-def grid_message(make: PlanarMessages, stamp: float, grid: OccupancyGrid) -> Any:  # noqa: ANN401
+def grid_message(make: PlanarMessages, stamp: float, grid: OccupancyGrid, frame: str = MAP) -> Any:  # noqa: ANN401
     """OccupancyGrid: -1 unknown, 0 free, 100 occupied."""
     rows, cols = grid.shape
-    header = make.header(stamp, MAP)
+    header = make.header(stamp, frame)
     origin = make.pose(np.array([*grid.origin, 0.0]))
     info = make.types["nav_msgs/msg/MapMetaData"](header.stamp, grid.resolution, cols, rows, origin)
     return make.types["nav_msgs/msg/OccupancyGrid"](header, info, grid.classes().ravel())
 
 
-def path_message(make: PlanarMessages, stamps: NDArray[np.float64], poses: NDArray[np.float64]) -> Any:  # noqa: ANN401
+def path_message(
+    make: PlanarMessages, stamps: NDArray[np.float64], poses: NDArray[np.float64], frame: str = MAP
+) -> Any:  # noqa: ANN401
     """Path of poses (n, 3) at stamps (n,), itself with the last one's stamp."""
-    stamped = [make.stamped_pose(stamp, MAP, pose) for stamp, pose in zip(stamps.tolist(), poses, strict=True)]
-    return make.types["nav_msgs/msg/Path"](make.header(float(stamps[-1]), MAP), stamped)
+    stamped = [make.stamped_pose(stamp, frame, pose) for stamp, pose in zip(stamps.tolist(), poses, strict=True)]
+    return make.types["nav_msgs/msg/Path"](make.header(float(stamps[-1]), frame), stamped)
 
 
 def pose_message(make: PlanarMessages, stamp: float, pose: NDArray[np.float64], covariance: NDArray[np.float64]) -> Any:  # noqa: ANN401

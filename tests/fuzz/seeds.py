@@ -127,7 +127,8 @@ def drawing() -> str:
         '<circle cx="5" cy="5" r="2"/>\n</g>\n'
         '<ellipse cx="5" cy="5" rx="2" ry="1"/>\n'
         '<path d="M0 0L1 1H2V3C1 2 3 4 5 5S6 6 7 7Q1 1 2 2T4 4A1 2 30 0 1 5 5Z"/>\n'
-        '<g transform="matrix(1 0 0 1 0 0) skewX(10) skewY(5)"><polygon points="0 0 1 0 1 1"/></g>\n</svg>\n'
+        '<g transform="matrix(1 0 0 1 0 0) skewX(10) skewY(5)"><polygon id="p" points="0 0 1 0 1 1"/></g>\n'
+        '<use href="#p" x="1mm"/><symbol id="s" viewBox="0 0 2 2"><line x2="50%"/></symbol><use href="#s"/>\n</svg>\n'
     )
 
 

@@ -36,6 +36,11 @@ def plans() -> Iterator[Case]:
         "billion laughs": "<!DOCTYPE s [<!ENTITY a 'ha'>"
         + "".join(f"<!ENTITY {b} '{('&' + a + ';') * 10}'>" for a, b in zip("abcdefgh", "bcdefghi", strict=True))
         + "]><svg><line x2='&i;'/></svg>",
+        "uses of uses": '<svg><line id="a" x2="1"/>'
+        + "".join(
+            f'<g id="{b}">' + f'<use href="#{a}"/>' * 10 + "</g>" for a, b in zip("abcdefgh", "bcdefghi", strict=True)
+        )
+        + "</svg>",
         "4 million strokes": '<svg><path d="M0 0' + "h1" * 3_900_000 + '"/></svg>',
         "no SVG": "<html/>",
         "nothing": "",
