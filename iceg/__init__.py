@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from iceg.ice.features import Features, extract_features
     from iceg.ice.matcher import IceMatcher
     from iceg.ice.segments import Segments, extract_segments
+    from iceg.mapper import Event, Mapper, MapperMap, MapperUpdate
     from iceg.maps.feature_map import FeatureMap, Landmarks
     from iceg.maps.grid import OccupancyGrid, render_grid
     from iceg.resolving import resolve
@@ -53,6 +54,7 @@ __all__ = [
     "Config",
     "Corrections",
     "Distance",
+    "Event",
     "Factor",
     "FeatureMap",
     "Features",
@@ -63,6 +65,9 @@ __all__ = [
     "Log",
     "ManualClosure",
     "MapLayers",
+    "Mapper",
+    "MapperMap",
+    "MapperUpdate",
     "Matcher",
     "NoMatch",
     "OccupancyGrid",
@@ -110,6 +115,7 @@ _HOMES = {
     "Config": "iceg.config",
     "Corrections": "iceg.slam.corrections.corrections",
     "Distance": "iceg.slam.distance",
+    "Event": "iceg.mapper",
     "Factor": "graph.factors",
     "FeatureMap": "iceg.maps.feature_map",
     "Features": "iceg.ice.features",
@@ -120,6 +126,9 @@ _HOMES = {
     "Log": "frontends.scan",
     "ManualClosure": "iceg.slam.manual_closures",
     "MapLayers": "iceg.show.map_image",
+    "Mapper": "iceg.mapper",
+    "MapperMap": "iceg.mapper",
+    "MapperUpdate": "iceg.mapper",
     "Matcher": "frontends.matcher",
     "NoMatch": "graph.measurement",
     "OccupancyGrid": "iceg.maps.grid",

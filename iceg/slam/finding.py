@@ -62,7 +62,7 @@ def find(
     """
     own_matcher = matcher is not None
     with clock.stage("front_end"):
-        laser = _laser_noise(log, given)
+        laser = laser_noise(log, given)
         noise = beyond_allowed(laser)
         config = widened(given, sqrt(noise.typical))
         on_open_ground = is_open_ground(log)
@@ -110,7 +110,7 @@ def find(
     return findings, matcher
 
 
-def _laser_noise(log: Log, config: Config) -> LaserNoise | None:
+def laser_noise(log: Log, config: Config) -> LaserNoise | None:
     """As the settings say, or else the log; None where neither does."""
     learned = learn_laser_noise(log)
     if config.laser.noise is None:

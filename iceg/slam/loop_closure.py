@@ -48,6 +48,10 @@ class LoopCloser:
         self._verifier = ClosureVerifier(matcher, track, config)
         self._is_forbidden = is_forbidden
 
+    def extend(self) -> None:
+        """Take in the key scans that the track has gained since."""
+        self._passes.extend()
+
     @property
     def searchable(self) -> NDArray[np.bool_]:
         """(n_keys,) which key scans later ones are matched against: not those that only confirm a known place."""

@@ -191,7 +191,7 @@ def run(
     kept = asked.check(len(log))
     clock = StageClock()
     findings, matcher = find(kept.of(log), kept, config or Config(), asked.counted_in(kept), matcher, progress, clock)
-    return _conclude(findings, asked, matcher, clock)
+    return conclude(findings, asked, matcher, clock)
 
 
 def resolve(findings: Findings, corrections: Corrections | None = None) -> SlamResult:
@@ -217,11 +217,18 @@ def resolve(findings: Findings, corrections: Corrections | None = None) -> SlamR
     asked = corrections or Corrections()
     kept = asked.check(findings.kept.recorded, findings.kept)
     left = findings if kept == findings.kept else cut_findings(findings, kept, asked.cut.where)
-    return replace(_conclude(left, asked, None, StageClock()), findings=findings)
+    return replace(conclude(left, asked, None, StageClock()), findings=findings)
 
 
-def _conclude(findings: Findings, corrections: Corrections, matcher: Matcher | None, clock: StageClock) -> SlamResult:
-    """Correct, refine and render what was found."""
+def conclude(findings: Findings, corrections: Corrections, matcher: Matcher | None, clock: StageClock) -> SlamResult:
+    """Correct, refine and render what was found.
+
+    Args:
+        findings: of tracking and loop closing.
+        corrections: all of them, scans counted as recorded.
+        matcher: that found them; the one that the settings name when left out.
+        clock: notes what the stages take.
+    """
     log, track, given = findings.log, findings.track, findings.config
     noise = beyond_allowed(findings.laser)
     config = widened(given, sqrt(noise.typical))
@@ -235,7 +242,7 @@ def _conclude(findings: Findings, corrections: Corrections, matcher: Matcher | N
         joint = _joint_covariance(finished, solution)
     trajectory = track.trajectory(solution.poses)
     with clock.stage("feature_map"):
-        landmarks = _landmarks(track, solution.poses, matcher, config)
+        landmarks = landmarks_of(track, solution.poses, matcher, config)
     with clock.stage("grid"):
         grid, doubt = render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
@@ -325,7 +332,8 @@ def _joint_covariance(finished: Finished, solution: Solution) -> JointCovariance
     return JointCovariance(poses=solution.poses, marginals=known, information=finished.information, factors=factors)
 
 
-def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, config: Config) -> Landmarks:
+def landmarks_of(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, config: Config) -> Landmarks:
+    """The feature map of a track whose key poses are (k, 3)."""
     if isinstance(matcher, IceMatcher):
         features = (matcher.observe(key.scan).features.unpack() for key in track.keys)
     else:

@@ -1,5 +1,6 @@
 """Local maps of earlier passes, which later scans are matched against and judged by."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,18 +50,18 @@ class References:
         self._judge = judge
         self._keys = track.keys
         self._half = half
-        lost = set(track.lost)
-        self._stretch = np.cumsum([key.index in lost for key in track.keys])
+        self._lost = track.lost
         self._kept: dict[int, Reference] = {}
 
     def is_one_pass(self, key: int, other: int) -> bool:
         """Whether the robot was never lost between two key poses, so that the track says how they lie."""
-        return bool(self._stretch[key] == self._stretch[other])
+        one, another = self._stretches([key, other]).tolist()
+        return bool(one == another)
 
     def around(self, base: int, poses: NDArray[np.float64]) -> Reference:
         """Local map of the key scans of one stretch around `base`, in its frame, placed as (n, 3) poses say."""
         members = np.arange(max(0, base - self._half), min(len(poses), base + self._half + 1))
-        members = members[self._stretch[members] == self._stretch[base]]
+        members = members[self._stretches(members) == self._stretches([base])]
         placed = between(poses[base], poses[members])
         kept = self._kept.get(base)
         if kept is not None and len(kept.placed) == len(placed) and np.abs(kept.placed - placed).max() < _STILL:
@@ -69,6 +70,10 @@ class References:
             del self._kept[next(iter(self._kept))]
         self._kept[base] = self._built(base, members, placed)
         return self._kept[base]
+
+    def _stretches(self, members: Iterable[int]) -> NDArray[np.int64]:
+        """How often the robot was lost until each of these key poses."""
+        return np.searchsorted(self._lost, [self._keys[member].index for member in members], side="right")
 
     def _built(self, base: int, members: NDArray[np.int64], placed: NDArray[np.float64]) -> Reference:
         nearest_last = np.argsort(-np.abs(members - base), kind="stable")

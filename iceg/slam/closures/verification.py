@@ -63,7 +63,6 @@ class ClosureVerifier:
         self._matcher = matcher
         self._track = track
         self._keys = track.keys
-        self._T_track_keys = np.array([key.T_track_robot for key in track.keys])
         self._config = config
         self.judge = matcher if isinstance(matcher, IceMatcher) else IceMatcher()
         """The matcher that verifies."""
@@ -210,7 +209,8 @@ class ClosureVerifier:
         asked = [key for key in asked if 0 <= key < len(self._keys) and self.references.is_one_pass(key, key_new)]
         found = None
         if asked:
-            T_new_scans = between(self._keys[key_new].T_track_robot, self._T_track_keys[asked])
+            T_track_asked = np.array([self._keys[key].T_track_robot for key in asked])
+            T_new_scans = between(self._keys[key_new].T_track_robot, T_track_asked)
             found = _Neighbours(scans=self.judge.join([self._keys[key].scan for key in asked]), T_new_scans=T_new_scans)
         if len(self._neighbours) >= _REMEMBERED:
             del self._neighbours[next(iter(self._neighbours))]

@@ -106,8 +106,8 @@ class FrontEnd:
         self._trial: Any = None
         self._trial_keys: list[int] = []
         self._on_trial = False
-        self._is_blind = False
-        self._motion = self._odometry.start()
+        self.is_blind = False
+        self.motion = self._odometry.start()
         self._knows_motion = self._has_odometry
         self._adrift = 0
         self._T_track_robot = np.zeros(3)
@@ -144,7 +144,7 @@ class FrontEnd:
         Returns:
             (3,) its pose in the front end's own frame. The scan is tied to the newest of `keys`, which may be itself.
         """
-        self._is_blind = is_blind(scan)
+        self.is_blind = is_blind(scan)
         if not self.keys:
             self._start(index, scan)
             return self._T_track_robot
@@ -155,7 +155,7 @@ class FrontEnd:
         if step is None:
             step, noise = self._constant_velocity(turn), self._unknown
             self._forget_motion()
-        self._motion = noise.extend(self._motion, step)
+        self.motion = noise.extend(self.motion, step)
         self._follow(scan, compose(before, step))
         if self._is_key():
             self._add_key(index, scan)
@@ -177,13 +177,13 @@ class FrontEnd:
         """
         if self._follower is None or not self.keys or not len(steps):
             return np.empty((0, 3))
-        standing = Standing(T_ref_robot=self._T_track_robot, T_ref_key=self.keys[-1].T_track_robot, motion=self._motion)
+        standing = Standing(T_ref_robot=self._T_track_robot, T_ref_key=self.keys[-1].T_track_robot, motion=self.motion)
         found = self._follower.follow(self._reference, ranges, steps, geometry, standing, self._odometry, self._limits)
         poses = found.T_ref_robots
         if not len(poses):
             return poses
         before = poses[-2] if len(poses) > 1 else self._T_track_robot
-        self._is_blind, self._on_trial, self._motion = False, False, found.motion
+        self.is_blind, self._on_trial, self.motion = False, False, found.motion
         self._T_track_robot, self._newest_step = poses[-1].copy(), (before, poses[-1].copy())
         if found.points is not None:
             scan = Scan(ranges=ranges[len(poses) - 1], geometry=geometry)
@@ -216,12 +216,12 @@ class FrontEnd:
         self, scan: Scan, step: NDArray[np.float64], guess: NDArray[np.float64]
     ) -> NDArray[np.float64] | NoMatch:
         """Pose of a scan if the robot made a step that leads to `guess`."""
-        return self._find(self._reference, scan, guess, self._expected(self._odometry.extend(self._motion, step)))
+        return self._find(self._reference, scan, guess, self._expected(self._odometry.extend(self.motion, step)))
 
     def _expected(self, motion: OdometryMotion | None = None) -> Expectation:
         """Where odometry puts the robot, or would if it had moved so since the newest key scan."""
         return Expectation(
-            T_track_key=self.keys[-1].T_track_robot, motion=motion or self._motion, is_known=self._knows_motion
+            T_track_key=self.keys[-1].T_track_robot, motion=motion or self.motion, is_known=self._knows_motion
         )
 
     def _explains(self, scan: Scan, found: NDArray[np.float64]) -> bool:
@@ -243,13 +243,13 @@ class FrontEnd:
             return
         self._knows_motion = False
         T_key_robot = between(self.keys[-1].T_track_robot, self._T_track_robot)
-        unknown = _UNKNOWN_ODOMETRY.start().covariance + self._motion.covariance
-        self._motion = replace(self._motion, T_key_robot=T_key_robot, covariance=unknown)
+        unknown = _UNKNOWN_ODOMETRY.start().covariance + self.motion.covariance
+        self.motion = replace(self.motion, T_key_robot=T_key_robot, covariance=unknown)
 
     def _start(self, index: int, scan: Scan) -> None:
         first = NoMatch(reason="first scan")
         self.keys.append(
-            KeyScan(index=index, scan=scan, motion=self._motion, match=first, anchor=0, T_track_robot=np.zeros(3))
+            KeyScan(index=index, scan=scan, motion=self.motion, match=first, anchor=0, T_track_robot=np.zeros(3))
         )
         self._in_reference = [0]
         self._reference = self._prepared([0])
@@ -304,7 +304,7 @@ class FrontEnd:
         expected: Expectation,
     ) -> NDArray[np.float64] | NoMatch:
         """Pose of a scan against one reference, in the track frame."""
-        if self._is_blind:
+        if self.is_blind:
             return COVERED
         found = self._track(reference, scan, guess, expected.motion.covariance)
         if isinstance(found, NoMatch):
@@ -316,10 +316,10 @@ class FrontEnd:
 
     def _match(self, scan: Scan) -> RelativePose | NoMatch:
         """Match with covariance from the tracked pose, expressed in the track frame."""
-        if self._is_blind:
+        if self.is_blind:
             return COVERED
         reference = self._trial if self._on_trial else self._reference
-        match = self._matcher.match(reference, scan, self._T_track_robot, self._motion.covariance)
+        match = self._matcher.match(reference, scan, self._T_track_robot, self.motion.covariance)
         if isinstance(match, NoMatch):
             return match
         instead = self._check.judge(
@@ -345,7 +345,7 @@ class FrontEnd:
         """
         if not self._knows_motion:
             return match.T_ref_cur
-        odometry = self._motion.covariance
+        odometry = self.motion.covariance
         # The sum of the ratios bounds the largest: most matches need no more.
         if summed_ratios(match.covariance, odometry) <= _ODOMETRY_SPEAKS:
             return match.T_ref_cur
@@ -354,7 +354,7 @@ class FrontEnd:
         share = np.where(ratios > _ODOMETRY_SPEAKS, ratios / (1.0 + ratios), 0.0)
         if not share.any():
             return match.T_ref_cur
-        offset = between(match.T_ref_cur, compose(T_track_key, self._motion.T_key_robot))
+        offset = between(match.T_ref_cur, compose(T_track_key, self.motion.T_key_robot))
         if squared_norm(offset, odometry + match.covariance) >= _REFUTED:
             return match.T_ref_cur
         directions = dense.matmul(whiten.T, axes)
@@ -370,7 +370,7 @@ class FrontEnd:
         match = self._match(scan)
         anchor = self._anchor()
         if match is SEES_TOO_LITTLE or match is FEW_SEE:
-            self._T_track_robot = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
+            self._T_track_robot = compose(self.keys[-1].T_track_robot, self.motion.T_key_robot)
         if not isinstance(match, NoMatch):
             T_track_match = match.T_ref_cur
             self._T_track_robot = self._fuse(match, self.keys[-1].T_track_robot)
@@ -379,7 +379,7 @@ class FrontEnd:
             KeyScan(
                 index=index,
                 scan=scan,
-                motion=self._motion,
+                motion=self.motion,
                 match=match,
                 anchor=anchor,
                 T_track_robot=self._T_track_robot,
@@ -387,7 +387,7 @@ class FrontEnd:
         )
         if self._adrift >= _ADRIFT_AFTER:
             self.adrift.append(index)
-        self._motion, self._knows_motion, self._adrift = self._odometry.start(), self._has_odometry, 0
+        self.motion, self._knows_motion, self._adrift = self._odometry.start(), self._has_odometry, 0
         # A scan of few returns lies where odometry has it, and not on new ground.
         self._extend_reference(isinstance(match, NoMatch) and match is not FEW_SEE)
 
@@ -398,7 +398,7 @@ class FrontEnd:
         carried away. A scan that sees next to nothing does not tell.
         """
         newest, is_new = len(self.keys) - 1, is_unmatched or self._on_trial
-        if self._is_blind or (is_new and sees_next_to_nothing(self.keys[-1].scan)):
+        if self.is_blind or (is_new and sees_next_to_nothing(self.keys[-1].scan)):
             return
         if is_new:
             self._trial_keys.append(newest)
