@@ -140,7 +140,7 @@ class Mapper:
         Raises:
             ScanError: there is no scan yet.
         """
-        log, track, poses = self._log.log(), self._tracking.track(), self._graph.poses.copy()
+        log, track, poses = self._log.log(), self._tracking.track(), self._graph.poses
         config = self._config
         grid, _ = render_grid_that_fits(track.trajectory(poses), log.ranges, log.geometry, config.grid)
         return MapperMap(grid=grid, landmarks=landmarks_of(track, poses, self._matcher, config))

@@ -43,7 +43,8 @@ class IncrementalGraph:
         self._lookahead = max(0, *config.loops.support_offsets)
         self._waiting: deque[int] = deque()
         self._search: Iterator[None] = iter(())
-        self._covariance = self._back_end.graph.marginal_covariance(0)
+        self.newest = self._solved()
+        """(3,) T_map_robot of the newest key pose and its (3, 3) marginal covariance, tangent space at it."""
 
     def extend(self, motion: OdometryMotion | None) -> None:
         """Add the newest key scan, the next one, with the odometry since the one before."""
@@ -51,35 +52,34 @@ class IncrementalGraph:
         self._closer.extend()
         self._back_end.extend(key, motion)
         self._waiting.append(key)
-        self._covariance = self._back_end.graph.marginal_covariance(key)
+        self.newest = self._solved()
 
     def search_on(self) -> bool:
         """One match of the search for loops, or a few if many wait; whether a loop was closed."""
-        before = self.n_closures
+        before = self._back_end.n_closed
         for _ in range(1 + len(self._waiting) // _BEHIND):
             self._one_match()
-        return self.n_closures > before
-
-    @property
-    def n_closures(self) -> int:
-        """Loop closures in the graph."""
-        return self._back_end.n_closed
-
-    @property
-    def newest(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """(3,) T_map_robot of the newest key pose, and its (3, 3) marginal covariance in the tangent space at it."""
-        return self._back_end.poses[-1], self._covariance
+        if self._back_end.n_closed == before:
+            return False
+        self.newest = self._solved()
+        return True
 
     @property
     def poses(self) -> NDArray[np.float64]:
         """(k, 3) T_map_robot of the key poses."""
-        return self._back_end.poses
+        return self._back_end.graph.all_poses()
 
     def solution(self) -> Solution:
         """The graph so far, a copy; closures that still wait for others to say the same are no part of it."""
         solution = self._back_end.solution()
         graph = PoseGraph.from_factors(solution.graph.factors, solution.poses, self._config.graph)
         return replace(solution, graph=graph, searchable=solution.searchable.copy())
+
+    def _solved(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """The newest key pose as iSAM2 has it."""
+        graph, newest = self._back_end.graph, len(self._back_end.graph) - 1
+        covariance = graph.marginal_covariance(newest)
+        return graph.pose(newest), covariance
 
     def _one_match(self) -> None:
         """Go on with the search that runs, or begin the next that is due."""
