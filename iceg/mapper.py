@@ -184,7 +184,7 @@ class Mapper:
         """Track the scans so far from the first on, with what is known of the laser."""
         noise = beyond_allowed(self._laser)
         self._config = widened(self._given, sqrt(noise.typical))
-        self._matcher = self._own_matcher or matcher_of(self._config, noise, on_open_ground=self._is_open_ground)
+        self._matcher = matcher_of(self._config, noise, self._own_matcher, on_open_ground=self._is_open_ground)
         self._tracking = IncrementalTracking(self._log, self._matcher, self._config)
         self._tracking.advance()
         front_end = self._tracking.front_end

@@ -89,6 +89,15 @@ class IceMatcher:
         self._scan_points: WeakKeyDictionary[Scan, ScanPoints] = WeakKeyDictionary()
         self._observations: WeakKeyDictionary[Scan, Observation] = WeakKeyDictionary()
 
+    @property
+    def judge(self) -> "IceMatcher":
+        """Itself, see `iceg.slam.map_matcher`: whether a scan belongs where a match puts it."""
+        return self
+
+    def judged(self, reference: LocalMap) -> LocalMap:
+        """What it judges by is what it matched to."""
+        return reference
+
     def observe(self, scan: Scan) -> Observation:
         """Points, normals and features of a scan, extracted once unless thousands of others came between."""
         observation = self._observations.get(scan)

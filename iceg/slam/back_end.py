@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher
 from graph.config import PoseGraphConfig
 from graph.consistency import maximum_clique
 from graph.growing_rows import GrowingRows
@@ -25,6 +24,7 @@ from iceg.slam.closures.candidates import is_adrift
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import Forbids, LoopCloser
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.track import Track
 
 UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
@@ -330,7 +330,7 @@ def solve_track(
     track: Track,
     odometry: NDArray[np.float64] | None,
     noise: OdometryModel,
-    matcher: Matcher,
+    matcher: MapMatcher,
     graph_config: PoseGraphConfig,
     closures: LoopClosureConfig,
     progress: Callable[[int], None] | None = None,

@@ -13,6 +13,7 @@ from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import beyond_allowed
 from iceg.slam.back_end import Solution, solve_track
+from iceg.slam.completed_matcher import completed
 from iceg.slam.corrections.corrected import Corrected, corrected
 from iceg.slam.corrections.corrections import Corrections
 from iceg.slam.corrections.cut import KeptScans
@@ -20,6 +21,7 @@ from iceg.slam.corrections.forbidden import forbids
 from iceg.slam.findings import Findings, without
 from iceg.slam.finish import Round, closure_kernel, matched_again
 from iceg.slam.loop_closure import Forbids, LoopCloser
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.constant_velocity import constant_velocity
@@ -41,10 +43,10 @@ def find(
     kept: KeptScans,
     given: Config,
     corrections: Corrections,
-    matcher: Matcher | None,
+    own_matcher: Matcher | None,
     progress: ProgressCallback | None,
     clock: StageClock,
-) -> tuple[Findings, Matcher]:
+) -> tuple[Findings, MapMatcher]:
     """Track a log and close its loops.
 
     Args:
@@ -53,20 +55,19 @@ def find(
         given: the settings.
         corrections: what a person corrects, scans counted as in `log`: they guide the search, and are taken out of what
             it finds.
-        matcher: any scan matcher; the one that the settings name when left out.
+        own_matcher: any scan matcher; None for the one that the settings name.
         progress: called as the front end proceeds.
         clock: notes what the stages take.
 
     Returns:
         What was found, and the matcher that found it.
     """
-    own_matcher = matcher is not None
     with clock.stage("front_end"):
         laser = laser_noise(log, given)
         noise = beyond_allowed(laser)
         config = widened(given, sqrt(noise.typical))
         on_open_ground = is_open_ground(log)
-        matcher = matcher or matcher_of(config, noise, on_open_ground=on_open_ground)
+        matcher = matcher_of(config, noise, own_matcher, on_open_ground=on_open_ground)
         log = with_odometry_between_readings(without_frozen_scans(log))
         (log, track, first), heading = track_with_gyro(log, matcher, config, progress)
     with clock.stage("sweep"):
@@ -97,7 +98,7 @@ def find(
         log=log,
         kept=kept,
         config=given,
-        is_own_matcher=own_matcher,
+        is_own_matcher=own_matcher is not None,
         is_open_ground=on_open_ground,
         laser=laser,
         sweep=sweep.record(),
@@ -129,7 +130,7 @@ def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Con
 def _solve(
     track: Track,
     log: Log,
-    matcher: Matcher,
+    matcher: MapMatcher,
     calibration: OdometryCalibration,
     heading: HeadingOdometry | None,
     config: Config,
@@ -150,23 +151,31 @@ def _with_factors(solution: Solution, guided: Corrected, config: Config) -> Solu
     return replace(solution, graph=PoseGraph.from_factors(together, poses, config.graph), poses=poses)
 
 
-def _reassigned(track: Track, solution: Solution, log: Log, matcher: Matcher) -> Track:
+def _reassigned(track: Track, solution: Solution, log: Log, matcher: MapMatcher) -> Track:
     """The track with the scans around each break on the right side of it."""
     joined = [found.key for found in solution.breaks if found.outcome == "joined"]
     if not joined:
         return track
-    return reassigned(track, joined, log, matcher if isinstance(matcher, IceMatcher) else IceMatcher())
+    return reassigned(track, joined, log, matcher.judge)
 
 
-def matcher_of(config: Config, noise: RangeNoise, *, on_open_ground: bool) -> Matcher:
-    """The matcher that the settings name."""
-    if config.matcher != "ice":
-        return make_matcher(config.matcher)
-    return IceMatcher(config.ice, open_ground=on_open_ground, noise=noise)
+def matcher_of(config: Config, noise: RangeNoise, own: Matcher | None, *, on_open_ground: bool) -> MapMatcher:
+    """The matcher of a run, as the pipeline wants it.
+
+    Args:
+        config: names one, and has the settings of ICE.
+        noise: of the ranges beyond what the settings allow for.
+        own: of the caller; None for the one named.
+        on_open_ground: whether the log was taken there.
+    """
+    ice = IceMatcher(config.ice, open_ground=on_open_ground, noise=noise)
+    if own is not None:
+        return completed(own, ice)
+    return ice if config.matcher == "ice" else completed(make_matcher(config.matcher), ice)
 
 
 def corrected_by(
-    solution: Solution, corrections: Corrections, track: Track, matcher: Matcher, config: Config
+    solution: Solution, corrections: Corrections, track: Track, matcher: MapMatcher, config: Config
 ) -> Corrected:
     """The graph corrected, see `corrected`; closures by hand that only name scans are matched with the matcher."""
 

@@ -8,7 +8,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher
 from frontends.scan import Scan
 from graph.batch import BatchConfig, optimize
 from graph.config import PoseGraphConfig
@@ -16,7 +15,6 @@ from graph.factors import Factor, RobustKernel
 from graph.pose_graph import PoseGraph
 from graph.problem import Problem
 from iceg.ice._point_kernels import RangeNoise
-from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import PLAIN
 from iceg.slam.back_end import Solution
 from iceg.slam.closures.attempt import Attempt, closure_factor
@@ -27,6 +25,7 @@ from iceg.slam.joint.covariance import PoseInformation
 from iceg.slam.joint.refinement import Clouds, JointRefinement, key_clouds, refine_jointly
 from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.loop_closure import Forbids, LoopCloser
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.rematch import match_again
 from iceg.slam.track import Track
 
@@ -92,7 +91,7 @@ class Finished:
 def matched_again(
     solution: Solution,
     track: Track,
-    matcher: Matcher,
+    matcher: MapMatcher,
     closures: LoopClosureConfig,
     config: FinishConfig,
     graph_config: PoseGraphConfig,
@@ -136,7 +135,7 @@ def refined(
     solution: Solution,
     rounds: Sequence[Round],
     track: Track,
-    matcher: Matcher,
+    matcher: MapMatcher,
     config: FinishConfig,
     *,
     scan_of: Callable[[int], Scan] | None = None,
@@ -167,7 +166,7 @@ def refined(
     covariances, information, walls = None, None, WallPieces.none()
     final = FinalFactors.of([*chain, *loops], solution.breaks, track)
     if config.joint.enabled:
-        if isinstance(matcher, IceMatcher):  # what halves of scans say of ICE they say of the points
+        if matcher.judge is matcher:  # what halves of scans say of ICE they say of the points
             config = _doubting(config, track.match_doubt)
         clouds = key_clouds(track, scan_of, config.joint, noise).without(distrusted)
         joint, last = _joint(final, poses, clouds, config, _parts(solution), clock)

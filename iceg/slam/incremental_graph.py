@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher
 from graph.odometry import OdometryMotion
 from graph.pose_graph import PoseGraph
 from iceg.config import Config
 from iceg.slam.back_end import BackEnd, Solution
 from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.track import KeyScan, Track
 
 _BEHIND = 8
@@ -25,7 +25,7 @@ class IncrementalGraph:
     A closure asks the neighbours of its key scan, later ones, too: the search waits for them.
     """
 
-    def __init__(self, keys: list[KeyScan], lost: list[int], matcher: Matcher, config: Config) -> None:
+    def __init__(self, keys: list[KeyScan], lost: list[int], matcher: MapMatcher, config: Config) -> None:
         """Start with the first key scan.
 
         Args:

@@ -4,12 +4,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.growing_log import GrowingLog
-from frontends.matcher import Matcher
 from frontends.scan import Scan
 from graph.growing_rows import GrowingRows
 from graph.odometry import OdometryMotion
 from graph.se2 import between
 from iceg.config import Config
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.recording.steps import sudden_steps
 from iceg.slam.track import Track
@@ -25,7 +25,7 @@ class IncrementalTracking:
     After the first part, as long as the settings say, the odometry is calibrated; what was tracked before stays.
     """
 
-    def __init__(self, log: GrowingLog, matcher: Matcher, config: Config) -> None:
+    def __init__(self, log: GrowingLog, matcher: MapMatcher, config: Config) -> None:
         """Start at the first scan of the log.
 
         Args:

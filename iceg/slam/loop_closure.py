@@ -9,13 +9,13 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.closures.attempt import Attempt, forbidden_attempt
 from iceg.slam.closures.candidates import Candidate, EarlierPasses
 from iceg.slam.closures.verification import ClosureVerifier
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.track import Track
 
 Forbids = Callable[[int, int], bool]
@@ -27,7 +27,7 @@ class LoopCloser:
 
     def __init__(
         self,
-        matcher: Matcher,
+        matcher: MapMatcher,
         track: Track,
         config: LoopClosureConfig,
         parts: Sequence[int] = (),

@@ -16,8 +16,6 @@ from graph.pose_graph import PoseGraph
 from graph.se2 import compose
 from iceg.config import Config
 from iceg.ice._point_kernels import RangeNoise
-from iceg.ice.features import extract_features
-from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import beyond_allowed
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
@@ -38,6 +36,7 @@ from iceg.slam.finish import Finished, Round, refined
 from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.joint_covariance import JointCovariance
 from iceg.slam.manual_closures import ManualClosure
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened
 from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import ProgressCallback
@@ -190,8 +189,10 @@ def run(
     asked = (corrections or Corrections()).with_closures(closures)
     kept = asked.check(len(log))
     clock = StageClock()
-    findings, matcher = find(kept.of(log), kept, config or Config(), asked.counted_in(kept), matcher, progress, clock)
-    return conclude(findings, asked, matcher, clock)
+    findings, in_pipeline = find(
+        kept.of(log), kept, config or Config(), asked.counted_in(kept), matcher, progress, clock
+    )
+    return conclude(findings, asked, in_pipeline, clock)
 
 
 def resolve(findings: Findings, corrections: Corrections | None = None) -> SlamResult:
@@ -220,19 +221,19 @@ def resolve(findings: Findings, corrections: Corrections | None = None) -> SlamR
     return replace(conclude(left, asked, None, StageClock()), findings=findings)
 
 
-def conclude(findings: Findings, corrections: Corrections, matcher: Matcher | None, clock: StageClock) -> SlamResult:
+def conclude(findings: Findings, corrections: Corrections, matcher: MapMatcher | None, clock: StageClock) -> SlamResult:
     """Correct, refine and render what was found.
 
     Args:
         findings: of tracking and loop closing.
         corrections: all of them, scans counted as recorded.
-        matcher: that found them; the one that the settings name when left out.
+        matcher: that found them; None for the one that the settings name.
         clock: notes what the stages take.
     """
     log, track, given = findings.log, findings.track, findings.config
     noise = beyond_allowed(findings.laser)
     config = widened(given, sqrt(noise.typical))
-    matcher = matcher or matcher_of(config, noise, on_open_ground=findings.is_open_ground)
+    matcher = matcher or matcher_of(config, noise, None, on_open_ground=findings.is_open_ground)
     own = corrections.counted_in(findings.kept)
     with clock.stage("finish"):
         corrected = corrected_by(findings.solution, own, track, matcher, config)
@@ -285,7 +286,7 @@ def _finish(
     rounds: Sequence[Round],
     track: Track,
     log: Log,
-    matcher: Matcher,
+    matcher: MapMatcher,
     config: Config,
     noise: RangeNoise,
 ) -> tuple[Solution, Finished]:
@@ -332,12 +333,9 @@ def _joint_covariance(finished: Finished, solution: Solution) -> JointCovariance
     return JointCovariance(poses=solution.poses, marginals=known, information=finished.information, factors=factors)
 
 
-def landmarks_of(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, config: Config) -> Landmarks:
+def landmarks_of(track: Track, key_poses: NDArray[np.float64], matcher: MapMatcher, config: Config) -> Landmarks:
     """The feature map of a track whose key poses are (k, 3)."""
-    if isinstance(matcher, IceMatcher):
-        features = (matcher.observe(key.scan).features.unpack() for key in track.keys)
-    else:
-        features = (extract_features(key.scan, config.ice.features, config.ice.segments) for key in track.keys)
+    features = (matcher.judge.observe(key.scan).features.unpack() for key in track.keys)
     feature_map = build_feature_map(key_poses, features, (key.scan for key in track.keys), config.feature_map)
     return feature_map.record()
 

@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher
 from graph.se2 import between
 from iceg.ice.local_map import LocalMap
-from iceg.ice.matcher import IceMatcher
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.track import Track
 
 _KEPT = 6
@@ -37,17 +36,15 @@ class Reference:
 class References:
     """Builds references; keeps the last few, since consecutive searches look at the same passes."""
 
-    def __init__(self, matcher: Matcher, judge: IceMatcher, track: Track, half: int) -> None:
+    def __init__(self, matcher: MapMatcher, track: Track, half: int) -> None:
         """Start with none.
 
         Args:
             matcher: matches against them.
-            judge: judges the matches; may be the same.
             track: key scans.
             half: how many key scans on either side of a key pose its reference holds.
         """
         self._matcher = matcher
-        self._judge = judge
         self._keys = track.keys
         self._half = half
         self._lost = track.lost
@@ -79,5 +76,4 @@ class References:
         nearest_last = np.argsort(-np.abs(members - base), kind="stable")
         scans, poses_ref = [self._keys[members[k]].scan for k in nearest_last], placed[nearest_last]
         matched = self._matcher.prepare(scans, poses_ref)
-        judged = matched if self._judge is self._matcher else self._judge.prepare(scans, poses_ref)
-        return Reference(matched=matched, judged=judged, placed=placed)
+        return Reference(matched=matched, judged=self._matcher.judged(matched), placed=placed)

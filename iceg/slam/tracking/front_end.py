@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher, TrackingMatcher
+from frontends.matcher import Matcher
 from frontends.scan import Scan, ScanGeometry
 from graph import dense
 from graph.measurement import NoMatch, RelativePose
@@ -17,7 +17,7 @@ from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose, expmap, inverse, logmap
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.config import FrontEndConfig
-from iceg.slam.map_matcher import FollowingMatcher, MapMatcher
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan
 from iceg.slam.tracking.odometry_check import (
@@ -81,24 +81,21 @@ class FrontEnd:
 
     def __init__(
         self,
-        matcher: Matcher,
+        matcher: MapMatcher,
         odometry: OdometryModel | None,
         config: FrontEndConfig,
         heading: HeadingOdometry | None = None,
     ) -> None:
         """Start with no scan yet; `odometry` is None for a log without, whose turns `heading` may tell."""
         self._matcher = matcher
-        self._map_matcher = matcher if isinstance(matcher, MapMatcher) else None
-        self._follower = matcher if isinstance(matcher, FollowingMatcher) else None
-        self._track = _tracking_by_match(matcher)
-        if isinstance(matcher, TrackingMatcher) and (heading is None or heading.unforeseen < _POLISHED):
-            self._track = matcher.track
+        is_foreseen = heading is None or heading.unforeseen < _POLISHED
+        self._track = matcher.track if is_foreseen else _tracking_by_match(matcher)
         self._has_odometry = odometry is not None
         self._unknown = _UNKNOWN_ODOMETRY if heading is None else heading.step_noise(_UNKNOWN_ODOMETRY)
         self._odometry = odometry or self._unknown
         self._config = config
         self._limits = _limits(config)
-        self._check = OdometryCheck(self._map_matcher, self._limits.apart, self._limits.twisted)
+        self._check = OdometryCheck(matcher, self._limits.apart, self._limits.twisted)
         self._tracking_covariance = _tracking_covariance(config)
         self.keys: list[KeyScan] = []
         self._reference: Any = None
@@ -175,10 +172,10 @@ class FrontEnd:
         Returns:
             (m, 3) the poses of those tracked; the next one, the first perhaps, gives reason for doubt and is for `add`.
         """
-        if self._follower is None or not self.keys or not len(steps):
+        if not self.keys or not len(steps):
             return np.empty((0, 3))
         standing = Standing(T_ref_robot=self._T_track_robot, T_ref_key=self.keys[-1].T_track_robot, motion=self.motion)
-        found = self._follower.follow(self._reference, ranges, steps, geometry, standing, self._odometry, self._limits)
+        found = self._matcher.follow(self._reference, ranges, steps, geometry, standing, self._odometry, self._limits)
         poses = found.T_ref_robots
         if not len(poses):
             return poses
@@ -187,7 +184,7 @@ class FrontEnd:
         self._T_track_robot, self._newest_step = poses[-1].copy(), (before, poses[-1].copy())
         if found.points is not None:
             scan = Scan(ranges=ranges[len(poses) - 1], geometry=geometry)
-            self._follower.keep(scan, found.points)
+            self._matcher.keep(scan, found.points)
             self._add_key(index + len(poses) - 1, scan)
             poses[-1] = self._T_track_robot
         return poses
@@ -226,16 +223,14 @@ class FrontEnd:
 
     def _explains(self, scan: Scan, found: NDArray[np.float64]) -> bool:
         """Whether scan and reference agree both ways at a pose, though much may be new."""
-        if self._map_matcher is None:
-            return False
-        support = self._map_matcher.agreement(self._reference, scan, found)
+        support = self._matcher.agreement(self._reference, scan, found)
         return support.overlap >= _KNOWN and min(support.fit, support.view) >= _AGREED
 
     def _evidence(self, scan: Scan, found: NDArray[np.float64] | NoMatch) -> float:
         """How much of a scan the reference explains at a pose."""
         if isinstance(found, NoMatch):
             return -1.0
-        return 0.0 if self._map_matcher is None else self._map_matcher.agreement(self._reference, scan, found).evidence
+        return self._matcher.agreement(self._reference, scan, found).evidence
 
     def _forget_motion(self) -> None:
         """From here on the odometry since the last key scan says nothing about where the robot is."""
@@ -282,17 +277,16 @@ class FrontEnd:
         After a scan that matched nothing, a glimpse of what was known before may look alike elsewhere. Where it is
         true, the key scans on trial were misplaced, and moved along with this one they lie on what was known, too.
         """
-        if isinstance(on_trial, NoMatch) or self._map_matcher is None or self._is_off(on_trial):
+        if isinstance(on_trial, NoMatch) or self._is_off(on_trial):
             return False
-        known = self._map_matcher.agreement(self._reference, scan, found).evidence
-        if known >= LEAST_SHARE * self._map_matcher.agreement(self._trial, scan, on_trial).evidence:
+        known = self._matcher.agreement(self._reference, scan, found).evidence
+        if known >= LEAST_SHARE * self._matcher.agreement(self._trial, scan, on_trial).evidence:
             return False
         moved = compose(found, inverse(on_trial))
         keys = [self.keys[key] for key in self._trial_keys]
         places = [compose(moved, key.T_track_robot) for key in keys]
         along = [
-            self._map_matcher.agreement(self._reference, key.scan, T).evidence
-            for key, T in zip(keys, places, strict=True)
+            self._matcher.agreement(self._reference, key.scan, T).evidence for key, T in zip(keys, places, strict=True)
         ]
         return sum(along) < _ALONG * known
 
@@ -410,11 +404,11 @@ class FrontEnd:
             return
         self._trial, self._trial_keys = None, []
         self._in_reference.append(newest)
-        if self._map_matcher is None or newest % self._config.key_scans.rebuild == 0:
+        if newest % self._config.key_scans.rebuild == 0:
             self._in_reference = self._in_reference[-self._config.key_scans.window :]
             self._reference = self._prepared(self._in_reference)
         else:
-            self._map_matcher.extend(self._reference, self.keys[-1].scan, self.keys[-1].T_track_robot)
+            self._matcher.extend(self._reference, self.keys[-1].scan, self.keys[-1].T_track_robot)
 
     def _prepared(self, members: list[int]) -> Any:  # noqa: ANN401
         keys = [self.keys[member] for member in members]
