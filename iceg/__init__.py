@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from iceg.run_folder import RunFolder, read_run_folder
     from iceg.show.map_image import MapLayers
     from iceg.show.map_picture import save_map_png
+    from iceg.slam.closures.attempt import Attempt
+    from iceg.slam.closures.candidates import Candidate
     from iceg.slam.closures.closure import Closure
     from iceg.slam.corrections.corrections import Corrections
     from iceg.slam.corrections.reading import read_corrections
@@ -44,12 +46,16 @@ if TYPE_CHECKING:
     from iceg.slam.manual_closures import ManualClosure, read_manual_closures
     from iceg.slam.pipeline import SlamResult, run
     from iceg.slam.run_summary import RunSummary
+    from iceg.slam.stages import StageError, Stages
+    from iceg.slam.track import KeyScan
     from iceg.stamps import repaired_stamps
     from iceg.tum import Trajectory, read_tum
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Attempt",
+    "Candidate",
     "Closure",
     "Config",
     "Corrections",
@@ -61,6 +67,7 @@ __all__ = [
     "IceConfig",
     "IceMatcher",
     "IcegError",
+    "KeyScan",
     "Landmarks",
     "Log",
     "ManualClosure",
@@ -82,6 +89,8 @@ __all__ = [
     "Segments",
     "Sighting",
     "SlamResult",
+    "StageError",
+    "Stages",
     "Trajectory",
     "__version__",
     "demo_log_path",
@@ -111,6 +120,8 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Attempt": "iceg.slam.closures.attempt",
+    "Candidate": "iceg.slam.closures.candidates",
     "Closure": "iceg.slam.closures.closure",
     "Config": "iceg.config",
     "Corrections": "iceg.slam.corrections.corrections",
@@ -122,6 +133,7 @@ _HOMES = {
     "IceConfig": "iceg.ice.config",
     "IceMatcher": "iceg.ice.matcher",
     "IcegError": "graph.errors",
+    "KeyScan": "iceg.slam.track",
     "Landmarks": "iceg.maps.feature_map",
     "Log": "frontends.scan",
     "ManualClosure": "iceg.slam.manual_closures",
@@ -143,6 +155,8 @@ _HOMES = {
     "Segments": "iceg.ice.segments",
     "Sighting": "iceg.slam.distance",
     "SlamResult": "iceg.slam.pipeline",
+    "StageError": "iceg.slam.stages",
+    "Stages": "iceg.slam.stages",
     "Trajectory": "iceg.tum",
     "demo_log_path": "iceg.demo",
     "demo_truth_path": "iceg.demo",

@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from frontends.growing_log import GrowingLog
 from frontends.laser_noise import LaserNoise
-from frontends.matcher import Matcher
 from frontends.scan import ScanGeometry
 from graph.dense import congruence, inv
 from graph.measurement import NoMatch
@@ -18,7 +17,7 @@ from graph.se2 import adjoint, compose, compose_covariance, inverse
 from iceg.config import Config
 from iceg.ice.noise import PLAIN, beyond_allowed
 from iceg.maps.feature_map import Landmarks
-from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
+from iceg.maps.grid import OccupancyGrid
 from iceg.slam.corrections.corrections import Corrections
 from iceg.slam.corrections.cut import Cut
 from iceg.slam.finding import laser_noise, matcher_of
@@ -26,9 +25,10 @@ from iceg.slam.findings import Findings
 from iceg.slam.incremental_graph import IncrementalGraph
 from iceg.slam.incremental_tracking import IncrementalTracking
 from iceg.slam.noise_widths import widened
-from iceg.slam.pipeline import SlamResult, conclude, landmarks_of, run
+from iceg.slam.pipeline import SlamResult, conclude, grid_of, landmarks_of, run
 from iceg.slam.progress import ProgressCallback
 from iceg.slam.stage_clock import StageClock
+from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.sweep.tracking import SweepFinding
 from iceg.slam.track import KeyScan
 from iceg.slam.tracking.open_ground import is_open_ground
@@ -90,18 +90,18 @@ class Mapper:
     """
 
     def __init__(
-        self, geometry: ScanGeometry, config: Config | None = None, *, matcher: Matcher | None = None, name: str = "log"
+        self, geometry: ScanGeometry, config: Config | None = None, *, stages: Stages | None = None, name: str = "log"
     ) -> None:
         """Start with an empty map.
 
         Args:
             geometry: the laser; readings outside its limits are no returns.
             config: settings; the defaults when left out.
-            matcher: any scan matcher; the one that the settings name when left out.
+            stages: those that are replaced by functions of one's own.
             name: what the log is called.
         """
         self._given = config or Config()
-        self._own_matcher = matcher
+        self._stages = stages or IN_HOUSE
         self._log = GrowingLog(geometry, Path(name))
         self._laser: LaserNoise | None = None
         self._is_open_ground = False
@@ -130,7 +130,7 @@ class Mapper:
         if index == 0:
             self._begin()
             return self._update(Event.FIRST, is_key=True)
-        if index == _TELLING and self._own_matcher is None:
+        if index == _TELLING:
             self._learn_the_laser()
         return self._advance()
 
@@ -142,7 +142,7 @@ class Mapper:
         """
         log, track, poses = self._log.log(), self._tracking.track(), self._graph.poses
         config = self._config
-        grid, _ = render_grid_that_fits(track.trajectory(poses), log.ranges, log.geometry, config.grid)
+        grid, _ = grid_of(log, track.trajectory(poses), config, self._stages)
         return MapperMap(grid=grid, landmarks=landmarks_of(track, poses, self._matcher, config))
 
     def result(self) -> SlamResult:
@@ -156,7 +156,7 @@ class Mapper:
             log=log,
             kept=Cut().kept(len(log)),
             config=replace(self._given, finish=replace(self._given.finish, enabled=False)),
-            is_own_matcher=self._own_matcher is not None,
+            is_own_matcher=self._stages != IN_HOUSE,
             is_open_ground=self._is_open_ground,
             laser=self._laser,
             sweep=SweepFinding(source="nothing").record(),
@@ -165,7 +165,7 @@ class Mapper:
             calibration=self._tracking.calibration,
             solution=self._graph.solution(),
         )
-        return conclude(findings, Corrections(), self._matcher, StageClock())
+        return conclude(findings, Corrections(), self._matcher, StageClock(), self._stages)
 
     def finish(self, progress: ProgressCallback | None = None) -> SlamResult:
         """What `iceg.run` gives on the scans so far, to the byte, for it is what it does; the mapper may go on.
@@ -178,17 +178,17 @@ class Mapper:
         Raises:
             ScanError: there is no scan yet.
         """
-        return run(self._log.log(), self._given, progress, matcher=self._own_matcher)
+        return run(self._log.log(), self._given, progress, stages=self._stages)
 
     def _begin(self) -> None:
         """Track the scans so far from the first on, with what is known of the laser."""
         noise = beyond_allowed(self._laser)
         self._config = widened(self._given, sqrt(noise.typical))
-        self._matcher = matcher_of(self._config, noise, self._own_matcher, on_open_ground=self._is_open_ground)
+        self._matcher = matcher_of(self._config, noise, self._stages, on_open_ground=self._is_open_ground)
         self._tracking = IncrementalTracking(self._log, self._matcher, self._config)
         self._tracking.advance()
         front_end = self._tracking.front_end
-        self._graph = IncrementalGraph(front_end.keys, front_end.lost, self._matcher, self._config)
+        self._graph = IncrementalGraph(front_end.keys, front_end.lost, self._matcher, self._config, self._stages)
 
     def _learn_the_laser(self) -> None:
         """Begin anew where the laser is noisier than the settings allow for, or sees open ground."""

@@ -25,6 +25,7 @@ from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
 
 UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
@@ -335,6 +336,7 @@ def solve_track(
     closures: LoopClosureConfig,
     progress: Callable[[int], None] | None = None,
     is_forbidden: Forbids | None = None,
+    stages: Stages = IN_HOUSE,
 ) -> Solution:
     """Build and solve the graph of a whole track.
 
@@ -347,11 +349,12 @@ def solve_track(
         closures: how loops are found.
         progress: called with the number of scans whose key poses are in the graph.
         is_forbidden: see `LoopCloser`.
+        stages: see `LoopCloser`.
 
     Returns:
         The solved graph.
     """
-    closer = LoopCloser(matcher, track, closures, is_forbidden=is_forbidden)
+    closer = LoopCloser(matcher, track, closures, is_forbidden=is_forbidden, stages=stages)
     back_end = BackEnd(track, closer, graph_config)
     steps = None if odometry is None else between(odometry[:-1], odometry[1:])
     unknown, standing = track.keys_without_odometry(), noise.start()

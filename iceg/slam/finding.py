@@ -3,8 +3,10 @@
 from dataclasses import replace
 from math import sqrt
 
+import numpy as np
+from numpy.typing import NDArray
+
 from frontends.laser_noise import LaserNoise, learn_laser_noise
-from frontends.matcher import Matcher
 from frontends.matchers import make_matcher
 from frontends.scan import Log
 from graph.pose_graph import PoseGraph
@@ -32,6 +34,7 @@ from iceg.slam.progress import ProgressCallback
 from iceg.slam.recording.repeated_scans import without_frozen_scans
 from iceg.slam.recording.standstill import with_odometry_between_readings
 from iceg.slam.stage_clock import StageClock
+from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
 from iceg.slam.tracking.open_ground import is_open_ground
 from iceg.slam.tracking.reassigned_scans import reassigned
@@ -43,7 +46,7 @@ def find(
     kept: KeptScans,
     given: Config,
     corrections: Corrections,
-    own_matcher: Matcher | None,
+    stages: Stages,
     progress: ProgressCallback | None,
     clock: StageClock,
 ) -> tuple[Findings, MapMatcher]:
@@ -55,7 +58,7 @@ def find(
         given: the settings.
         corrections: what a person corrects, scans counted as in `log`: they guide the search, and are taken out of what
             it finds.
-        own_matcher: any scan matcher; None for the one that the settings name.
+        stages: what the caller replaces.
         progress: called as the front end proceeds.
         clock: notes what the stages take.
 
@@ -67,7 +70,7 @@ def find(
         noise = beyond_allowed(laser)
         config = widened(given, sqrt(noise.typical))
         on_open_ground = is_open_ground(log)
-        matcher = matcher_of(config, noise, own_matcher, on_open_ground=on_open_ground)
+        matcher = matcher_of(config, noise, stages, on_open_ground=on_open_ground)
         log = with_odometry_between_readings(without_frozen_scans(log))
         (log, track, first), heading = track_with_gyro(log, matcher, config, progress)
     with clock.stage("sweep"):
@@ -77,7 +80,7 @@ def find(
         calibration = _recalibrate(track, log, first, config)
         heading, gyro = learn_gyro(track, log) if config.front_end.gyro else (None, None)
         is_forbidden = forbids(corrections.forbidden, track)
-        solution = _solve(track, log, matcher, calibration, heading, config, is_forbidden)
+        solution = _solve(track, log, matcher, calibration, heading, config, is_forbidden, stages)
         guided = corrected_by(solution, corrections, track, matcher, config)
         solution = _with_factors(solution, guided, config)
         track = _reassigned(track, solution, log, matcher)
@@ -93,12 +96,13 @@ def find(
                 config.graph,
                 kept=guided.held,
                 is_forbidden=is_forbidden,
+                stages=stages,
             )
     findings = Findings(
         log=log,
         kept=kept,
         config=given,
-        is_own_matcher=own_matcher is not None,
+        is_own_matcher=stages != IN_HOUSE,
         is_open_ground=on_open_ground,
         laser=laser,
         sweep=sweep.record(),
@@ -135,12 +139,16 @@ def _solve(
     heading: HeadingOdometry | None,
     config: Config,
     is_forbidden: Forbids,
+    stages: Stages,
 ) -> Solution:
     if log.has_odometry:
-        odometry, noise = calibration.apply(log.odometry), calibration.lasting_noise
-        return solve_track(track, odometry, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden)
-    poses, noise = constant_velocity(track, heading) or (None, calibration.lasting_noise)
-    return solve_track(track, poses, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden)
+        odometry: NDArray[np.float64] | None = calibration.apply(log.odometry)
+        noise = calibration.lasting_noise
+    else:
+        odometry, noise = constant_velocity(track, heading) or (None, calibration.lasting_noise)
+    return solve_track(
+        track, odometry, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden, stages=stages
+    )
 
 
 def _with_factors(solution: Solution, guided: Corrected, config: Config) -> Solution:
@@ -159,18 +167,18 @@ def _reassigned(track: Track, solution: Solution, log: Log, matcher: MapMatcher)
     return reassigned(track, joined, log, matcher.judge)
 
 
-def matcher_of(config: Config, noise: RangeNoise, own: Matcher | None, *, on_open_ground: bool) -> MapMatcher:
+def matcher_of(config: Config, noise: RangeNoise, stages: Stages, *, on_open_ground: bool) -> MapMatcher:
     """The matcher of a run, as the pipeline wants it.
 
     Args:
         config: names one, and has the settings of ICE.
         noise: of the ranges beyond what the settings allow for.
-        own: of the caller; None for the one named.
+        stages: features and matcher of the caller's own.
         on_open_ground: whether the log was taken there.
     """
-    ice = IceMatcher(config.ice, open_ground=on_open_ground, noise=noise)
-    if own is not None:
-        return completed(own, ice)
+    ice = IceMatcher(config.ice, open_ground=on_open_ground, noise=noise, features=stages.features)
+    if stages.matcher is not None:
+        return completed(stages.matcher, ice)
     return ice if config.matcher == "ice" else completed(make_matcher(config.matcher), ice)
 
 

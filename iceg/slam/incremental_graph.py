@@ -13,6 +13,7 @@ from iceg.config import Config
 from iceg.slam.back_end import BackEnd, Solution
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.stages import Stages
 from iceg.slam.track import KeyScan, Track
 
 _BEHIND = 8
@@ -25,7 +26,9 @@ class IncrementalGraph:
     A closure asks the neighbours of its key scan, later ones, too: the search waits for them.
     """
 
-    def __init__(self, keys: list[KeyScan], lost: list[int], matcher: MapMatcher, config: Config) -> None:
+    def __init__(
+        self, keys: list[KeyScan], lost: list[int], matcher: MapMatcher, config: Config, stages: Stages
+    ) -> None:
         """Start with the first key scan.
 
         Args:
@@ -33,12 +36,13 @@ class IncrementalGraph:
             lost: its list of scans from which on nothing matched what was known.
             matcher: for loop closures.
             config: widened for the noise of the laser.
+            stages: candidates and verification of the caller's own.
         """
         nothing = np.zeros(0, dtype=np.int64)
         track = Track(keys=keys, key_of_scan=nothing, T_key_scan=np.zeros((0, 3)), failures=0, lost=lost)
         self._keys = keys
         self._config = config
-        self._closer = LoopCloser(matcher, track, config.loops)
+        self._closer = LoopCloser(matcher, track, config.loops, stages=stages)
         self._back_end = BackEnd(track, self._closer, config.graph)
         self._lookahead = max(0, *config.loops.support_offsets)
         self._waiting: deque[int] = deque()

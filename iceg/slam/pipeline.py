@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.laser_noise import LaserNoise
-from frontends.matcher import Matcher
 from frontends.scan import Log
 from graph.batch import marginal_covariances
 from graph.pose_graph import PoseGraph
@@ -43,6 +42,7 @@ from iceg.slam.progress import ProgressCallback
 from iceg.slam.run_summary import LaserSummary, RunSummary
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.stage_clock import StageClock
+from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.summary import run_warnings, summarise
 from iceg.slam.track import Track
 
@@ -166,7 +166,7 @@ def run(
     config: Config | None = None,
     progress: ProgressCallback | None = None,
     *,
-    matcher: Matcher | None = None,
+    stages: Stages | None = None,
     closures: Sequence[ManualClosure] = (),
     corrections: Corrections | None = None,
 ) -> SlamResult:
@@ -176,7 +176,7 @@ def run(
         log: the log.
         config: settings; the defaults when left out.
         progress: called as the front end proceeds.
-        matcher: any scan matcher; the one that the settings name when left out.
+        stages: those that are replaced by functions of one's own.
         closures: loops closed by hand, besides those of the corrections.
         corrections: what a person corrects, scans counted as in `log`.
 
@@ -184,15 +184,14 @@ def run(
         Everything that was found.
 
     Raises:
-        IcegError: a correction that does not fit the log.
+        IcegError: a correction that does not fit the log, or a stage that returns what is of no use.
     """
+    stages = stages or IN_HOUSE
     asked = (corrections or Corrections()).with_closures(closures)
     kept = asked.check(len(log))
     clock = StageClock()
-    findings, in_pipeline = find(
-        kept.of(log), kept, config or Config(), asked.counted_in(kept), matcher, progress, clock
-    )
-    return conclude(findings, asked, in_pipeline, clock)
+    findings, matcher = find(kept.of(log), kept, config or Config(), asked.counted_in(kept), stages, progress, clock)
+    return conclude(findings, asked, matcher, clock, stages)
 
 
 def resolve(findings: Findings, corrections: Corrections | None = None) -> SlamResult:
@@ -209,11 +208,11 @@ def resolve(findings: Findings, corrections: Corrections | None = None) -> SlamR
         The same as a run.
 
     Raises:
-        IcegError: a correction that does not fit the log, or the run was made with a matcher that no settings name.
+        IcegError: a correction that does not fit the log, or the run was made with a stage of the caller's own.
     """
     if findings.is_own_matcher:
         raise CorrectionsError(
-            "the run was made with a matcher of the caller's own, expected one that the settings name: run again"
+            "the run was made with a stage of the caller's own, such as a matcher, expected those of iceg: run again"
         )
     asked = corrections or Corrections()
     kept = asked.check(findings.kept.recorded, findings.kept)
@@ -221,7 +220,13 @@ def resolve(findings: Findings, corrections: Corrections | None = None) -> SlamR
     return replace(conclude(left, asked, None, StageClock()), findings=findings)
 
 
-def conclude(findings: Findings, corrections: Corrections, matcher: MapMatcher | None, clock: StageClock) -> SlamResult:
+def conclude(
+    findings: Findings,
+    corrections: Corrections,
+    matcher: MapMatcher | None,
+    clock: StageClock,
+    stages: Stages = IN_HOUSE,
+) -> SlamResult:
     """Correct, refine and render what was found.
 
     Args:
@@ -229,11 +234,12 @@ def conclude(findings: Findings, corrections: Corrections, matcher: MapMatcher |
         corrections: all of them, scans counted as recorded.
         matcher: that found them; None for the one that the settings name.
         clock: notes what the stages take.
+        stages: grid of the caller's own.
     """
     log, track, given = findings.log, findings.track, findings.config
     noise = beyond_allowed(findings.laser)
     config = widened(given, sqrt(noise.typical))
-    matcher = matcher or matcher_of(config, noise, None, on_open_ground=findings.is_open_ground)
+    matcher = matcher or matcher_of(config, noise, stages, on_open_ground=findings.is_open_ground)
     own = corrections.counted_in(findings.kept)
     with clock.stage("finish"):
         corrected = corrected_by(findings.solution, own, track, matcher, config)
@@ -245,7 +251,7 @@ def conclude(findings: Findings, corrections: Corrections, matcher: MapMatcher |
     with clock.stage("feature_map"):
         landmarks = landmarks_of(track, solution.poses, matcher, config)
     with clock.stage("grid"):
-        grid, doubt = render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)
+        grid, doubt = grid_of(log, trajectory, config, stages)
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
     worst = least_known(key_scans, joint.marginals)
     warnings = corrected.warnings + run_warnings(track, solution, finished.rounds, worst, doubt, findings.gyro)
@@ -338,6 +344,15 @@ def landmarks_of(track: Track, key_poses: NDArray[np.float64], matcher: MapMatch
     features = (matcher.judge.observe(key.scan).features.unpack() for key in track.keys)
     feature_map = build_feature_map(key_poses, features, (key.scan for key in track.keys), config.feature_map)
     return feature_map.record()
+
+
+def grid_of(
+    log: Log, trajectory: NDArray[np.float64], config: Config, stages: Stages
+) -> tuple[OccupancyGrid, str | None]:
+    """The occupancy grid along a trajectory, (n, 3), and what is doubtful about it."""
+    if stages.grid is not None:
+        return stages.grid(trajectory, log.ranges, log.geometry, config.grid), None
+    return render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)
 
 
 def _described(laser: LaserNoise | None) -> LaserSummary | None:
