@@ -26,7 +26,7 @@ class StageError(IcegError):
 class FeatureExtractor(Protocol):
     """Finds what a scan has of corners, ends of walls and intersections."""
 
-    def __call__(self, scan: Scan) -> Features:
+    def __call__(self, scan: Scan, /) -> Features:
         """The features of a scan in the robot frame: ICE matches by them, and landmarks are made of the real ones."""
         ...
 
@@ -34,7 +34,7 @@ class FeatureExtractor(Protocol):
 class LoopCandidates(Protocol):
     """Says where loops may close."""
 
-    def __call__(self, key_new: int, keys: Sequence[KeyScan], poses: NDArray[np.float64]) -> Sequence[Candidate]:
+    def __call__(self, key_new: int, keys: Sequence[KeyScan], poses: NDArray[np.float64], /) -> Sequence[Candidate]:
         """Earlier key scans that may show the place of a new one; each is matched and verified.
 
         Args:
@@ -48,7 +48,7 @@ class LoopCandidates(Protocol):
 class ClosureVerification(Protocol):
     """Says which matches to earlier places are believed."""
 
-    def __call__(self, attempt: Attempt, keys: Sequence[KeyScan], poses: NDArray[np.float64]) -> Attempt:
+    def __call__(self, attempt: Attempt, keys: Sequence[KeyScan], poses: NDArray[np.float64], /) -> Attempt:
         """The attempt with another verdict: `accepted`, and the `reason`.
 
         Args:
@@ -62,7 +62,7 @@ class ClosureVerification(Protocol):
 class RobustSolver(Protocol):
     """Solves the graph of the whole log."""
 
-    def __call__(self, factors: Sequence[Factor], poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    def __call__(self, factors: Sequence[Factor], poses: NDArray[np.float64], /) -> NDArray[np.float64]:
         """The most likely key poses.
 
         Args:
@@ -84,6 +84,7 @@ class GridRenderer(Protocol):
         ranges: NDArray[np.float32],
         geometry: ScanGeometry,
         config: GridConfig,
+        /,
     ) -> OccupancyGrid:
         """The grid; see `iceg.render_grid`, which is one."""
         ...
