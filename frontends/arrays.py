@@ -63,19 +63,19 @@ def log_from_arrays(
         bearings=directions,
         range_min=usable.range_min,
         range_max=usable.range_max,
-        T_robot_laser=_finite("T_robot_laser", T_robot_laser, (3,)),
+        T_robot_laser=checked_finite("T_robot_laser", T_robot_laser, (3,)),
     )
     return Log(
         ranges=readings,
         odometry=T_odom_robot,
-        stamps=np.arange(float(n_scans)) if stamps is None else _finite("stamps", stamps, (n_scans,)),
+        stamps=np.arange(float(n_scans)) if stamps is None else checked_finite("stamps", stamps, (n_scans,)),
         geometry=geometry,
         path=path,
         has_odometry=has_odometry,
         warnings=tuple(warnings),
         message_counts={"scans": n_scans},
         truth=None if truth is None else _poses("truth", truth, n_scans),
-        sweep=None if sweep is None else float(_finite("sweep", sweep, ())),
+        sweep=None if sweep is None else float(checked_finite("sweep", sweep, ())),
         gyro=None if gyro is None else _gyro(gyro, n_scans),
     )
 
@@ -85,11 +85,11 @@ def _bearings(bearings: ArrayLike | None, field_of_view: float | None, n_beams: 
     if (bearings is None) == (field_of_view is None):
         raise ScanError("found bearings and field_of_view, or neither, expected exactly one of them")
     if field_of_view is not None:
-        view = float(_finite("field_of_view", field_of_view, ()))
+        view = float(checked_finite("field_of_view", field_of_view, ()))
         if not 0.0 < view <= _WHOLE_TURN:
             raise ScanError(f"found a field of view of {view} rad, expected more than 0 and at most 2π")
         return np.linspace(-0.5 * view, 0.5 * view, n_beams)
-    directions = _finite("bearings", bearings, (n_beams,))
+    directions = checked_finite("bearings", bearings, (n_beams,))
     steps = np.diff(directions)
     step = float(directions[-1] - directions[0]) / (n_beams - 1)
     if not (np.sign(steps) == np.sign(step)).all() or step == 0.0:
@@ -104,7 +104,7 @@ def _bearings(bearings: ArrayLike | None, field_of_view: float | None, n_beams: 
 
 def _limits(range_min: float | None, range_max: float | None) -> tuple[float | None, float]:
     """What is no return: shorter readings, and those of the greatest length and more [m]."""
-    shortest = None if range_min is None else float(_finite("range_min", range_min, ()))
+    shortest = None if range_min is None else float(checked_finite("range_min", range_min, ()))
     longest = np.inf if range_max is None else float(range_max)
     if (shortest or 0.0) < 0.0 or not longest > (shortest or 0.0):
         raise ScanError(f"found ranges from {shortest} m to {longest} m, expected 0 ≤ range_min < range_max")
@@ -114,7 +114,7 @@ def _limits(range_min: float | None, range_max: float | None) -> tuple[float | N
 
 
 def _poses(name: str, values: ArrayLike, n_scans: int) -> NDArray[np.float64]:
-    poses = _finite(name, values, (n_scans, 3)).copy()
+    poses = checked_finite(name, values, (n_scans, 3)).copy()
     poses[:, 2] = wrap_angle(poses[:, 2])
     return poses
 
@@ -122,13 +122,39 @@ def _poses(name: str, values: ArrayLike, n_scans: int) -> NDArray[np.float64]:
 def _gyro(values: ArrayLike, n_scans: int) -> NDArray[np.float64]:
     """(n_scans, 3) of three axes, or of the vertical one alone."""
     if np.ndim(values) != 1:
-        return _finite("gyro", values, (n_scans, 3)).copy()
-    about_z = _finite("gyro", values, (n_scans,))
+        return checked_finite("gyro", values, (n_scans, 3)).copy()
+    about_z = checked_finite("gyro", values, (n_scans,))
     return np.column_stack([np.zeros((n_scans, 2)), about_z])
 
 
-def _finite(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """An array of just this shape without NaN and infinity."""
+def checked_readings(ranges: ArrayLike, n_beams: int) -> NDArray[np.float32]:
+    """(n_beams,) readings of one scan, a copy.
+
+    Raises:
+        ScanError: they are not that many numbers.
+    """
+    readings = _array("ranges", ranges, np.float32, ndim=1)
+    if len(readings) != n_beams:
+        raise ScanError(f"found ranges of shape {readings.shape}, expected {(n_beams,)}")
+    return readings.copy()
+
+
+def checked_pose(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """(3,) x, y, heading, the heading in (−π, π].
+
+    Raises:
+        ScanError: they are not three finite numbers.
+    """
+    pose = checked_finite(name, values, (3,))
+    return np.array([pose[0], pose[1], wrap_angle(float(pose[2]))])
+
+
+def checked_finite(name: str, values: ArrayLike | None, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """An array of just this shape without NaN and infinity.
+
+    Raises:
+        ScanError: it is not.
+    """
     array = _array(name, values, np.float64, ndim=len(shape))
     if array.shape != shape:
         raise ScanError(f"found {name} of shape {array.shape}, expected {shape}")

@@ -1,6 +1,6 @@
 """The one protocol all scan matchers follow, so that any of them runs in the same pipeline and benchmark."""
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,19 +43,4 @@ class Matcher(Protocol):
             The relative pose with a covariance that does not contain the guess (odometry enters the graph on its
             own), or the reason why there is none.
         """
-        ...
-
-
-@runtime_checkable
-class TrackingMatcher(Matcher, Protocol):
-    """A matcher with a quicker way to follow the scans between two key scans, which need no covariance."""
-
-    def track(
-        self,
-        reference: Any,  # noqa: ANN401
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> NDArray[np.float64] | NoMatch:
-        """As `match`, but only the (3,) pose."""
         ...

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from iceg.ice.features import Features, extract_features
     from iceg.ice.matcher import IceMatcher
     from iceg.ice.segments import Segments, extract_segments
+    from iceg.mapper import Event, Mapper, MapperMap, MapperUpdate
     from iceg.maps.feature_map import FeatureMap, Landmarks
     from iceg.maps.grid import OccupancyGrid, render_grid
     from iceg.resolving import resolve
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
     from iceg.run_folder import RunFolder, read_run_folder
     from iceg.show.map_image import MapLayers
     from iceg.show.map_picture import save_map_png
+    from iceg.slam.closures.attempt import Attempt
+    from iceg.slam.closures.candidates import Candidate
     from iceg.slam.closures.closure import Closure
     from iceg.slam.corrections.corrections import Corrections
     from iceg.slam.corrections.reading import read_corrections
@@ -43,26 +46,35 @@ if TYPE_CHECKING:
     from iceg.slam.manual_closures import ManualClosure, read_manual_closures
     from iceg.slam.pipeline import SlamResult, run
     from iceg.slam.run_summary import RunSummary
+    from iceg.slam.stages import StageError, Stages
+    from iceg.slam.track import KeyScan
     from iceg.stamps import repaired_stamps
     from iceg.tum import Trajectory, read_tum
 
 __version__ = "0.1.0"
 
 __all__ = [
+    "Attempt",
+    "Candidate",
     "Closure",
     "Config",
     "Corrections",
     "Distance",
+    "Event",
     "Factor",
     "FeatureMap",
     "Features",
     "IceConfig",
     "IceMatcher",
     "IcegError",
+    "KeyScan",
     "Landmarks",
     "Log",
     "ManualClosure",
     "MapLayers",
+    "Mapper",
+    "MapperMap",
+    "MapperUpdate",
     "Matcher",
     "NoMatch",
     "OccupancyGrid",
@@ -77,6 +89,8 @@ __all__ = [
     "Segments",
     "Sighting",
     "SlamResult",
+    "StageError",
+    "Stages",
     "Trajectory",
     "__version__",
     "demo_log_path",
@@ -106,20 +120,27 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Attempt": "iceg.slam.closures.attempt",
+    "Candidate": "iceg.slam.closures.candidates",
     "Closure": "iceg.slam.closures.closure",
     "Config": "iceg.config",
     "Corrections": "iceg.slam.corrections.corrections",
     "Distance": "iceg.slam.distance",
+    "Event": "iceg.mapper",
     "Factor": "graph.factors",
     "FeatureMap": "iceg.maps.feature_map",
     "Features": "iceg.ice.features",
     "IceConfig": "iceg.ice.config",
     "IceMatcher": "iceg.ice.matcher",
     "IcegError": "graph.errors",
+    "KeyScan": "iceg.slam.track",
     "Landmarks": "iceg.maps.feature_map",
     "Log": "frontends.scan",
     "ManualClosure": "iceg.slam.manual_closures",
     "MapLayers": "iceg.show.map_image",
+    "Mapper": "iceg.mapper",
+    "MapperMap": "iceg.mapper",
+    "MapperUpdate": "iceg.mapper",
     "Matcher": "frontends.matcher",
     "NoMatch": "graph.measurement",
     "OccupancyGrid": "iceg.maps.grid",
@@ -134,6 +155,8 @@ _HOMES = {
     "Segments": "iceg.ice.segments",
     "Sighting": "iceg.slam.distance",
     "SlamResult": "iceg.slam.pipeline",
+    "StageError": "iceg.slam.stages",
+    "Stages": "iceg.slam.stages",
     "Trajectory": "iceg.tum",
     "demo_log_path": "iceg.demo",
     "demo_truth_path": "iceg.demo",

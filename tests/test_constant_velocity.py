@@ -10,6 +10,7 @@ from frontends.matchers import make_matcher
 from frontends.scan import Log
 from graph.odometry import OdometryModel
 from iceg.evaluation.trajectory import trajectory_errors
+from iceg.slam.completed_matcher import completed
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.odometry.constant_velocity import constant_velocity
 from iceg.slam.pipeline import run
@@ -31,7 +32,7 @@ def room_log(speeds: list[float]) -> Log:
 
 def test_a_robot_that_keeps_its_velocity_is_believed_to() -> None:
     log = room_log([0.05] * 120)
-    track = track_log(log, make_matcher("plicp"), OdometryModel(), FrontEndConfig())
+    track = track_log(log, completed(make_matcher("plicp")), OdometryModel(), FrontEndConfig())
     found = constant_velocity(track)
     assert found is not None
     poses, noise = found
@@ -41,14 +42,16 @@ def test_a_robot_that_keeps_its_velocity_is_believed_to() -> None:
 
 def test_a_robot_that_stops_and_goes_is_not() -> None:
     log = room_log([0.1 if (k // 5) % 2 else 0.0 for k in range(120)])
-    found = constant_velocity(track_log(log, make_matcher("plicp"), OdometryModel(), FrontEndConfig()))
+    found = constant_velocity(track_log(log, completed(make_matcher("plicp")), OdometryModel(), FrontEndConfig()))
     assert found is not None
     assert found[1].along_floor > 0.1
 
 
 def test_few_steps_tell_nothing() -> None:
     log = room_log([0.05] * 20)
-    assert constant_velocity(track_log(log, make_matcher("plicp"), OdometryModel(), FrontEndConfig())) is None
+    assert (
+        constant_velocity(track_log(log, completed(make_matcher("plicp")), OdometryModel(), FrontEndConfig())) is None
+    )
 
 
 @pytest.mark.parametrize(("name", "most"), [("stage-58deg-truth-2", 0.1), ("jackal-mocap-3", 0.015)])

@@ -7,64 +7,34 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from frontends.scan import Log, Scan
+from frontends.scan import Log, ScanGeometry
 from frontends.simulator.simulation import simulate
-from graph.measurement import NoMatch, RelativePose
+from graph.measurement import RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
-from iceg.ice.verification import Agreement
+from iceg.ice.tracking import Followed, Limits, Standing
 from iceg.slam.config import FrontEndConfig
-from iceg.slam.map_matcher import FollowingMatcher, MapMatcher
 from iceg.slam.track import Track
 from iceg.slam.tracking.front_end import FrontEnd
 from iceg.slam.tracking.log_tracking import track_log
 
 
-class ScanByScan:
+class ScanByScan(IceMatcher):
     """ICE without its way to follow many scans at once."""
 
-    def __init__(self) -> None:
-        self._ice = IceMatcher()
-
-    def prepare(self, scans: list[Scan], T_ref_scans: NDArray[np.float64]) -> Any:
-        return self._ice.prepare(scans, T_ref_scans)
-
-    def match(
+    def follow(
         self,
         reference: Any,
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> RelativePose | NoMatch:
-        return self._ice.match(reference, scan, T_ref_guess, covariance_guess)
-
-    def track(
-        self,
-        reference: Any,
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> NDArray[np.float64] | NoMatch:
-        return self._ice.track(reference, scan, T_ref_guess, covariance_guess)
-
-    def extend(self, reference: Any, scan: Scan, T_ref_scan: NDArray[np.float64]) -> None:
-        self._ice.extend(reference, scan, T_ref_scan)
-
-    def agreement(self, reference: Any, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
-        return self._ice.agreement(reference, scan, T_ref_cur)
-
-    def held(self, reference: Any, scan: Scan, T_ref_guess: NDArray[np.float64]) -> RelativePose | NoMatch:
-        return self._ice.held(reference, scan, T_ref_guess)
-
-    def alternatives(
-        self,
-        reference: Any,
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> list[NDArray[np.float64]]:
-        return self._ice.alternatives(reference, scan, T_ref_guess, covariance_guess)
+        ranges: NDArray[np.float32],
+        steps: NDArray[np.float64],
+        geometry: ScanGeometry,
+        standing: Standing,
+        odometry: OdometryModel,
+        limits: Limits,
+    ) -> Followed:
+        del reference, ranges, steps, geometry, odometry, limits
+        return Followed(T_ref_robots=np.empty((0, 3)), motion=standing.motion, points=None)
 
 
 @pytest.fixture(scope="module")
@@ -124,12 +94,6 @@ def _assert_same(track: Track, expected: Track) -> None:
         assert type(key.match) is type(same.match)
         if isinstance(key.match, RelativePose) and isinstance(same.match, RelativePose):
             np.testing.assert_array_equal(key.match.covariance, same.match.covariance)
-
-
-def test_only_ice_itself_follows() -> None:
-    assert isinstance(IceMatcher(), FollowingMatcher)
-    assert isinstance(ScanByScan(), MapMatcher)
-    assert not isinstance(ScanByScan(), FollowingMatcher)
 
 
 def test_following_stops_at_each_key_scan_and_before_a_scan_in_doubt(office: Log) -> None:

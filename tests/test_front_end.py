@@ -17,6 +17,7 @@ from iceg.slam.config import FrontEndConfig, KeyScanConfig
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.tracking.front_end import FrontEnd
 from iceg.slam.tracking.log_tracking import track_log
+from tests.scripted_matcher import ScriptedMatcher
 from tests.walls import see
 
 _GEOMETRY = ScanGeometry(bearings=np.linspace(-1.5, 1.5, 31), range_min=0.1, range_max=20.0)
@@ -29,7 +30,7 @@ def _scan(number: float, value: float = 5.0) -> Scan:
     return Scan(ranges=ranges, geometry=_GEOMETRY)
 
 
-class TruthMatcher:
+class TruthMatcher(ScriptedMatcher):
     """Knows the true pose of every scan, by the number in its first beam; counts what it is asked."""
 
     def __init__(self, truth: NDArray[np.float64], fails: frozenset[int] = frozenset()) -> None:
@@ -308,38 +309,11 @@ class GlimpseMatcher(TruthMatcher):
             return NoMatch(reason="not on what was known")
         return replace(match, T_ref_cur=compose(match.T_ref_cur, self.elsewhere))
 
-    def track(
-        self,
-        reference: NDArray[np.float64],
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> NDArray[np.float64] | NoMatch:
-        match = self.match(reference, scan, T_ref_guess, covariance_guess)
-        return match if isinstance(match, NoMatch) else match.T_ref_cur
-
-    def extend(self, reference: NDArray[np.float64], scan: Scan, T_ref_scan: NDArray[np.float64]) -> None: ...
-
     def agreement(self, reference: NDArray[np.float64], scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
         del T_ref_cur
         on_known = 50 if _number(scan) == self.glimpse else self.along
         inliers = on_known if reference is self.known else 100
         return Agreement(points=100, known=inliers, inliers=inliers, seen=100)
-
-    def held(
-        self, reference: NDArray[np.float64], scan: Scan, T_ref_guess: NDArray[np.float64]
-    ) -> RelativePose | NoMatch:
-        del reference, scan, T_ref_guess
-        return NoMatch(reason="only where it is said to be")
-
-    def alternatives(
-        self,
-        reference: NDArray[np.float64],
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> list[NDArray[np.float64]]:
-        raise NotImplementedError
 
 
 @pytest.mark.parametrize(("along", "is_true"), [(0, False), (20, False), (40, True)])
@@ -348,7 +322,6 @@ def test_a_glimpse_of_what_was_known_is_believed_where_the_scans_before_it_come_
 ) -> None:
     truth = _straight(40)
     matcher = GlimpseMatcher(np.vstack([np.zeros(3), truth]), along)
-    assert isinstance(matcher, MapMatcher)
     poses = _follow(FrontEnd(matcher, OdometryModel(), _CONFIG), truth)
     at = matcher.glimpse - 1
     expected = compose(truth[at], matcher.elsewhere) if is_true else truth[at]

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher
 from frontends.simulator.simulation import Simulation, simulate
 from graph.batch import marginal_covariances, optimize
 from graph.config import PoseGraphConfig
@@ -314,17 +313,17 @@ def office() -> Simulation:
 
 
 @pytest.fixture(scope="module")
-def matcher() -> Matcher:
+def matcher() -> IceMatcher:
     return IceMatcher()
 
 
 @pytest.fixture(scope="module")
-def track(office: Simulation, matcher: Matcher) -> Track:
+def track(office: Simulation, matcher: IceMatcher) -> Track:
     return track_log(office.log, matcher, OdometryModel(), FrontEndConfig())
 
 
 @pytest.fixture(scope="module")
-def solution(office: Simulation, matcher: Matcher, track: Track) -> Solution:
+def solution(office: Simulation, matcher: IceMatcher, track: Track) -> Solution:
     return solve_track(track, office.log.odometry, OdometryModel(), matcher, PoseGraphConfig(), LoopClosureConfig())
 
 
@@ -360,13 +359,13 @@ def test_points_that_stand_for_many_tell_more(solution: Solution, track: Track) 
     assert 0.25**3 < np.median(ratio) < 0.5**3
 
 
-def finished_with(solution: Solution, track: Track, office: Simulation, matcher: Matcher, joint: bool) -> Finished:
+def finished_with(solution: Solution, track: Track, office: Simulation, matcher: IceMatcher, joint: bool) -> Finished:
     config = FinishConfig(joint=JointRefinementConfig(enabled=joint))
     found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), config, PoseGraphConfig())
     return refined(found, rounds, track, matcher, config, scan_of=office.log.scan)
 
 
-def test_the_finish_of_an_office(solution: Solution, track: Track, office: Simulation, matcher: Matcher) -> None:
+def test_the_finish_of_an_office(solution: Solution, track: Track, office: Simulation, matcher: IceMatcher) -> None:
     truth = office.truth[[key.index for key in track.keys]]
     without = finished_with(solution, track, office, matcher, joint=False)
     finished = finished_with(solution, track, office, matcher, joint=True)

@@ -17,6 +17,7 @@ from iceg.evaluation.trajectory import trajectory_errors
 from iceg.results import RESULT_FILES
 from iceg.run_folder import read_run_folder
 from iceg.slam.pipeline import run
+from iceg.slam.stages import Stages
 
 N_SCANS = 120
 NAMES: tuple[MatcherName, ...] = get_args(MatcherName)
@@ -58,7 +59,7 @@ def test_the_settings_choose_and_a_matcher_passed_in_overrides_them(simulation: 
 
     by_icp = trajectory(Config(matcher="icp"))
     assert not np.array_equal(by_icp, trajectory(Config()))
-    passed_in = run(simulation.log, Config(matcher="csm"), matcher=MATCHERS["icp"]()).trajectory
+    passed_in = run(simulation.log, Config(matcher="csm"), stages=Stages(matcher=MATCHERS["icp"]())).trajectory
     np.testing.assert_array_equal(passed_in, by_icp)
 
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher
 from frontends.simulator.simulation import simulate
 from graph.config import PoseGraphConfig
 from graph.measurement import RelativePose
@@ -260,7 +259,7 @@ def test_the_finish_closes_nothing_across_what_is_alike(track: Track) -> None:
     plain = back_end.solution()
     middle = 200
     alike = replace(plain, ambiguous=(Vote(first=middle, last=middle + 5, count=6, rival=6, apart=6.0),))
-    matcher: Matcher = IceMatcher()
+    matcher = IceMatcher()
 
     def across(solution: Solution) -> int:
         config = FinishConfig(rounds=1)

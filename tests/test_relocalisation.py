@@ -203,8 +203,7 @@ def test_references_and_supporters_stay_on_their_side_of_a_loss(log: Log) -> Non
     track = track_log(_carried(log, 400, 900), IceMatcher(), OdometryModel(), FrontEndConfig())
     poses = np.array([key.T_track_robot for key in track.keys])
     key = next(k for k, scan in enumerate(track.keys) if scan.index in track.lost)
-    matcher = IceMatcher()
-    references = References(matcher, matcher, track, LoopClosureConfig().reference_half)
+    references = References(IceMatcher(), track, LoopClosureConfig().reference_half)
     sizes = [len(references.around(base, poses).placed) for base in (key - 20, key - 1, key, key + 20)]
     assert sizes == [15, 8, 8, 15]
     assert [references.is_one_pass(key, other) for other in (key - 1, key + 1)] == [False, True]

@@ -20,6 +20,7 @@ from iceg.maps.config import GridConfig
 from iceg.slam.config import FrontEndConfig, SlamConfigError
 from iceg.slam.match_errors import closure_covariance
 from iceg.slam.pipeline import SlamResult, run
+from iceg.slam.stages import Stages
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
 from iceg.slam.tracking.split_half import halves, match_doubt, split_half_distances, with_measured_doubt
@@ -177,7 +178,7 @@ def test_closures_are_doubted_as_the_matches_are() -> None:
 @lru_cache
 def _result(matcher: type[Matcher], split_scans: int) -> SlamResult:
     config = Config(grid=_COARSE, front_end=FrontEndConfig(split_scans=split_scans))
-    return run(_room().log, config, matcher=matcher())
+    return run(_room().log, config, stages=Stages(matcher=matcher()))
 
 
 def _width(matcher: type[Matcher], split_scans: int) -> float:

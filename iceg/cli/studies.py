@@ -72,9 +72,9 @@ class Bench:
         ),
     ] = None
     parts: Annotated[
-        tuple[Literal["runs", "recall", "consistency", "ablation", "solvers", "growth", "regression"], ...],
+        tuple[Literal["runs", "recall", "consistency", "ablation", "solvers", "growth", "mapper", "regression"], ...],
         tyro.conf.arg(
-            help="Without FILE: which tables; left out: all but growth and regression, which take many minutes.",
+            help="Without FILE: which tables; left out: all but growth, mapper and regression, which take minutes.",
             help_behavior_hint="",
         ),
     ] = ()

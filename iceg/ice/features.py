@@ -79,6 +79,23 @@ class FeatureRows:
         )
 
 
+def packed(features: Features) -> FeatureRows:
+    """The inverse of `FeatureRows.unpack`."""
+    rows = np.column_stack(
+        [
+            features.positions,
+            features.directions,
+            features.covariances[:, 0, 0],
+            features.covariances[:, 0, 1],
+            features.covariances[:, 1, 1],
+            features.direction_variances,
+            features.real,
+            features.distances,
+        ]
+    )
+    return FeatureRows(kinds=np.asarray(features.kinds, dtype=np.int8), rows=rows.astype(np.float64))
+
+
 def extract_features(
     scan: Scan, config: FeatureConfig | None = None, segments: SegmentConfig | None = None
 ) -> Features:

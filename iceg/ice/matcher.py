@@ -1,6 +1,6 @@
 """ICE matching: features give hypotheses, the best is polished, its scores give the covariance."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
@@ -16,7 +16,7 @@ from graph.se2 import between
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.config import IceConfig
 from iceg.ice.covariance import score_covariance
-from iceg.ice.features import FeatureRows, feature_rows
+from iceg.ice.features import FeatureRows, Features, feature_rows, packed
 from iceg.ice.fitness import Ranking, rank_by_features, rank_by_points
 from iceg.ice.hypotheses import SearchWindow, distinct, pair_hypotheses, search_window, widened
 from iceg.ice.local_map import LocalMap, View, box_around, reach_of
@@ -74,7 +74,12 @@ class IceMatcher:
     """Matches a scan against a local map by Intersections, Corners and Ends of walls (implements `Matcher`)."""
 
     def __init__(
-        self, config: IceConfig | None = None, *, open_ground: bool = False, noise: RangeNoise = PLAIN
+        self,
+        config: IceConfig | None = None,
+        *,
+        open_ground: bool = False,
+        noise: RangeNoise = PLAIN,
+        features: Callable[[Scan], Features] | None = None,
     ) -> None:
         """Remember what was extracted from the latest scans for as long as they live.
 
@@ -82,12 +87,23 @@ class IceMatcher:
             config: settings; the defaults when left out.
             open_ground: whether the scans were taken where trunks and posts count, see `extract_points`.
             noise: of the ranges beyond what the settings allow for.
+            features: of a scan in the robot frame; None for those that the settings describe.
         """
+        self._extract_features = features
         self.config = config or IceConfig()
         self._open_ground = open_ground
         self._noise = noise
         self._scan_points: WeakKeyDictionary[Scan, ScanPoints] = WeakKeyDictionary()
         self._observations: WeakKeyDictionary[Scan, Observation] = WeakKeyDictionary()
+
+    @property
+    def judge(self) -> "IceMatcher":
+        """Itself, see `iceg.slam.map_matcher`: whether a scan belongs where a match puts it."""
+        return self
+
+    def judged(self, reference: LocalMap) -> LocalMap:
+        """What it judges by is what it matched to."""
+        return reference
 
     def observe(self, scan: Scan) -> Observation:
         """Points, normals and features of a scan, extracted once unless thousands of others came between."""
@@ -98,7 +114,11 @@ class IceMatcher:
             observation = Observation(
                 points=points,
                 reference_points=smoothed_on_segments(points, lines, scan.geometry.origin_robot, self.config.segments),
-                features=feature_rows(scan, self.config.features, lines, points),
+                features=(
+                    feature_rows(scan, self.config.features, lines, points)
+                    if self._extract_features is None
+                    else packed(self._extract_features(scan))
+                ),
             )
             _remember(self._observations, scan, observation)
         return observation

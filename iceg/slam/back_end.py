@@ -1,15 +1,15 @@
 """The back end: key poses, odometry, matches and loop closures in one graph, solved as it grows."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher
 from graph.config import PoseGraphConfig
 from graph.consistency import maximum_clique
+from graph.growing_rows import GrowingRows
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import largest_squared_norm, squared_norm
 from graph.odometry import OdometryModel, OdometryMotion
@@ -24,6 +24,8 @@ from iceg.slam.closures.candidates import is_adrift
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import Forbids, LoopCloser
+from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
 
 UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
@@ -79,8 +81,10 @@ class BackEnd:
         self._config = closer.config
         self.graph = PoseGraph(graph_config)
         self.graph.add_first_pose(np.zeros(3))
-        self._poses = np.zeros((len(track.keys), 3))
+        self._poses: GrowingRows[np.float64] = GrowingRows((3,), np.float64)
+        self._poses.append(np.zeros(3))
         self.attempts: list[Attempt] = []
+        self.n_closed = 0
         self.doubts = _front_end_doubts(track)
         self.odometry_jumps: list[int] = []
         self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
@@ -91,7 +95,7 @@ class BackEnd:
         self._is_confirmed = False
         self._closures_waiting = 0
         self._unmatched, self._is_dead_reckoned = 0, True
-        self._drift = Drift(len(track.keys))
+        self._drift = Drift()
 
     def add(self, key: int, motion: OdometryMotion | None) -> None:
         """Add one key pose with its odometry and its match, then look for loops.
@@ -100,10 +104,16 @@ class BackEnd:
             key: index of the key scan, the next one.
             motion: calibrated odometry since the previous one, None in a log without odometry.
         """
+        self.extend(key, motion)
+        for _ in self.search(key):
+            pass
+
+    def extend(self, key: int, motion: OdometryMotion | None) -> None:
+        """As `add`, but look for no loops."""
         previous, current = self._track.keys[key - 1], self._track.keys[key]
         step = between(previous.T_track_robot, current.T_track_robot)
-        self._poses[key] = compose(self._poses[key - 1], step)
-        self.graph.add_pose(self._poses[key])
+        self._poses.append(compose(self.poses[-1], step))
+        self.graph.add_pose(self.poses[-1])
         known, searched = [], []
         match = None if isinstance(current.match, NoMatch) else current.match
         self._note_dead_reckoning(key, motion, match)
@@ -120,9 +130,11 @@ class BackEnd:
             self.graph.add_odometry(key - 1, key, step, UNKNOWN_MOTION)
             known, searched = [UNKNOWN_MOTION], [UNKNOWN_MOTION]
         self._drift.add(key, tuple(known), tuple(searched))
-        self._since_search += (current.motion.distance, current.motion.turn)
-        if self._is_search_due():
-            self._search(key)
+
+    @property
+    def poses(self) -> NDArray[np.float64]:
+        """(n, 3) T_map_robot of all key poses so far."""
+        return self._poses.rows
 
     def _note_dead_reckoning(self, key: int, motion: OdometryMotion | None, match: RelativePose | None) -> None:
         """Tell the doubts that arise where odometry alone has told the way for a while."""
@@ -149,18 +161,17 @@ class BackEnd:
 
     def solution(self) -> Solution:
         """The graph as it stands."""
+        attempts = self.attempts.copy()
         for index in self._pending:
-            attempt = self.attempts[index]
-            self.attempts[index] = replace(
-                attempt, accepted=False, reason=f"{self._held_back(attempt)}; {attempt.reason}"
-            )
+            attempt = attempts[index]
+            attempts[index] = replace(attempt, accepted=False, reason=f"{self._held_back(attempt)}; {attempt.reason}")
         return Solution(
             graph=self.graph,
             poses=self.graph.all_poses(),
-            attempts=self.attempts,
+            attempts=attempts,
             searchable=self._closer.searchable,
             odometry_jumps=tuple(self.odometry_jumps),
-            ambiguous=unsettled(self._unclear, self.attempts),
+            ambiguous=unsettled(self._unclear, attempts),
         )
 
     def _held_back(self, attempt: Attempt) -> str:
@@ -176,15 +187,26 @@ class BackEnd:
         distance, turn = (self._since_search / seldom).tolist()
         return bool(distance > config.spacing or turn > config.spacing_angle)
 
-    def _search(self, key: int) -> None:
+    def search(self, key: int) -> Iterator[None]:
+        """Look for loops at the key pose next to the last one asked for, if that is due; pauses after each match.
+
+        Later key poses may be in the graph already: they move along.
+        """
+        motion = self._track.keys[key].motion
+        self._since_search += (motion.distance, motion.turn)
+        if self._is_search_due():
+            yield from self._search(key)
+
+    def _search(self, key: int) -> Iterator[None]:
         self._since_search[:] = 0.0
-        poses = self._poses[: key + 1]
+        poses = self.poses[: key + 1]
         first = len(self.attempts)
         for candidate in self._closer.candidates(key, poses, self._drift):
             attempt = self._closer.match(candidate, poses)
             if is_adrift(candidate):
                 self._votes.add(attempt)
             self.attempts.append(self._judge(attempt, poses) if attempt.accepted else attempt)
+            yield
         found = [k for k, a in enumerate(self.attempts[first:], first) if a.accepted or a.is_ambiguous]
         closed = [self.attempts[index] for index in found if self._insert(index, poses)]
         offsets = [_offset(attempt, poses) for attempt in closed]
@@ -207,20 +229,22 @@ class BackEnd:
         if not self._is_confirmed:
             self._closures_waiting += 1
             if not _is_within(offset, _SMALL_MOVE, _SMALL_TURN) or self._closures_waiting >= _MOST_WAITING:
-                self._poses[: key + 1] = self.graph.all_poses()
+                self.poses[:] = self.graph.all_poses()
                 self._closures_waiting = 0
                 return
         self._bend(key, offset)
 
     def _bend(self, key: int, offset: NDArray[np.float64]) -> None:
-        """Move the newest pose, and those since the last search in proportion to the steps."""
-        first = self._searched_to
+        """Move a pose, those since the last search in proportion to the steps, and later ones along with it."""
+        first, poses = self._searched_to, self.poses
         share = (np.arange(first + 1, key + 1) - first) / (key - first)
-        move = compose(self._poses[key], offset) - self._poses[key]
+        T_key_later = between(poses[key], poses[key + 1 :])
+        move = compose(poses[key], offset) - poses[key]
         move[2] = offset[2]
-        bent = self._poses[first + 1 : key + 1] + share[:, None] * move
+        bent = poses[first + 1 : key + 1] + share[:, None] * move
         bent[:, 2] = wrap_angle(bent[:, 2])
-        self._poses[first + 1 : key + 1] = bent
+        poses[first + 1 : key + 1] = bent
+        poses[key + 1 :] = compose(poses[key], T_key_later)
 
     def _judge(self, attempt: Attempt, poses: NDArray[np.float64]) -> Attempt:
         """Refuse a closure that the path cannot explain: most likely it is another place that looks alike.
@@ -288,6 +312,7 @@ class BackEnd:
             attempt = replace(attempt, accepted=True, reason=f"here its neighbours fit best; {attempt.reason}")
             self.attempts[index] = attempt
         assert attempt.match is not None
+        self.n_closed += 1
         self.graph.add_closure(attempt.key_old, attempt.key_new, attempt.match, None)
 
 
@@ -306,11 +331,12 @@ def solve_track(
     track: Track,
     odometry: NDArray[np.float64] | None,
     noise: OdometryModel,
-    matcher: Matcher,
+    matcher: MapMatcher,
     graph_config: PoseGraphConfig,
     closures: LoopClosureConfig,
     progress: Callable[[int], None] | None = None,
     is_forbidden: Forbids | None = None,
+    stages: Stages = IN_HOUSE,
 ) -> Solution:
     """Build and solve the graph of a whole track.
 
@@ -323,11 +349,12 @@ def solve_track(
         closures: how loops are found.
         progress: called with the number of scans whose key poses are in the graph.
         is_forbidden: see `LoopCloser`.
+        stages: see `LoopCloser`.
 
     Returns:
         The solved graph.
     """
-    closer = LoopCloser(matcher, track, closures, is_forbidden=is_forbidden)
+    closer = LoopCloser(matcher, track, closures, is_forbidden=is_forbidden, stages=stages)
     back_end = BackEnd(track, closer, graph_config)
     steps = None if odometry is None else between(odometry[:-1], odometry[1:])
     unknown, standing = track.keys_without_odometry(), noise.start()

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.dense import congruence, inv
+from graph.growing_rows import GrowingRows
 from graph.se2 import adjoint, between
 
 Covariances = tuple[NDArray[np.float64], ...]
@@ -30,9 +31,11 @@ class Spread(NamedTuple):
 class Drift:
     """How uncertain the path between two key poses is, by chaining the steps since the last closure."""
 
-    def __init__(self, n_keys: int) -> None:
-        self._steps = np.zeros((n_keys, 3, 3))
-        self._searched = np.zeros((n_keys, 3, 3))
+    def __init__(self) -> None:
+        self._steps: GrowingRows[np.float64] = GrowingRows((3, 3), np.float64)
+        self._searched: GrowingRows[np.float64] = GrowingRows((3, 3), np.float64)
+        for steps in (self._steps, self._searched):
+            steps.append(np.zeros((3, 3)))  # no step leads to the first key pose
         self._last_closure = 0
         self._new: list[tuple[int, Covariances, Covariances]] = []
 
@@ -40,7 +43,7 @@ class Drift:
         """Add the step that leads to a key pose.
 
         Args:
-            key: the key pose.
+            key: the key pose, the next one.
             covariances: (3, 3) of each independent measurement of the step …
             searched: … and those that a search relies on, which may be wider.
         """
@@ -66,7 +69,7 @@ class Drift:
         last = self._last_closure
         steps = slice(last + 1, key_new + 1)
         lever2 = np.sum((poses[steps, :2] - poses[key_new, :2]) ** 2, axis=1)
-        covariances = self._searched[steps]
+        covariances = self._searched.rows[steps]
         position, heading = np.maximum(covariances[:, 0, 0], covariances[:, 1, 1]), covariances[:, 2, 2]
         variances = np.zeros((max(0, key_new - last) + 1, 2))
         variances[:-1, 0] = np.cumsum((position + heading * lever2)[::-1])[::-1]
@@ -85,16 +88,18 @@ class Drift:
         """
         self._fuse()
         steps = slice(max(key_old, self._last_closure) + 1, key_new + 1)
-        carried = congruence(adjoint(between(poses[key_new], poses[steps])), self._steps[steps])
+        carried = congruence(adjoint(between(poses[key_new], poses[steps])), self._steps.rows[steps])
         return np.asarray(carried.sum(axis=0))
 
     def _fuse(self) -> None:
         """Take in the new steps, all at once."""
         if not self._new:
             return
-        keys = [key for key, _, _ in self._new]
-        self._steps[keys] = _fused([covariances for _, covariances, _ in self._new])
-        self._searched[keys] = _fused([searched for _, _, searched in self._new])
+        assert self._new[0][0] == len(self._steps), "steps come in order"
+        for covariance in _fused([covariances for _, covariances, _ in self._new]):
+            self._steps.append(covariance)
+        for covariance in _fused([searched for _, _, searched in self._new]):
+            self._searched.append(covariance)
         self._new.clear()
 
 

@@ -3,8 +3,10 @@
 from dataclasses import replace
 from math import sqrt
 
+import numpy as np
+from numpy.typing import NDArray
+
 from frontends.laser_noise import LaserNoise, learn_laser_noise
-from frontends.matcher import Matcher
 from frontends.matchers import make_matcher
 from frontends.scan import Log
 from graph.pose_graph import PoseGraph
@@ -13,6 +15,7 @@ from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import beyond_allowed
 from iceg.slam.back_end import Solution, solve_track
+from iceg.slam.completed_matcher import completed
 from iceg.slam.corrections.corrected import Corrected, corrected
 from iceg.slam.corrections.corrections import Corrections
 from iceg.slam.corrections.cut import KeptScans
@@ -20,6 +23,7 @@ from iceg.slam.corrections.forbidden import forbids
 from iceg.slam.findings import Findings, without
 from iceg.slam.finish import Round, closure_kernel, matched_again
 from iceg.slam.loop_closure import Forbids, LoopCloser
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.constant_velocity import constant_velocity
@@ -30,6 +34,7 @@ from iceg.slam.progress import ProgressCallback
 from iceg.slam.recording.repeated_scans import without_frozen_scans
 from iceg.slam.recording.standstill import with_odometry_between_readings
 from iceg.slam.stage_clock import StageClock
+from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
 from iceg.slam.tracking.open_ground import is_open_ground
 from iceg.slam.tracking.reassigned_scans import reassigned
@@ -41,10 +46,10 @@ def find(
     kept: KeptScans,
     given: Config,
     corrections: Corrections,
-    matcher: Matcher | None,
+    stages: Stages,
     progress: ProgressCallback | None,
     clock: StageClock,
-) -> tuple[Findings, Matcher]:
+) -> tuple[Findings, MapMatcher]:
     """Track a log and close its loops.
 
     Args:
@@ -53,20 +58,19 @@ def find(
         given: the settings.
         corrections: what a person corrects, scans counted as in `log`: they guide the search, and are taken out of what
             it finds.
-        matcher: any scan matcher; the one that the settings name when left out.
+        stages: what the caller replaces.
         progress: called as the front end proceeds.
         clock: notes what the stages take.
 
     Returns:
         What was found, and the matcher that found it.
     """
-    own_matcher = matcher is not None
     with clock.stage("front_end"):
-        laser = _laser_noise(log, given)
+        laser = laser_noise(log, given)
         noise = beyond_allowed(laser)
         config = widened(given, sqrt(noise.typical))
         on_open_ground = is_open_ground(log)
-        matcher = matcher or matcher_of(config, noise, on_open_ground=on_open_ground)
+        matcher = matcher_of(config, noise, stages, on_open_ground=on_open_ground)
         log = with_odometry_between_readings(without_frozen_scans(log))
         (log, track, first), heading = track_with_gyro(log, matcher, config, progress)
     with clock.stage("sweep"):
@@ -76,7 +80,7 @@ def find(
         calibration = _recalibrate(track, log, first, config)
         heading, gyro = learn_gyro(track, log) if config.front_end.gyro else (None, None)
         is_forbidden = forbids(corrections.forbidden, track)
-        solution = _solve(track, log, matcher, calibration, heading, config, is_forbidden)
+        solution = _solve(track, log, matcher, calibration, heading, config, is_forbidden, stages)
         guided = corrected_by(solution, corrections, track, matcher, config)
         solution = _with_factors(solution, guided, config)
         track = _reassigned(track, solution, log, matcher)
@@ -92,12 +96,13 @@ def find(
                 config.graph,
                 kept=guided.held,
                 is_forbidden=is_forbidden,
+                stages=stages,
             )
     findings = Findings(
         log=log,
         kept=kept,
         config=given,
-        is_own_matcher=own_matcher,
+        is_own_matcher=stages != IN_HOUSE,
         is_open_ground=on_open_ground,
         laser=laser,
         sweep=sweep.record(),
@@ -110,7 +115,7 @@ def find(
     return findings, matcher
 
 
-def _laser_noise(log: Log, config: Config) -> LaserNoise | None:
+def laser_noise(log: Log, config: Config) -> LaserNoise | None:
     """As the settings say, or else the log; None where neither does."""
     learned = learn_laser_noise(log)
     if config.laser.noise is None:
@@ -129,17 +134,21 @@ def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Con
 def _solve(
     track: Track,
     log: Log,
-    matcher: Matcher,
+    matcher: MapMatcher,
     calibration: OdometryCalibration,
     heading: HeadingOdometry | None,
     config: Config,
     is_forbidden: Forbids,
+    stages: Stages,
 ) -> Solution:
     if log.has_odometry:
-        odometry, noise = calibration.apply(log.odometry), calibration.lasting_noise
-        return solve_track(track, odometry, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden)
-    poses, noise = constant_velocity(track, heading) or (None, calibration.lasting_noise)
-    return solve_track(track, poses, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden)
+        odometry: NDArray[np.float64] | None = calibration.apply(log.odometry)
+        noise = calibration.lasting_noise
+    else:
+        odometry, noise = constant_velocity(track, heading) or (None, calibration.lasting_noise)
+    return solve_track(
+        track, odometry, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden, stages=stages
+    )
 
 
 def _with_factors(solution: Solution, guided: Corrected, config: Config) -> Solution:
@@ -150,23 +159,31 @@ def _with_factors(solution: Solution, guided: Corrected, config: Config) -> Solu
     return replace(solution, graph=PoseGraph.from_factors(together, poses, config.graph), poses=poses)
 
 
-def _reassigned(track: Track, solution: Solution, log: Log, matcher: Matcher) -> Track:
+def _reassigned(track: Track, solution: Solution, log: Log, matcher: MapMatcher) -> Track:
     """The track with the scans around each break on the right side of it."""
     joined = [found.key for found in solution.breaks if found.outcome == "joined"]
     if not joined:
         return track
-    return reassigned(track, joined, log, matcher if isinstance(matcher, IceMatcher) else IceMatcher())
+    return reassigned(track, joined, log, matcher.judge)
 
 
-def matcher_of(config: Config, noise: RangeNoise, *, on_open_ground: bool) -> Matcher:
-    """The matcher that the settings name."""
-    if config.matcher != "ice":
-        return make_matcher(config.matcher)
-    return IceMatcher(config.ice, open_ground=on_open_ground, noise=noise)
+def matcher_of(config: Config, noise: RangeNoise, stages: Stages, *, on_open_ground: bool) -> MapMatcher:
+    """The matcher of a run, as the pipeline wants it.
+
+    Args:
+        config: names one, and has the settings of ICE.
+        noise: of the ranges beyond what the settings allow for.
+        stages: features and matcher of the caller's own.
+        on_open_ground: whether the log was taken there.
+    """
+    ice = IceMatcher(config.ice, open_ground=on_open_ground, noise=noise, features=stages.features)
+    if stages.matcher is not None:
+        return completed(stages.matcher, ice)
+    return ice if config.matcher == "ice" else completed(make_matcher(config.matcher), ice)
 
 
 def corrected_by(
-    solution: Solution, corrections: Corrections, track: Track, matcher: Matcher, config: Config
+    solution: Solution, corrections: Corrections, track: Track, matcher: MapMatcher, config: Config
 ) -> Corrected:
     """The graph corrected, see `corrected`; closures by hand that only name scans are matched with the matcher."""
 

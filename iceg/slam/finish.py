@@ -8,7 +8,6 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher
 from frontends.scan import Scan
 from graph.batch import BatchConfig, optimize
 from graph.config import PoseGraphConfig
@@ -16,7 +15,6 @@ from graph.factors import Factor, RobustKernel
 from graph.pose_graph import PoseGraph
 from graph.problem import Problem
 from iceg.ice._point_kernels import RangeNoise
-from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import PLAIN
 from iceg.slam.back_end import Solution
 from iceg.slam.closures.attempt import Attempt, closure_factor
@@ -27,7 +25,9 @@ from iceg.slam.joint.covariance import PoseInformation
 from iceg.slam.joint.refinement import Clouds, JointRefinement, key_clouds, refine_jointly
 from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.loop_closure import Forbids, LoopCloser
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.rematch import match_again
+from iceg.slam.stages import IN_HOUSE, Stages, checked_poses
 from iceg.slam.track import Track
 
 Stage = Literal["solve", "rematch", "joint"]
@@ -92,13 +92,14 @@ class Finished:
 def matched_again(
     solution: Solution,
     track: Track,
-    matcher: Matcher,
+    matcher: MapMatcher,
     closures: LoopClosureConfig,
     config: FinishConfig,
     graph_config: PoseGraphConfig,
     *,
     kept: Sequence[Factor] = (),
     is_forbidden: Forbids | None = None,
+    stages: Stages = IN_HOUSE,
 ) -> tuple[Solution, list[Round]]:
     """All factors at once, and matches again between the optimised neighbours.
 
@@ -111,19 +112,20 @@ def matched_again(
         graph_config: of the graph.
         kept: those of the factors that are closures beyond doubt, as those added by hand.
         is_forbidden: whether a closure between two key poses must not be.
+        stages: verification and solver of the caller's own.
 
     Returns:
         The solution with every closure under a robust kernel, those last, and one entry for each round.
     """
     limits = replace(closures, max_passes=config.max_passes)
-    closer = LoopCloser(matcher, track, limits, _parts(solution), is_forbidden)
+    closer = LoopCloser(matcher, track, limits, _parts(solution), is_forbidden, stages)
     closer.searchable = solution.searchable
     clock = _Clock()
-    graph, done = _solved("solve", _Graph.of(solution, kept, config), clock)
+    graph, done = _solved("solve", _Graph.of(solution, kept, config), clock, stages)
     rounds = [done]
     for _ in range(config.rounds if closures.enabled or closures.revisits else 0):
         before = graph
-        graph, done = _solved("rematch", _rematched(graph, closer, track, config), clock)
+        graph, done = _solved("rematch", _rematched(graph, closer, track, config), clock, stages)
         largest, mean = _moves(before.poses, graph.poses)
         rounds.append(replace(done, fresh=len(graph.joined - before.joined), largest_move=largest, mean_move=mean))
         if largest < config.tolerance:
@@ -136,7 +138,7 @@ def refined(
     solution: Solution,
     rounds: Sequence[Round],
     track: Track,
-    matcher: Matcher,
+    matcher: MapMatcher,
     config: FinishConfig,
     *,
     scan_of: Callable[[int], Scan] | None = None,
@@ -167,7 +169,7 @@ def refined(
     covariances, information, walls = None, None, WallPieces.none()
     final = FinalFactors.of([*chain, *loops], solution.breaks, track)
     if config.joint.enabled:
-        if isinstance(matcher, IceMatcher):  # what halves of scans say of ICE they say of the points
+        if matcher.judge is matcher:  # what halves of scans say of ICE they say of the points
             config = _doubting(config, track.match_doubt)
         clouds = key_clouds(track, scan_of, config.joint, noise).without(distrusted)
         joint, last = _joint(final, poses, clouds, config, _parts(solution), clock)
@@ -265,14 +267,21 @@ def _rematched(graph: _Graph, closer: LoopCloser, track: Track, config: FinishCo
     return graph.with_tried(sure, tried, config)
 
 
-def _solved(stage: Stage, graph: _Graph, clock: _Clock) -> tuple[_Graph, Round]:
-    result = optimize([*graph.chain, *graph.loops], graph.poses, BATCH)
-    largest, mean = _moves(graph.poses, result.poses)
-    return replace(graph, poses=result.poses), Round(
+def _solved(stage: Stage, graph: _Graph, clock: _Clock, stages: Stages) -> tuple[_Graph, Round]:
+    factors = [*graph.chain, *graph.loops]
+    if stages.solver is None:
+        result = optimize(factors, graph.poses, BATCH)
+        poses, before, after = result.poses, result.error_before, result.error_after
+    else:
+        poses = checked_poses(stages.solver(factors, graph.poses), len(graph.poses))
+        problem = Problem.of(factors, len(poses))
+        before, after = (float(problem.evaluate(at).losses.sum()) for at in (graph.poses, poses))
+    largest, mean = _moves(graph.poses, poses)
+    return replace(graph, poses=poses), Round(
         stage=stage,
         closures=len(graph.loops),
-        error_before=result.error_before,
-        error=result.error_after,
+        error_before=before,
+        error=after,
         largest_move=largest,
         mean_move=mean,
         seconds=clock.lap(),

@@ -9,13 +9,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.closures.attempt import Attempt, forbidden_attempt
 from iceg.slam.closures.candidates import Candidate, EarlierPasses
 from iceg.slam.closures.verification import ClosureVerifier
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
+from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.stages import IN_HOUSE, Stages, checked_candidates
 from iceg.slam.track import Track
 
 Forbids = Callable[[int, int], bool]
@@ -27,11 +28,12 @@ class LoopCloser:
 
     def __init__(
         self,
-        matcher: Matcher,
+        matcher: MapMatcher,
         track: Track,
         config: LoopClosureConfig,
         parts: Sequence[int] = (),
         is_forbidden: Forbids | None = None,
+        stages: Stages = IN_HOUSE,
     ) -> None:
         """Start with nothing matched.
 
@@ -42,11 +44,18 @@ class LoopCloser:
             parts: key poses at which a part of the path begins that nothing ties to what was before: how they lie to
                 each other is unknown, so that no neighbours are looked for across.
             is_forbidden: whether a closure between an earlier and a later key pose must not be; None for none.
+            stages: candidates and verification of the caller's own.
         """
         self.config = config
+        self._keys = track.keys
+        self._stages = stages
         self._passes = EarlierPasses(track, config, parts)
         self._verifier = ClosureVerifier(matcher, track, config)
         self._is_forbidden = is_forbidden
+
+    def extend(self) -> None:
+        """Take in the key scans that the track has gained since."""
+        self._passes.extend()
 
     @property
     def searchable(self) -> NDArray[np.bool_]:
@@ -74,6 +83,9 @@ class LoopCloser:
             One candidate per pass, the key pose whose view lies nearest; after much drift, when the nearest need not be
             the right one, one for each piece of every pass.
         """
+        if self._stages.candidates is not None:
+            own = self._stages.candidates(key_new, self._keys[: key_new + 1], poses)
+            return checked_candidates(own, key_new)
         return self._passes.within_drift(key_new, poses, drift)
 
     def neighbours(self, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> list[Candidate]:
@@ -113,7 +125,7 @@ class LoopCloser:
         """
         if self._is_forbidden is not None and self._is_forbidden(candidate.key_old, candidate.key_new):
             return forbidden_attempt(candidate.key_old, candidate.key_new)
-        return self._verifier.match(candidate, poses)
+        return self._verified(self._verifier.match(candidate, poses), poses)
 
     def match_anywhere(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> Attempt:
         """Match two key scans whose places look alike, whatever the poses say: metres off, any heading.
@@ -127,4 +139,10 @@ class LoopCloser:
         """
         if self._is_forbidden is not None and self._is_forbidden(key_old, key_new):
             return forbidden_attempt(key_old, key_new)
-        return self._verifier.match_anywhere(key_old, key_new, poses)
+        return self._verified(self._verifier.match_anywhere(key_old, key_new, poses), poses)
+
+    def _verified(self, attempt: Attempt, poses: NDArray[np.float64]) -> Attempt:
+        """With the caller's verdict, where there is one."""
+        if self._stages.verification is None or attempt.match is None:
+            return attempt
+        return self._stages.verification(attempt, self._keys[: attempt.key_new + 1], poses)

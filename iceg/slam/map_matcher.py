@@ -1,22 +1,43 @@
-"""What the pipeline asks of a matcher beyond matching, when it wants maps that grow and places that can be doubted."""
+"""What the pipeline asks of a matcher: maps that grow, scans followed quickly, places that can be doubted."""
 
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matcher import TrackingMatcher
+from frontends.matcher import Matcher
 from frontends.scan import Scan, ScanGeometry
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
+from iceg.ice.local_map import LocalMap
+from iceg.ice.matcher import IceMatcher
 from iceg.ice.points import ScanPoints
 from iceg.ice.tracking import Followed, Limits, Standing
 from iceg.ice.verification import Agreement
 
 
 @runtime_checkable
-class MapMatcher(TrackingMatcher, Protocol):
-    """A matcher whose references can be extended, and whose matches can be questioned; `IceMatcher` is one."""
+class MapMatcher(Matcher, Protocol):
+    """`IceMatcher` is one; `completed` makes one of any matcher."""
+
+    @property
+    def judge(self) -> IceMatcher:
+        """Who says whether scans belong where the matches put them."""
+        ...
+
+    def judged(self, reference: Any) -> LocalMap:  # noqa: ANN401
+        """What the judge compares with, of a reference."""
+        ...
+
+    def track(
+        self,
+        reference: Any,  # noqa: ANN401
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> NDArray[np.float64] | NoMatch:
+        """As `match`, but only the (3,) pose, for the scans between two key scans."""
+        ...
 
     def extend(self, reference: Any, scan: Scan, T_ref_scan: NDArray[np.float64]) -> None:  # noqa: ANN401
         """Add one more scan to a reference, at the (3,) pose given."""
@@ -45,11 +66,6 @@ class MapMatcher(TrackingMatcher, Protocol):
         """Distinct (3,) poses around the guess that fit, the best first: with several the place is ambiguous."""
         ...
 
-
-@runtime_checkable
-class FollowingMatcher(MapMatcher, Protocol):
-    """A matcher that follows many scans at once, a tenth of the time where nothing is in doubt."""
-
     def follow(
         self,
         reference: Any,  # noqa: ANN401
@@ -60,7 +76,7 @@ class FollowingMatcher(MapMatcher, Protocol):
         odometry: OdometryModel,
         limits: Limits,
     ) -> Followed:
-        """As `track` for scan after scan, see `iceg.ice.tracking.follow_scans`."""
+        """As `track` for scan after scan, perhaps for none; see `iceg.ice.tracking.follow_scans`."""
         ...
 
     def keep(self, scan: Scan, points: ScanPoints) -> None:

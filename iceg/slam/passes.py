@@ -1,8 +1,8 @@
 """The passes over a log: what one tells of gyro, sweep and mount serves the next."""
 
-from frontends.matcher import Matcher
 from frontends.scan import Log
 from iceg.config import Config
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.gyro import learn_gyro
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
@@ -14,7 +14,7 @@ from iceg.slam.tracking.log_tracking import track_calibrating
 
 
 def track_with_gyro(
-    log: Log, matcher: Matcher, config: Config, progress: ProgressCallback | None
+    log: Log, matcher: MapMatcher, config: Config, progress: ProgressCallback | None
 ) -> tuple[Followed, HeadingOdometry | None]:
     """Track a log; once more where the matches tell what its gyro is worth.
 
@@ -35,7 +35,7 @@ def track_with_gyro(
 
 def track_with_sweep(
     followed: Followed,
-    matcher: Matcher,
+    matcher: MapMatcher,
     config: Config,
     progress: ProgressCallback | None,
     heading: HeadingOdometry | None,
@@ -59,7 +59,7 @@ def track_with_sweep(
 
 def _follow(
     log: Log,
-    matcher: Matcher,
+    matcher: MapMatcher,
     config: Config,
     progress: ProgressCallback | None,
     heading: HeadingOdometry | None,

@@ -9,15 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.laser_noise import LaserNoise
-from frontends.matcher import Matcher
 from frontends.scan import Log
 from graph.batch import marginal_covariances
 from graph.pose_graph import PoseGraph
 from graph.se2 import compose
 from iceg.config import Config
 from iceg.ice._point_kernels import RangeNoise
-from iceg.ice.features import extract_features
-from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import beyond_allowed
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
@@ -38,12 +35,14 @@ from iceg.slam.finish import Finished, Round, refined
 from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.joint_covariance import JointCovariance
 from iceg.slam.manual_closures import ManualClosure
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened
 from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import ProgressCallback
 from iceg.slam.run_summary import LaserSummary, RunSummary
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.stage_clock import StageClock
+from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.summary import run_warnings, summarise
 from iceg.slam.track import Track
 
@@ -167,7 +166,7 @@ def run(
     config: Config | None = None,
     progress: ProgressCallback | None = None,
     *,
-    matcher: Matcher | None = None,
+    stages: Stages | None = None,
     closures: Sequence[ManualClosure] = (),
     corrections: Corrections | None = None,
 ) -> SlamResult:
@@ -177,7 +176,7 @@ def run(
         log: the log.
         config: settings; the defaults when left out.
         progress: called as the front end proceeds.
-        matcher: any scan matcher; the one that the settings name when left out.
+        stages: those that are replaced by functions of one's own.
         closures: loops closed by hand, besides those of the corrections.
         corrections: what a person corrects, scans counted as in `log`.
 
@@ -185,13 +184,14 @@ def run(
         Everything that was found.
 
     Raises:
-        IcegError: a correction that does not fit the log.
+        IcegError: a correction that does not fit the log, or a stage that returns what is of no use.
     """
+    stages = stages or IN_HOUSE
     asked = (corrections or Corrections()).with_closures(closures)
     kept = asked.check(len(log))
     clock = StageClock()
-    findings, matcher = find(kept.of(log), kept, config or Config(), asked.counted_in(kept), matcher, progress, clock)
-    return _conclude(findings, asked, matcher, clock)
+    findings, matcher = find(kept.of(log), kept, config or Config(), asked.counted_in(kept), stages, progress, clock)
+    return conclude(findings, asked, matcher, clock, stages)
 
 
 def resolve(findings: Findings, corrections: Corrections | None = None) -> SlamResult:
@@ -208,24 +208,38 @@ def resolve(findings: Findings, corrections: Corrections | None = None) -> SlamR
         The same as a run.
 
     Raises:
-        IcegError: a correction that does not fit the log, or the run was made with a matcher that no settings name.
+        IcegError: a correction that does not fit the log, or the run was made with a stage of the caller's own.
     """
     if findings.is_own_matcher:
         raise CorrectionsError(
-            "the run was made with a matcher of the caller's own, expected one that the settings name: run again"
+            "the run was made with a stage of the caller's own, such as a matcher, expected those of iceg: run again"
         )
     asked = corrections or Corrections()
     kept = asked.check(findings.kept.recorded, findings.kept)
     left = findings if kept == findings.kept else cut_findings(findings, kept, asked.cut.where)
-    return replace(_conclude(left, asked, None, StageClock()), findings=findings)
+    return replace(conclude(left, asked, None, StageClock()), findings=findings)
 
 
-def _conclude(findings: Findings, corrections: Corrections, matcher: Matcher | None, clock: StageClock) -> SlamResult:
-    """Correct, refine and render what was found."""
+def conclude(
+    findings: Findings,
+    corrections: Corrections,
+    matcher: MapMatcher | None,
+    clock: StageClock,
+    stages: Stages = IN_HOUSE,
+) -> SlamResult:
+    """Correct, refine and render what was found.
+
+    Args:
+        findings: of tracking and loop closing.
+        corrections: all of them, scans counted as recorded.
+        matcher: that found them; None for the one that the settings name.
+        clock: notes what the stages take.
+        stages: grid of the caller's own.
+    """
     log, track, given = findings.log, findings.track, findings.config
     noise = beyond_allowed(findings.laser)
     config = widened(given, sqrt(noise.typical))
-    matcher = matcher or matcher_of(config, noise, on_open_ground=findings.is_open_ground)
+    matcher = matcher or matcher_of(config, noise, stages, on_open_ground=findings.is_open_ground)
     own = corrections.counted_in(findings.kept)
     with clock.stage("finish"):
         corrected = corrected_by(findings.solution, own, track, matcher, config)
@@ -235,9 +249,9 @@ def _conclude(findings: Findings, corrections: Corrections, matcher: Matcher | N
         joint = _joint_covariance(finished, solution)
     trajectory = track.trajectory(solution.poses)
     with clock.stage("feature_map"):
-        landmarks = _landmarks(track, solution.poses, matcher, config)
+        landmarks = landmarks_of(track, solution.poses, matcher, config)
     with clock.stage("grid"):
-        grid, doubt = render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)
+        grid, doubt = grid_of(log, trajectory, config, stages)
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
     worst = least_known(key_scans, joint.marginals)
     warnings = corrected.warnings + run_warnings(track, solution, finished.rounds, worst, doubt, findings.gyro)
@@ -278,7 +292,7 @@ def _finish(
     rounds: Sequence[Round],
     track: Track,
     log: Log,
-    matcher: Matcher,
+    matcher: MapMatcher,
     config: Config,
     noise: RangeNoise,
 ) -> tuple[Solution, Finished]:
@@ -325,13 +339,20 @@ def _joint_covariance(finished: Finished, solution: Solution) -> JointCovariance
     return JointCovariance(poses=solution.poses, marginals=known, information=finished.information, factors=factors)
 
 
-def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, config: Config) -> Landmarks:
-    if isinstance(matcher, IceMatcher):
-        features = (matcher.observe(key.scan).features.unpack() for key in track.keys)
-    else:
-        features = (extract_features(key.scan, config.ice.features, config.ice.segments) for key in track.keys)
+def landmarks_of(track: Track, key_poses: NDArray[np.float64], matcher: MapMatcher, config: Config) -> Landmarks:
+    """The feature map of a track whose key poses are (k, 3)."""
+    features = (matcher.judge.observe(key.scan).features.unpack() for key in track.keys)
     feature_map = build_feature_map(key_poses, features, (key.scan for key in track.keys), config.feature_map)
     return feature_map.record()
+
+
+def grid_of(
+    log: Log, trajectory: NDArray[np.float64], config: Config, stages: Stages
+) -> tuple[OccupancyGrid, str | None]:
+    """The occupancy grid along a trajectory, (n, 3), and what is doubtful about it."""
+    if stages.grid is not None:
+        return stages.grid(trajectory, log.ranges, log.geometry, config.grid), None
+    return render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)
 
 
 def _described(laser: LaserNoise | None) -> LaserSummary | None:

@@ -96,8 +96,9 @@ class PipelineMethod:
     def run(self, log: Log) -> Estimate:
         """Run the pipeline."""
         from iceg.slam.pipeline import run
+        from iceg.slam.stages import Stages
 
-        result = run(log, self.config, matcher=self.matcher)
+        result = run(log, self.config, stages=Stages(matcher=self.matcher))
         return Estimate(
             trajectory=result.trajectory,
             key_poses=KeyPoses(scans=result.key_scans, poses=result.key_poses, covariances=result.covariances),

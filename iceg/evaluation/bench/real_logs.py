@@ -10,9 +10,9 @@ import numpy as np
 from iceg.evaluation.bench.logs import BenchLog, find_logs
 from iceg.evaluation.bench.tables import Row, write_csv
 
-Part = Literal["runs", "recall", "consistency", "ablation", "solvers", "growth"]
+Part = Literal["runs", "recall", "consistency", "ablation", "solvers", "growth", "mapper"]
 PARTS: tuple[Part, ...] = ("runs", "recall", "consistency", "ablation", "solvers")
-"""What is made unless parts are named: growth takes many minutes."""
+"""What is made unless parts are named: growth and mapper take many minutes."""
 _SEEDS = range(5)
 _THE_SAME = 1e-3
 """Translations that differ by less are one [m]."""
@@ -112,6 +112,12 @@ def _growth(_logs: list[BenchLog], output: Path) -> Iterator[tuple[str, list[Row
     yield "growth", growth_rows(runs)
 
 
+def _mapper(logs: list[BenchLog], _output: Path) -> Iterator[tuple[str, list[Row]]]:
+    from iceg.evaluation.bench.mapper import mapper_rows
+
+    yield "mapper", list(mapper_rows(logs))
+
+
 _TABLES: dict[Part, Callable[[list[BenchLog], Path], Iterator[tuple[str, list[Row]]]]] = {
     "runs": _runs,
     "recall": _recall,
@@ -119,4 +125,5 @@ _TABLES: dict[Part, Callable[[list[BenchLog], Path], Iterator[tuple[str, list[Ro
     "ablation": _ablation,
     "solvers": _solvers,
     "growth": _growth,
+    "mapper": _mapper,
 }

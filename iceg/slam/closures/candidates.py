@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.elementary import cos_sin
+from graph.growing_rows import GrowingRows
 from graph.se2 import between
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
@@ -64,12 +65,30 @@ class EarlierPasses:
             config: how far passes are looked for, and how many are tried.
             parts: key poses at which a part of the path begins that nothing ties to what was before.
         """
-        n_keys = len(track.keys)
         self._config = config
-        self._part = np.searchsorted(np.sort(np.asarray(parts, dtype=np.int64)), np.arange(n_keys), side="right")
-        self._path = np.cumsum([key.motion.distance for key in track.keys])
-        self.searchable = np.ones(n_keys, dtype=np.bool_)
+        self._keys = track.keys
+        self._parts = np.sort(np.asarray(parts, dtype=np.int64))
+        self._part: GrowingRows[np.int64] = GrowingRows((), np.int64)
+        self._path: GrowingRows[np.float64] = GrowingRows((), np.float64)
+        self._searchable: GrowingRows[np.bool_] = GrowingRows((), np.bool_)
+        self.extend()
+
+    def extend(self) -> None:
+        """Offer the key scans, too, that the track has gained since."""
+        for index in range(len(self._path), len(self._keys)):
+            before = self._path.rows[-1] if index else 0.0
+            self._path.append(before + self._keys[index].motion.distance)
+            self._part.append(np.searchsorted(self._parts, index, side="right"))
+            self._searchable.append(True)
+
+    @property
+    def searchable(self) -> NDArray[np.bool_]:
         """(n_keys,) which key scans later ones are matched against: not those that only confirm a known place."""
+        return self._searchable.rows
+
+    @searchable.setter
+    def searchable(self, searchable: NDArray[np.bool_]) -> None:
+        self._searchable.rows[:] = searchable
 
     def within_drift(self, key_new: int, poses: NDArray[np.float64], drift: Drift) -> list[Candidate]:
         """Those that the drift since the last closure leaves possible, nearest first.
@@ -122,8 +141,9 @@ class EarlierPasses:
 
     def _nearest(self, key_new: int, poses: NDArray[np.float64], reach: float, piece: int) -> list[tuple[float, int]]:
         """Distance of the views and key pose of each piece of an earlier pass within reach, nearest first."""
-        n_old = int(np.searchsorted(self._path, self._path[key_new] - self._config.min_path))
-        may_see = self.searchable[:n_old] & (self._part[:n_old] == self._part[key_new])
+        path, part = self._path.rows, self._part.rows
+        n_old = int(np.searchsorted(path, path[key_new] - self._config.min_path))
+        may_see = self.searchable[:n_old] & (part[:n_old] == part[key_new])
         # No view is nearer than its robot, less twice the distance of a view.
         offsets = poses[:n_old, :2] - poses[key_new, :2]
         may_see &= (offsets * offsets).sum(axis=1) < (reach + 2.0 * self._config.view_distance) ** 2

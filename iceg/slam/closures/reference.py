@@ -1,15 +1,15 @@
 """Local maps of earlier passes, which later scans are matched against and judged by."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher
 from graph.se2 import between
 from iceg.ice.local_map import LocalMap
-from iceg.ice.matcher import IceMatcher
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.track import Track
 
 _KEPT = 6
@@ -36,31 +36,29 @@ class Reference:
 class References:
     """Builds references; keeps the last few, since consecutive searches look at the same passes."""
 
-    def __init__(self, matcher: Matcher, judge: IceMatcher, track: Track, half: int) -> None:
+    def __init__(self, matcher: MapMatcher, track: Track, half: int) -> None:
         """Start with none.
 
         Args:
             matcher: matches against them.
-            judge: judges the matches; may be the same.
             track: key scans.
             half: how many key scans on either side of a key pose its reference holds.
         """
         self._matcher = matcher
-        self._judge = judge
         self._keys = track.keys
         self._half = half
-        lost = set(track.lost)
-        self._stretch = np.cumsum([key.index in lost for key in track.keys])
+        self._lost = track.lost
         self._kept: dict[int, Reference] = {}
 
     def is_one_pass(self, key: int, other: int) -> bool:
         """Whether the robot was never lost between two key poses, so that the track says how they lie."""
-        return bool(self._stretch[key] == self._stretch[other])
+        one, another = self._stretches([key, other]).tolist()
+        return bool(one == another)
 
     def around(self, base: int, poses: NDArray[np.float64]) -> Reference:
         """Local map of the key scans of one stretch around `base`, in its frame, placed as (n, 3) poses say."""
         members = np.arange(max(0, base - self._half), min(len(poses), base + self._half + 1))
-        members = members[self._stretch[members] == self._stretch[base]]
+        members = members[self._stretches(members) == self._stretches([base])]
         placed = between(poses[base], poses[members])
         kept = self._kept.get(base)
         if kept is not None and len(kept.placed) == len(placed) and np.abs(kept.placed - placed).max() < _STILL:
@@ -70,9 +68,12 @@ class References:
         self._kept[base] = self._built(base, members, placed)
         return self._kept[base]
 
+    def _stretches(self, members: Iterable[int]) -> NDArray[np.int64]:
+        """How often the robot was lost until each of these key poses."""
+        return np.searchsorted(self._lost, [self._keys[member].index for member in members], side="right")
+
     def _built(self, base: int, members: NDArray[np.int64], placed: NDArray[np.float64]) -> Reference:
         nearest_last = np.argsort(-np.abs(members - base), kind="stable")
         scans, poses_ref = [self._keys[members[k]].scan for k in nearest_last], placed[nearest_last]
         matched = self._matcher.prepare(scans, poses_ref)
-        judged = matched if self._judge is self._matcher else self._judge.prepare(scans, poses_ref)
-        return Reference(matched=matched, judged=judged, placed=placed)
+        return Reference(matched=matched, judged=self._matcher.judged(matched), placed=placed)

@@ -11,10 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher
 from graph.measurement import NoMatch
 from graph.se2 import between, compose
-from iceg.ice.matcher import IceMatcher
 from iceg.ice.verification import Agreement, JoinedScans
 from iceg.slam.closures.attempt import Attempt, Place
 from iceg.slam.closures.candidates import TRUSTED_DEVIATIONS, Candidate, is_adrift
@@ -52,23 +50,22 @@ class _Neighbours:
 class ClosureVerifier:
     """Matches key scans against earlier passes and says which matches are believed."""
 
-    def __init__(self, matcher: Matcher, track: Track, config: LoopClosureConfig) -> None:
+    def __init__(self, matcher: MapMatcher, track: Track, config: LoopClosureConfig) -> None:
         """Start with nothing matched.
 
         Args:
-            matcher: ICE or any other, whose matches ICE then judges.
+            matcher: ICE or any other, completed.
             track: key scans.
             config: what is believed.
         """
         self._matcher = matcher
         self._track = track
         self._keys = track.keys
-        self._T_track_keys = np.array([key.T_track_robot for key in track.keys])
         self._config = config
-        self.judge = matcher if isinstance(matcher, IceMatcher) else IceMatcher()
+        self.judge = matcher.judge
         """The matcher that verifies."""
         self._neighbours: dict[int, _Neighbours | None] = {}
-        self.references = References(matcher, self.judge, track, config.reference_half)
+        self.references = References(matcher, track, config.reference_half)
 
     def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
         """Match a candidate close to the estimate; if nothing fits there, and the drift allows more, widely.
@@ -81,8 +78,8 @@ class ClosureVerifier:
             poses: (n, 3) T_map_robot, good between neighbours.
         """
         reference = self.references.around(candidate.key_old, poses)
-        if is_adrift(candidate) and (wide := self._match_wide(reference, candidate)) is not None:
-            return self._nearest(reference, candidate, wide)
+        if is_adrift(candidate):
+            return self._nearest(reference, candidate, self._match_wide(reference, candidate))
         near = np.minimum(candidate.deviations, TRUSTED_DEVIATIONS)
         is_near = candidate.deviations[0] <= TRUSTED_DEVIATIONS[0]
         if is_near and (elsewhere := self._looks_elsewhere(reference, candidate)) is not None:
@@ -91,7 +88,7 @@ class ClosureVerifier:
         if is_near or attempt.accepted:
             return attempt
         wide = self._match_wide(reference, candidate)
-        return attempt if wide is None or wide.match is None else wide
+        return attempt if wide.match is None else wide
 
     def _nearest(self, reference: Reference, candidate: Candidate, wide: Attempt) -> Attempt:
         """What a wide search found; where that is several places, the one close to the estimate, if it is one."""
@@ -106,7 +103,7 @@ class ClosureVerifier:
     def match_anywhere(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> Attempt:
         """Match two key scans metres off and at any heading; neighbours lie to each other as (n, 3) poses say."""
         here = Candidate(key_old=key_old, key_new=key_new, T_old_new=np.zeros(3), deviations=_ANYWHERE_DEVIATIONS)
-        return self._match_wide(self.references.around(key_old, poses), here) or _nothing_at(here)
+        return self._match_wide(self.references.around(key_old, poses), here)
 
     def _looks_elsewhere(self, reference: Reference, candidate: Candidate) -> Attempt | None:
         """Where the pose is known, a scan that hardly falls on the earlier pass there need not be matched."""
@@ -146,13 +143,8 @@ class ClosureVerifier:
             overlap=support.overlap,
         )
 
-    def _match_wide(self, reference: Reference, candidate: Candidate) -> Attempt | None:
-        """Match in the whole window; what fits in several places is not believed in any.
-
-        None by a matcher that cannot say what else fits.
-        """
-        if not isinstance(self._matcher, MapMatcher):
-            return None
+    def _match_wide(self, reference: Reference, candidate: Candidate) -> Attempt:
+        """Match in the whole window; what fits in several places is not believed in any."""
         scan = self._keys[candidate.key_new].scan
         found = self._matcher.alternatives(
             reference.matched, scan, candidate.T_old_new, np.diag(candidate.deviations**2)
@@ -210,7 +202,8 @@ class ClosureVerifier:
         asked = [key for key in asked if 0 <= key < len(self._keys) and self.references.is_one_pass(key, key_new)]
         found = None
         if asked:
-            T_new_scans = between(self._keys[key_new].T_track_robot, self._T_track_keys[asked])
+            T_track_asked = np.array([self._keys[key].T_track_robot for key in asked])
+            T_new_scans = between(self._keys[key_new].T_track_robot, T_track_asked)
             found = _Neighbours(scans=self.judge.join([self._keys[key].scan for key in asked]), T_new_scans=T_new_scans)
         if len(self._neighbours) >= _REMEMBERED:
             del self._neighbours[next(iter(self._neighbours))]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher, TrackingMatcher
+from frontends.matcher import Matcher
 from frontends.scan import Scan, ScanGeometry
 from graph import dense
 from graph.measurement import NoMatch, RelativePose
@@ -17,7 +17,7 @@ from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose, expmap, inverse, logmap
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.config import FrontEndConfig
-from iceg.slam.map_matcher import FollowingMatcher, MapMatcher
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan
 from iceg.slam.tracking.odometry_check import (
@@ -81,24 +81,21 @@ class FrontEnd:
 
     def __init__(
         self,
-        matcher: Matcher,
+        matcher: MapMatcher,
         odometry: OdometryModel | None,
         config: FrontEndConfig,
         heading: HeadingOdometry | None = None,
     ) -> None:
         """Start with no scan yet; `odometry` is None for a log without, whose turns `heading` may tell."""
         self._matcher = matcher
-        self._map_matcher = matcher if isinstance(matcher, MapMatcher) else None
-        self._follower = matcher if isinstance(matcher, FollowingMatcher) else None
-        self._track = _tracking_by_match(matcher)
-        if isinstance(matcher, TrackingMatcher) and (heading is None or heading.unforeseen < _POLISHED):
-            self._track = matcher.track
+        is_foreseen = heading is None or heading.unforeseen < _POLISHED
+        self._track = matcher.track if is_foreseen else _tracking_by_match(matcher)
         self._has_odometry = odometry is not None
         self._unknown = _UNKNOWN_ODOMETRY if heading is None else heading.step_noise(_UNKNOWN_ODOMETRY)
         self._odometry = odometry or self._unknown
         self._config = config
         self._limits = _limits(config)
-        self._check = OdometryCheck(self._map_matcher, self._limits.apart, self._limits.twisted)
+        self._check = OdometryCheck(matcher, self._limits.apart, self._limits.twisted)
         self._tracking_covariance = _tracking_covariance(config)
         self.keys: list[KeyScan] = []
         self._reference: Any = None
@@ -106,8 +103,8 @@ class FrontEnd:
         self._trial: Any = None
         self._trial_keys: list[int] = []
         self._on_trial = False
-        self._is_blind = False
-        self._motion = self._odometry.start()
+        self.is_blind = False
+        self.motion = self._odometry.start()
         self._knows_motion = self._has_odometry
         self._adrift = 0
         self._T_track_robot = np.zeros(3)
@@ -144,7 +141,7 @@ class FrontEnd:
         Returns:
             (3,) its pose in the front end's own frame. The scan is tied to the newest of `keys`, which may be itself.
         """
-        self._is_blind = is_blind(scan)
+        self.is_blind = is_blind(scan)
         if not self.keys:
             self._start(index, scan)
             return self._T_track_robot
@@ -155,7 +152,7 @@ class FrontEnd:
         if step is None:
             step, noise = self._constant_velocity(turn), self._unknown
             self._forget_motion()
-        self._motion = noise.extend(self._motion, step)
+        self.motion = noise.extend(self.motion, step)
         self._follow(scan, compose(before, step))
         if self._is_key():
             self._add_key(index, scan)
@@ -175,19 +172,19 @@ class FrontEnd:
         Returns:
             (m, 3) the poses of those tracked; the next one, the first perhaps, gives reason for doubt and is for `add`.
         """
-        if self._follower is None or not self.keys or not len(steps):
+        if not self.keys or not len(steps):
             return np.empty((0, 3))
-        standing = Standing(T_ref_robot=self._T_track_robot, T_ref_key=self.keys[-1].T_track_robot, motion=self._motion)
-        found = self._follower.follow(self._reference, ranges, steps, geometry, standing, self._odometry, self._limits)
+        standing = Standing(T_ref_robot=self._T_track_robot, T_ref_key=self.keys[-1].T_track_robot, motion=self.motion)
+        found = self._matcher.follow(self._reference, ranges, steps, geometry, standing, self._odometry, self._limits)
         poses = found.T_ref_robots
         if not len(poses):
             return poses
         before = poses[-2] if len(poses) > 1 else self._T_track_robot
-        self._is_blind, self._on_trial, self._motion = False, False, found.motion
+        self.is_blind, self._on_trial, self.motion = False, False, found.motion
         self._T_track_robot, self._newest_step = poses[-1].copy(), (before, poses[-1].copy())
         if found.points is not None:
             scan = Scan(ranges=ranges[len(poses) - 1], geometry=geometry)
-            self._follower.keep(scan, found.points)
+            self._matcher.keep(scan, found.points)
             self._add_key(index + len(poses) - 1, scan)
             poses[-1] = self._T_track_robot
         return poses
@@ -216,26 +213,24 @@ class FrontEnd:
         self, scan: Scan, step: NDArray[np.float64], guess: NDArray[np.float64]
     ) -> NDArray[np.float64] | NoMatch:
         """Pose of a scan if the robot made a step that leads to `guess`."""
-        return self._find(self._reference, scan, guess, self._expected(self._odometry.extend(self._motion, step)))
+        return self._find(self._reference, scan, guess, self._expected(self._odometry.extend(self.motion, step)))
 
     def _expected(self, motion: OdometryMotion | None = None) -> Expectation:
         """Where odometry puts the robot, or would if it had moved so since the newest key scan."""
         return Expectation(
-            T_track_key=self.keys[-1].T_track_robot, motion=motion or self._motion, is_known=self._knows_motion
+            T_track_key=self.keys[-1].T_track_robot, motion=motion or self.motion, is_known=self._knows_motion
         )
 
     def _explains(self, scan: Scan, found: NDArray[np.float64]) -> bool:
         """Whether scan and reference agree both ways at a pose, though much may be new."""
-        if self._map_matcher is None:
-            return False
-        support = self._map_matcher.agreement(self._reference, scan, found)
+        support = self._matcher.agreement(self._reference, scan, found)
         return support.overlap >= _KNOWN and min(support.fit, support.view) >= _AGREED
 
     def _evidence(self, scan: Scan, found: NDArray[np.float64] | NoMatch) -> float:
         """How much of a scan the reference explains at a pose."""
         if isinstance(found, NoMatch):
             return -1.0
-        return 0.0 if self._map_matcher is None else self._map_matcher.agreement(self._reference, scan, found).evidence
+        return self._matcher.agreement(self._reference, scan, found).evidence
 
     def _forget_motion(self) -> None:
         """From here on the odometry since the last key scan says nothing about where the robot is."""
@@ -243,13 +238,13 @@ class FrontEnd:
             return
         self._knows_motion = False
         T_key_robot = between(self.keys[-1].T_track_robot, self._T_track_robot)
-        unknown = _UNKNOWN_ODOMETRY.start().covariance + self._motion.covariance
-        self._motion = replace(self._motion, T_key_robot=T_key_robot, covariance=unknown)
+        unknown = _UNKNOWN_ODOMETRY.start().covariance + self.motion.covariance
+        self.motion = replace(self.motion, T_key_robot=T_key_robot, covariance=unknown)
 
     def _start(self, index: int, scan: Scan) -> None:
         first = NoMatch(reason="first scan")
         self.keys.append(
-            KeyScan(index=index, scan=scan, motion=self._motion, match=first, anchor=0, T_track_robot=np.zeros(3))
+            KeyScan(index=index, scan=scan, motion=self.motion, match=first, anchor=0, T_track_robot=np.zeros(3))
         )
         self._in_reference = [0]
         self._reference = self._prepared([0])
@@ -282,17 +277,16 @@ class FrontEnd:
         After a scan that matched nothing, a glimpse of what was known before may look alike elsewhere. Where it is
         true, the key scans on trial were misplaced, and moved along with this one they lie on what was known, too.
         """
-        if isinstance(on_trial, NoMatch) or self._map_matcher is None or self._is_off(on_trial):
+        if isinstance(on_trial, NoMatch) or self._is_off(on_trial):
             return False
-        known = self._map_matcher.agreement(self._reference, scan, found).evidence
-        if known >= LEAST_SHARE * self._map_matcher.agreement(self._trial, scan, on_trial).evidence:
+        known = self._matcher.agreement(self._reference, scan, found).evidence
+        if known >= LEAST_SHARE * self._matcher.agreement(self._trial, scan, on_trial).evidence:
             return False
         moved = compose(found, inverse(on_trial))
         keys = [self.keys[key] for key in self._trial_keys]
         places = [compose(moved, key.T_track_robot) for key in keys]
         along = [
-            self._map_matcher.agreement(self._reference, key.scan, T).evidence
-            for key, T in zip(keys, places, strict=True)
+            self._matcher.agreement(self._reference, key.scan, T).evidence for key, T in zip(keys, places, strict=True)
         ]
         return sum(along) < _ALONG * known
 
@@ -304,7 +298,7 @@ class FrontEnd:
         expected: Expectation,
     ) -> NDArray[np.float64] | NoMatch:
         """Pose of a scan against one reference, in the track frame."""
-        if self._is_blind:
+        if self.is_blind:
             return COVERED
         found = self._track(reference, scan, guess, expected.motion.covariance)
         if isinstance(found, NoMatch):
@@ -316,10 +310,10 @@ class FrontEnd:
 
     def _match(self, scan: Scan) -> RelativePose | NoMatch:
         """Match with covariance from the tracked pose, expressed in the track frame."""
-        if self._is_blind:
+        if self.is_blind:
             return COVERED
         reference = self._trial if self._on_trial else self._reference
-        match = self._matcher.match(reference, scan, self._T_track_robot, self._motion.covariance)
+        match = self._matcher.match(reference, scan, self._T_track_robot, self.motion.covariance)
         if isinstance(match, NoMatch):
             return match
         instead = self._check.judge(
@@ -345,7 +339,7 @@ class FrontEnd:
         """
         if not self._knows_motion:
             return match.T_ref_cur
-        odometry = self._motion.covariance
+        odometry = self.motion.covariance
         # The sum of the ratios bounds the largest: most matches need no more.
         if summed_ratios(match.covariance, odometry) <= _ODOMETRY_SPEAKS:
             return match.T_ref_cur
@@ -354,7 +348,7 @@ class FrontEnd:
         share = np.where(ratios > _ODOMETRY_SPEAKS, ratios / (1.0 + ratios), 0.0)
         if not share.any():
             return match.T_ref_cur
-        offset = between(match.T_ref_cur, compose(T_track_key, self._motion.T_key_robot))
+        offset = between(match.T_ref_cur, compose(T_track_key, self.motion.T_key_robot))
         if squared_norm(offset, odometry + match.covariance) >= _REFUTED:
             return match.T_ref_cur
         directions = dense.matmul(whiten.T, axes)
@@ -370,7 +364,7 @@ class FrontEnd:
         match = self._match(scan)
         anchor = self._anchor()
         if match is SEES_TOO_LITTLE or match is FEW_SEE:
-            self._T_track_robot = compose(self.keys[-1].T_track_robot, self._motion.T_key_robot)
+            self._T_track_robot = compose(self.keys[-1].T_track_robot, self.motion.T_key_robot)
         if not isinstance(match, NoMatch):
             T_track_match = match.T_ref_cur
             self._T_track_robot = self._fuse(match, self.keys[-1].T_track_robot)
@@ -379,7 +373,7 @@ class FrontEnd:
             KeyScan(
                 index=index,
                 scan=scan,
-                motion=self._motion,
+                motion=self.motion,
                 match=match,
                 anchor=anchor,
                 T_track_robot=self._T_track_robot,
@@ -387,7 +381,7 @@ class FrontEnd:
         )
         if self._adrift >= _ADRIFT_AFTER:
             self.adrift.append(index)
-        self._motion, self._knows_motion, self._adrift = self._odometry.start(), self._has_odometry, 0
+        self.motion, self._knows_motion, self._adrift = self._odometry.start(), self._has_odometry, 0
         # A scan of few returns lies where odometry has it, and not on new ground.
         self._extend_reference(isinstance(match, NoMatch) and match is not FEW_SEE)
 
@@ -398,7 +392,7 @@ class FrontEnd:
         carried away. A scan that sees next to nothing does not tell.
         """
         newest, is_new = len(self.keys) - 1, is_unmatched or self._on_trial
-        if self._is_blind or (is_new and sees_next_to_nothing(self.keys[-1].scan)):
+        if self.is_blind or (is_new and sees_next_to_nothing(self.keys[-1].scan)):
             return
         if is_new:
             self._trial_keys.append(newest)
@@ -410,11 +404,11 @@ class FrontEnd:
             return
         self._trial, self._trial_keys = None, []
         self._in_reference.append(newest)
-        if self._map_matcher is None or newest % self._config.key_scans.rebuild == 0:
+        if newest % self._config.key_scans.rebuild == 0:
             self._in_reference = self._in_reference[-self._config.key_scans.window :]
             self._reference = self._prepared(self._in_reference)
         else:
-            self._map_matcher.extend(self._reference, self.keys[-1].scan, self.keys[-1].T_track_robot)
+            self._matcher.extend(self._reference, self.keys[-1].scan, self.keys[-1].T_track_robot)
 
     def _prepared(self, members: list[int]) -> Any:  # noqa: ANN401
         keys = [self.keys[member] for member in members]

@@ -6,11 +6,11 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher
 from frontends.scan import Log
 from graph.odometry import OdometryModel
 from graph.se2 import between
 from iceg.slam.config import FrontEndConfig
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.recording.standstill import dead_intervals
@@ -26,7 +26,7 @@ _MOST_TOGETHER = 256
 
 def track_log(
     log: Log,
-    matcher: Matcher,
+    matcher: MapMatcher,
     noise: OdometryModel,
     config: FrontEndConfig,
     progress: Callable[[int, int], None] | None = None,
@@ -52,7 +52,7 @@ def track_log(
 
 def track_calibrating(
     log: Log,
-    matcher: Matcher,
+    matcher: MapMatcher,
     noise: OdometryModel,
     config: FrontEndConfig,
     progress: Callable[[int, int], None] | None = None,
@@ -103,7 +103,7 @@ class _Journey:
     def __init__(
         self,
         log: Log,
-        matcher: Matcher,
+        matcher: MapMatcher,
         noise: OdometryModel,
         config: FrontEndConfig,
         progress: Callable[[int, int], None] | None,

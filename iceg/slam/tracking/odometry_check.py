@@ -60,15 +60,15 @@ class Expectation:
 class OdometryCheck:
     """Judges matched poses by what odometry expects, and by what else explains the scan."""
 
-    def __init__(self, map_matcher: MapMatcher | None, apart: float, twisted: float) -> None:
+    def __init__(self, matcher: MapMatcher, apart: float, twisted: float) -> None:
         """Take what is asked and what counts as one optimum.
 
         Args:
-            map_matcher: says what a pose explains; None where the matcher cannot.
+            matcher: says what a pose explains.
             apart: poses no farther apart than this [m] …
             twisted: … and this [rad] do not contradict each other.
         """
-        self._map_matcher = map_matcher
+        self._matcher = matcher
         self._apart, self._twisted = apart, twisted
 
     def judge(
@@ -135,16 +135,16 @@ class OdometryCheck:
         What moves, and what looks alike a little farther on, draws a match along where walls do not hold it.
         """
         pose = expected.T_track_robot
-        if self._map_matcher is None or self._are_one_optimum(found, pose):
+        if self._are_one_optimum(found, pose):
             return None
         distance2 = squared_norm(between(found, pose), expected.motion.covariance + covariance)
         if distance2 < CONTRADICTED:
             return None
-        nearer = self._map_matcher.held(reference, scan, pose)
+        nearer = self._matcher.held(reference, scan, pose)
         if isinstance(nearer, NoMatch) or self._are_one_optimum(found, nearer.T_ref_cur):
             return None
         share = max(LEAST_SHARE, 1.0 - distance2 * _SHARE_PER_DISTANCE2)
-        free, near = (self._map_matcher.agreement(reference, scan, T).evidence for T in (found, nearer.T_ref_cur))
+        free, near = (self._matcher.agreement(reference, scan, T).evidence for T in (found, nearer.T_ref_cur))
         return nearer if near >= share * free else None
 
     def _are_one_optimum(self, T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> bool:
@@ -165,9 +165,9 @@ class OdometryCheck:
             return True
         (xx, _, _), (_, yy, _), (_, _, hh) = expected.motion.covariance.tolist()
         is_near = distance < max(JUMP_DISTANCE, _JUMP_SIGMAS * math.sqrt(max(xx, yy)))
-        if (is_near and turn < max(JUMP_TURN, _JUMP_SIGMAS * math.sqrt(hh))) or self._map_matcher is None:
+        if is_near and turn < max(JUMP_TURN, _JUMP_SIGMAS * math.sqrt(hh)):
             return True
-        support = self._map_matcher.agreement(reference, scan, found)
+        support = self._matcher.agreement(reference, scan, found)
         return support.fit >= _JUMP_FIT and support.view >= _JUMP_VIEW
 
 

@@ -1,0 +1,141 @@
+"""Any matcher in the pipeline: what it does not do itself is made of its matches, and judged by ICE."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.matcher import Matcher
+from frontends.scan import Scan, ScanGeometry
+from graph.measurement import NoMatch, RelativePose
+from graph.odometry import OdometryModel
+from iceg.ice.local_map import LocalMap
+from iceg.ice.matcher import IceMatcher
+from iceg.ice.points import ScanPoints
+from iceg.ice.tracking import Followed, Limits, Standing
+from iceg.ice.verification import Agreement
+from iceg.slam.map_matcher import MapMatcher
+
+_HELD = np.diag([0.05, 0.05, 0.02]) ** 2
+"""Covariance of a guess that a match must not leave far [m², m², rad²]."""
+
+
+@dataclass(slots=True, kw_only=True)
+class JudgedReference:
+    """A reference of any matcher, and the same scans for the judge.
+
+    Attributes:
+        scans: oldest first.
+        T_ref_scans: their poses, (3,) each.
+        matched: what the matcher made of them.
+        local_map: what the judge did.
+    """
+
+    scans: list[Scan]
+    T_ref_scans: list[NDArray[np.float64]]
+    matched: Any
+    local_map: LocalMap
+
+
+class CompletedMatcher:
+    """A matcher of two methods with all that `MapMatcher` asks: to be overridden by what is quicker or better.
+
+    Scans are tracked by full matches; a reference is extended by preparing it again; ICE says how well a scan agrees,
+    and where else it fits.
+    """
+
+    def __init__(self, matcher: Matcher, judge: IceMatcher | None = None) -> None:
+        """Complete a matcher; ICE with its defaults judges unless another is given."""
+        self._matcher = matcher
+        self._judge = judge or IceMatcher()
+
+    @property
+    def judge(self) -> IceMatcher:
+        """See `MapMatcher`."""
+        return self._judge
+
+    def judged(self, reference: JudgedReference) -> LocalMap:
+        """See `MapMatcher`."""
+        return reference.local_map
+
+    def prepare(self, scans: list[Scan], T_ref_scans: NDArray[np.float64]) -> JudgedReference:
+        """The matcher's reference, and the judge's."""
+        return JudgedReference(
+            scans=list(scans),
+            T_ref_scans=list(T_ref_scans),
+            matched=self._matcher.prepare(scans, T_ref_scans),
+            local_map=self._judge.prepare(scans, T_ref_scans),
+        )
+
+    def match(
+        self,
+        reference: JudgedReference,
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> RelativePose | NoMatch:
+        """The matcher's own."""
+        return self._matcher.match(reference.matched, scan, T_ref_guess, covariance_guess)
+
+    def track(
+        self,
+        reference: JudgedReference,
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> NDArray[np.float64] | NoMatch:
+        """Where it matches."""
+        match = self.match(reference, scan, T_ref_guess, covariance_guess)
+        return match if isinstance(match, NoMatch) else match.T_ref_cur
+
+    def extend(self, reference: JudgedReference, scan: Scan, T_ref_scan: NDArray[np.float64]) -> None:
+        """All scans prepared again with one more."""
+        reference.scans.append(scan)
+        reference.T_ref_scans.append(T_ref_scan)
+        reference.matched = self._matcher.prepare(list(reference.scans), np.array(reference.T_ref_scans))
+        self._judge.extend(reference.local_map, scan, T_ref_scan)
+
+    def agreement(self, reference: JudgedReference, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
+        """What the judge says."""
+        return self._judge.agreement(reference.local_map, scan, T_ref_cur)
+
+    def held(self, reference: JudgedReference, scan: Scan, T_ref_guess: NDArray[np.float64]) -> RelativePose | NoMatch:
+        """The match from a guess that is known to centimetres."""
+        return self.match(reference, scan, T_ref_guess, _HELD)
+
+    def alternatives(
+        self,
+        reference: JudgedReference,
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> list[NDArray[np.float64]]:
+        """Where the judge finds that it fits."""
+        return self._judge.alternatives(reference.local_map, scan, T_ref_guess, covariance_guess)
+
+    def follow(
+        self,
+        reference: JudgedReference,  # noqa: ARG002
+        ranges: NDArray[np.float32],  # noqa: ARG002
+        steps: NDArray[np.float64],  # noqa: ARG002
+        geometry: ScanGeometry,  # noqa: ARG002
+        standing: Standing,
+        odometry: OdometryModel,  # noqa: ARG002
+        limits: Limits,  # noqa: ARG002
+    ) -> Followed:
+        """None: each scan is tracked by itself."""
+        return Followed(T_ref_robots=np.empty((0, 3)), motion=standing.motion, points=None)
+
+    def keep(self, scan: Scan, points: ScanPoints) -> None:
+        """What `follow` made, which is nothing."""
+
+
+def completed(matcher: Matcher, judge: IceMatcher | None = None) -> MapMatcher:
+    """Any matcher as the pipeline wants it; one that does all of it already stays.
+
+    Args:
+        matcher: ICE or any other.
+        judge: of the matches of another; ICE with its defaults when left out.
+    """
+    return matcher if isinstance(matcher, MapMatcher) else CompletedMatcher(matcher, judge)

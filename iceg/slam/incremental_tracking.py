@@ -1,0 +1,117 @@
+"""The front end over a log that still grows: what it learns of the odometry, it learns from what there is."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.growing_log import GrowingLog
+from frontends.scan import Scan
+from graph.growing_rows import GrowingRows
+from graph.odometry import OdometryMotion
+from graph.se2 import between
+from iceg.config import Config
+from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
+from iceg.slam.recording.steps import sudden_steps
+from iceg.slam.track import Track
+from iceg.slam.tracking.front_end import FrontEnd
+
+_RECENT = 256
+"""Scans whose steps tell whether the newest one stands out, and around which late odometry is interpolated."""
+
+
+class IncrementalTracking:
+    """Tracks a robot scan by scan, as `iceg.slam.tracking.log_tracking` does with a whole log.
+
+    After the first part, as long as the settings say, the odometry is calibrated; what was tracked before stays.
+    """
+
+    def __init__(self, log: GrowingLog, matcher: MapMatcher, config: Config) -> None:
+        """Start at the first scan of the log.
+
+        Args:
+            log: grows; holds the first scan.
+            matcher: ICE or any other.
+            config: widened for the noise of the laser.
+        """
+        self._log = log
+        self._config = config
+        self.calibration = OdometryCalibration(noise=config.odometry, lasting_noise=config.odometry)
+        self._is_first_part = log.has_odometry and config.front_end.calibrate_odometry
+        self._path = self._turn = 0.0
+        self.front_end = FrontEnd(matcher, config.odometry if log.has_odometry else None, config.front_end)
+        self._steps: GrowingRows[np.float64] = GrowingRows((3,), np.float64)
+        self._key_of_scan: GrowingRows[np.int64] = GrowingRows((), np.int64)
+        self._T_track_scan: GrowingRows[np.float64] = GrowingRows((3,), np.float64)
+
+    def __len__(self) -> int:
+        """Number of scans tracked."""
+        return len(self._key_of_scan)
+
+    def advance(self) -> None:
+        """Track the next scan of the log, which is there."""
+        index, front_end, log = len(self._key_of_scan), self.front_end, self._log
+        step, is_sudden = self._step(index)
+        self._steps.append(step)
+        together = slice(index, index + (log.has_odometry and index > 0 and not is_sudden))
+        found = front_end.follow(index, log.ranges[together], self._steps.rows[together], log.geometry)
+        if len(found):
+            pose = found[-1]
+        else:
+            scan = Scan(ranges=log.ranges[index].copy(), geometry=log.geometry)
+            odometry = step if log.has_odometry and index else None
+            pose = front_end.add(index, scan, odometry, is_sudden=is_sudden)
+        self._key_of_scan.append(len(front_end.keys) - 1)
+        self._T_track_scan.append(pose)
+        if self._is_first_part and self._is_enough(index):
+            self._calibrate()
+
+    def motion_to(self, key: int) -> OdometryMotion | None:
+        """Calibrated odometry from the key scan before to this one, None where it does not know the way."""
+        first, last = (self.front_end.keys[k].index for k in (key - 1, key))
+        if not self._log.has_odometry or any(first < scan <= last for scan in self.front_end.breaks[-_RECENT:]):
+            return None
+        noise = self.calibration.lasting_noise
+        return noise.extend(noise.start(), self._steps.rows[first + 1 : last + 1])
+
+    @property
+    def T_key_robot(self) -> NDArray[np.float64]:
+        """(3,) where the robot is, seen from the newest key scan."""
+        return between(self.front_end.keys[-1].T_track_robot, self._T_track_scan.rows[-1])
+
+    def track(self) -> Track:
+        """The track so far."""
+        front_end, key_of_scan = self.front_end, self._key_of_scan.rows.copy()
+        T_track_keys = np.array([key.T_track_robot for key in front_end.keys])
+        return Track(
+            keys=list(front_end.keys),
+            key_of_scan=key_of_scan,
+            T_key_scan=between(T_track_keys[key_of_scan], self._T_track_scan.rows),
+            failures=front_end.failures,
+            lost=list(front_end.lost),
+            breaks=list(front_end.breaks),
+            adrift=list(front_end.adrift),
+        )
+
+    def _step(self, index: int) -> tuple[NDArray[np.float64], bool]:
+        """(3,) calibrated odometry since the scan before, zero without, and whether it stands out."""
+        if not (self._log.has_odometry and index):
+            return np.zeros(3), False
+        recent = slice(max(0, index - _RECENT), index + 1)
+        odometry = self._log.odometry[recent]
+        is_sudden = bool(sudden_steps(odometry, self._log.stamps[recent])[-1])
+        if not self._is_first_part:
+            odometry = self.calibration.apply(odometry)
+        return between(odometry[-2], odometry[-1]), is_sudden
+
+    def _is_enough(self, index: int) -> bool:
+        """Whether the robot has driven and turned enough to tell what its odometry does wrong."""
+        front_end, (x, y, turn) = self._config.front_end, self._steps.rows[-1]
+        self._path += float(np.hypot(x, y))
+        self._turn += abs(float(turn))
+        has_driven = self._path > front_end.calibration_path and self._turn > front_end.calibration_turn
+        return has_driven or index + 1 >= front_end.calibration_scans
+
+    def _calibrate(self) -> None:
+        self._is_first_part = False
+        self.calibration = calibrate_odometry(self.track(), self._log.odometry)
+        self.front_end.trust(self.calibration.noise)
