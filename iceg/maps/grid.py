@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import ScanGeometry
-from graph.atomic import write_atomically
+from graph.atomic import replacing, write_atomically
 from graph.elementary import cos_sin, exp
 from iceg.maps import _grid_kernels as kernels
 from iceg.maps.config import GridConfig, GridError, GridSizeError
@@ -182,7 +182,8 @@ def write_ros_map(grid: OccupancyGrid, directory: Path, stem: str = "map") -> tu
         Paths of the image and of its description.
     """
     pgm, yaml = directory / f"{stem}.pgm", directory / f"{stem}.yaml"
-    write_atomically(pgm, _pgm(grid))
+    with replacing(pgm) as stream:
+        stream.write(_pgm(grid))
     description = (
         f"image: {pgm.name}\n"
         "mode: trinary\n"

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import sqrt
 from typing import TYPE_CHECKING
 
@@ -14,11 +15,13 @@ from frontends.scan import Log
 from graph.batch import marginal_covariances
 from graph.pose_graph import PoseGraph
 from graph.se2 import compose
+from iceg.beside import InThread
 from iceg.config import Config
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.features import extract_features
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import beyond_allowed
+from iceg.maps.config import GridConfig
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.result_tables import RunTables, TableName
@@ -234,10 +237,10 @@ def _conclude(findings: Findings, corrections: Corrections, matcher: Matcher | N
         solution = _in_frame(own.frame, solution, track, config)
         joint = _joint_covariance(finished, solution)
     trajectory = track.trajectory(solution.poses)
+    drawing = InThread(partial(_grid, trajectory, log, config.grid, clock))
     with clock.stage("feature_map"):
         landmarks = _landmarks(track, solution.poses, matcher, config)
-    with clock.stage("grid"):
-        grid, doubt = render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)
+    grid, doubt = drawing.result()
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
     worst = least_known(key_scans, joint.marginals)
     warnings = corrected.warnings + run_warnings(track, solution, finished.rounds, worst, doubt, findings.gyro)
@@ -332,6 +335,13 @@ def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, c
         features = (extract_features(key.scan, config.ice.features, config.ice.segments) for key in track.keys)
     feature_map = build_feature_map(key_poses, features, (key.scan for key in track.keys), config.feature_map)
     return feature_map.record()
+
+
+def _grid(
+    trajectory: NDArray[np.float64], log: Log, config: GridConfig, clock: StageClock
+) -> tuple[OccupancyGrid, str | None]:
+    with clock.stage("grid"):
+        return render_grid_that_fits(trajectory, log.ranges, log.geometry, config)
 
 
 def _described(laser: LaserNoise | None) -> LaserSummary | None:
