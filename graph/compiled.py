@@ -11,6 +11,8 @@ from numba import njit
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 _kept = njit(cache=True, error_model="numpy")
 _for_this_process = njit(error_model="numpy")
+_kept_aside = njit(cache=True, error_model="numpy", nogil=True)
+_for_this_process_aside = njit(error_model="numpy", nogil=True)
 
 
 def compiled(function: _Function) -> _Function:
@@ -20,11 +22,20 @@ def compiled(function: _Function) -> _Function:
     caches, or where `NUMBA_CACHE_DIR` says. Division by zero gives infinity or NaN, as in NumPy: Python's check of
     every divisor would cost a tenth of the time to compile.
     """
+    return _decorated(function, _kept, _for_this_process)
+
+
+def compiled_aside(function: _Function) -> _Function:
+    """The same for a long loop that a thread runs while others go on: it leaves the interpreter to them."""
+    return _decorated(function, _kept_aside, _for_this_process_aside)
+
+
+def _decorated(function: _Function, kept: Callable[..., Any], for_this_process: Callable[..., Any]) -> _Function:
     try:
-        return cast("_Function", _kept(function))
+        return cast("_Function", kept(function))
     except RuntimeError:
         _warn()
-        return cast("_Function", _for_this_process(function))
+        return cast("_Function", for_this_process(function))
 
 
 @cache

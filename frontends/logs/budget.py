@@ -21,14 +21,14 @@ class Budget:
     scans: int = 0
     readings: int = 0
 
-    def take(self, n_beams: int) -> None:
-        """Take in one more scan.
+    def take(self, n_beams: int, scans: int = 1) -> None:
+        """Take in more scans of so many beams each, one unless told otherwise.
 
         Raises:
             LogError: there are more of them, or more readings, than allowed.
         """
-        self.scans += 1
-        self.readings += n_beams
+        self.scans += scans
+        self.readings += scans * n_beams
         if self.scans > LIMITS.scans or self.readings > LIMITS.readings:
             name = "scans" if self.scans > LIMITS.scans else "readings"
             raise LogError(f"{self.path}: found more {name}, expected {at_most(name)}")

@@ -2,18 +2,24 @@
 
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import cache
+from math import inf
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.logs._sweep_kernels import Plain, Rows, scan_sweeps
 from frontends.logs.beams import Setup
 from frontends.logs.budget import Budget
 from frontends.logs.carmen_messages import FORMATS, parse_laser, parse_odometry, parse_parameter
 from frontends.logs.errors import MalformedLineError
 from frontends.logs.line_loop import LineTroubles, read_lines
-from frontends.logs.text import Line
+from frontends.logs.text import Block, Line
+from graph.limits import LIMITS
 
+_MOST_TYPE = 7.0
+"""A greater type of a laser might be the number of readings that an old RAWLASER message begins with."""
 _NAMES = {name.encode(): name for name in (*FORMATS, "ODOM", "PARAM", "SYNC")}
 
 
@@ -77,7 +83,10 @@ def collect(path: Path, names: tuple[str, ...], *, skip_bad_lines: bool) -> Reco
             _record_parameter(records, line)
         records.counts[name] += 1
 
-    read_lines(path, read, records.troubles, skip_bad_lines=skip_bad_lines)
+    def read_many(block: Block, start: int) -> tuple[int, int]:
+        return _record_many(records, block, start, best, ranks, budget)
+
+    read_lines(path, read, records.troubles, skip_bad_lines=skip_bad_lines, read_many=read_many)
     return records
 
 
@@ -112,8 +121,69 @@ def _record_laser(records: Records, line: Line, name: str, budget: Budget) -> No
     records.setups.append(Setup(len(message.ranges), message.beams))
 
 
+def _record_many(
+    records: Records, block: Block, start: int, best: int, ranks: dict[str, int], budget: Budget
+) -> tuple[int, int]:
+    """Take in messages like the last one, for as long as they are plain, and count those between that are not used.
+
+    Returns:
+        How many lines that were, and where the first one begins that is neither.
+    """
+    layout = FORMATS.get(records.name)
+    if layout is None or (layout.described and records.setups[-1].description is None):
+        return 0, start
+    setup = records.setups[-1]
+    names = [records.name, *(name for name in _NAMES.values() if _is_only_counted(name, records, best, ranks))]
+    rows = _room(len(block.text) - start, setup.n_beams)
+    counts = np.zeros(len(names), dtype=np.int64)
+    plain = Plain(
+        described=layout.described,
+        n_poses=6 + layout.trailing if layout.posed else 0,
+        description=np.array(setup.description or (0.0,) * 4),
+        most=LIMITS.coordinate,
+        most_heading=LIMITS.heading,
+        most_stamp=LIMITS.stamp,
+        most_type=inf if layout.posed else _MOST_TYPE,
+    )
+    position = scan_sweeps(block.bytes, start, *_packed(tuple(names)), plain, rows, counts)
+    n = int(counts[0])
+    budget.take(setup.n_beams, n)
+    records.ranges += list(rows.readings[:n].copy())
+    records.poses += map(tuple, rows.poses[:n].tolist()) if layout.posed else [()] * n
+    records.stamps += map(tuple, rows.stamps[:n].tolist())
+    records.setups += [setup] * n
+    records.counts.update({name: count for name, count in zip(names, counts.tolist(), strict=True) if count})
+    return int(counts.sum()), position
+
+
+def _is_only_counted(name: str, records: Records, best: int, ranks: dict[str, int]) -> bool:
+    """Whether nothing is read of a message because a better one tells the same."""
+    if name == "PARAM" or ranks.get(name, best + 1) <= best:
+        return False
+    return name != "ODOM" or _has_poses(records)
+
+
+def _room(n_bytes: int, n_beams: int) -> Rows:
+    """For all messages that so many bytes can hold: a number takes two of them at least."""
+    n = n_bytes // (2 * n_beams + 8) + 1
+    return Rows(readings=np.empty((n, n_beams), dtype=np.float32), poses=np.empty((n, 6)), stamps=np.empty((n, 2)))
+
+
+@cache
+def _packed(names: tuple[str, ...]) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+    """Names as the rows of an array of bytes, and their lengths."""
+    lengths = np.array([len(name) for name in names], dtype=np.int64)
+    rows = b"".join(name.encode().ljust(int(lengths.max())) for name in names)
+    return np.frombuffer(rows, dtype=np.uint8).reshape(len(names), -1), lengths
+
+
+def _has_poses(records: Records) -> bool:
+    """Whether the messages that are used tell the odometry themselves."""
+    return bool(records.name) and not records.name.startswith("RAWLASER")
+
+
 def _record_odometry(records: Records, line: Line) -> None:
-    if records.name and not records.name.startswith("RAWLASER"):
+    if _has_poses(records):
         return
     records.odometry.append(parse_odometry(line))
     records.scans_before_odometry.append(len(records.ranges))

@@ -47,8 +47,27 @@ class Line(NamedTuple):
         return self.block[self.start : self.stop]
 
 
+class Block(NamedTuple):
+    """Whole lines of a text.
+
+    Attributes:
+        text: the lines.
+        bytes: the same as a (n,) uint8 array.
+        terminated: False for what follows the last newline, which may have been cut off.
+    """
+
+    text: bytes
+    bytes: NDArray[np.uint8]
+    terminated: bool
+
+    def line(self, number: int, start: int) -> Line:
+        """The line that begins at `start`, counted from 1 in the whole text."""
+        stop = self.text.find(b"\n", start)
+        return Line(number, self.text, self.bytes, start, len(self.text) if stop < 0 else stop, self.terminated)
+
+
 class TextLog:
-    """The lines of a text log, read block by block.
+    """A text log, read block by block.
 
     Attributes:
         path: the file.
@@ -59,25 +78,14 @@ class TextLog:
         self.path = path
         self.cut_off = False
 
-    def lines(self) -> Iterator[Line]:
-        """Every line in file order.
+    def blocks(self) -> Iterator[Block]:
+        """All lines in file order, many at once.
 
         Raises:
             LogError: the file is missing, unreadable or too large, or its compressed content is damaged.
         """
-        number = 0
-        for block, terminated in self._whole_lines():
-            if number > LIMITS.lines:
-                raise LogError(f"{self.path}: found more than {LIMITS.lines} lines, expected {at_most('lines')}")
-            bytes_of_block = np.frombuffer(block, dtype=np.uint8)
-            start, end = 0, len(block)
-            while start < end:
-                number += 1
-                stop = block.find(b"\n", start)
-                if stop < 0:
-                    stop = end
-                yield Line(number, block, bytes_of_block, start, stop, terminated)
-                start = stop + 1
+        for text, terminated in self._whole_lines():
+            yield Block(text, np.frombuffer(text, dtype=np.uint8), terminated)
 
     def head(self, size: int = 1 << 16) -> bytes:
         """Up to `size` bytes of the uncompressed beginning, to tell the format by."""

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import ZERO, compiled
+from graph.compiled import ZERO, compiled, compiled_aside
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -315,7 +315,7 @@ def border_directions(bearings: F64, half_widths: F64) -> tuple[F64, F64]:
     return cos, sin
 
 
-@compiled
+@compiled_aside
 def render(
     log_odds: F32,
     origin_x: float,

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph._assign_kernels import assign
-from graph.compiled import ZERO, compiled
+from graph.compiled import ZERO, compiled, compiled_aside
 from iceg.maps._association_kernels import associate, observation_noise, pair_directions, rotated, wrap
 from iceg.maps.landmark_arrays import CORNER, END_OF_WALL, Observed, Settings, Store
 
@@ -14,7 +14,7 @@ I64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
 
-@compiled
+@compiled_aside
 def observe(
     first_key: int,
     ends: I64,

@@ -1,6 +1,7 @@
 """Occupancy grid: rendered from the trajectory and the scans, written as ROS map_server reads it."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import ScanGeometry
-from graph.atomic import write_atomically
+from graph.atomic import replacing, write_atomically
 from graph.elementary import cos_sin, exp
 from iceg.maps import _grid_kernels as kernels
 from iceg.maps.config import GridConfig, GridError, GridSizeError
@@ -16,6 +17,7 @@ from iceg.maps.config import GridConfig, GridError, GridSizeError
 FREE, OCCUPIED, UNKNOWN = 0, 100, -1  # the values of a ROS OccupancyGrid message
 
 OCCUPIED_THRESHOLD, FREE_THRESHOLD = 0.65, 0.196  # map_server's defaults, written into map.yaml
+_BAND = 256  # rows
 _GREY = {FREE: 254, OCCUPIED: 0, UNKNOWN: 205}  # map_server reads 1 - grey/255 against the two thresholds
 
 
@@ -51,7 +53,7 @@ class OccupancyGrid:
 
     def occupancy(self) -> NDArray[np.float32]:
         """(n_rows, n_cols) probability of each cell being occupied; 0.5 where nothing is known."""
-        return (1.0 / (1.0 + exp(-self.log_odds))).astype(np.float32)
+        return occupancy_of(self.log_odds)
 
     def classes(self) -> NDArray[np.int8]:
         """(n_rows, n_cols) of FREE (0), OCCUPIED (100) and UNKNOWN (-1), the values of a ROS OccupancyGrid."""
@@ -179,15 +181,9 @@ def write_ros_map(grid: OccupancyGrid, directory: Path, stem: str = "map") -> tu
     Returns:
         Paths of the image and of its description.
     """
-    rows, cols = grid.shape
-    classes = grid.classes()
-    image = np.full((rows, cols), _GREY[UNKNOWN], dtype=np.uint8)
-    for value, grey in _GREY.items():
-        image[classes == value] = grey
     pgm, yaml = directory / f"{stem}.pgm", directory / f"{stem}.yaml"
-    header = f"P5\n# resolution {grid.resolution:.6g} m, lower left corner in map.yaml\n{cols} {rows}\n255\n"
-    # An image's first row is its top, the grid's first row its bottom.
-    write_atomically(pgm, header.encode("ascii") + image[::-1].tobytes())
+    with replacing(pgm) as stream:
+        stream.write(_pgm(grid))
     description = (
         f"image: {pgm.name}\n"
         "mode: trinary\n"
@@ -199,6 +195,34 @@ def write_ros_map(grid: OccupancyGrid, directory: Path, stem: str = "map") -> tu
     )
     write_atomically(yaml, description.encode("ascii"))
     return pgm, yaml
+
+
+def occupancy_of(log_odds: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(...) probability of being occupied."""
+    return (1.0 / (1.0 + exp(-log_odds))).astype(np.float32)
+
+
+def bands(n_rows: int) -> Iterator[slice]:
+    """The rows of a grid, few enough at a time that what is made of them takes little memory beside the grid."""
+    for start in range(0, n_rows, _BAND):
+        yield slice(start, min(start + _BAND, n_rows))
+
+
+def _pgm(grid: OccupancyGrid) -> bytearray:
+    """The grid as an image of 8 bits."""
+    rows, cols = grid.shape
+    header = f"P5\n# resolution {grid.resolution:.6g} m, lower left corner in map.yaml\n{cols} {rows}\n255\n"
+    content = bytearray(len(header) + rows * cols)
+    content[: len(header)] = header.encode("ascii")
+    # An image's first row is its top, the grid's first row its bottom.
+    image = np.frombuffer(content, dtype=np.uint8, offset=len(header)).reshape(rows, cols)[::-1]
+    free, occupied = _log_odds(grid.free_below), _log_odds(grid.occupied_above)
+    for band in bands(rows):
+        log_odds = grid.log_odds[band]
+        image[band] = _GREY[UNKNOWN]
+        image[band][log_odds < free] = _GREY[FREE]
+        image[band][log_odds > occupied] = _GREY[OCCUPIED]
+    return content
 
 
 def _log_odds(probability: float) -> float:

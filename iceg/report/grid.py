@@ -47,8 +47,12 @@ def _coarser(log_odds: NDArray[np.float32], factor: int) -> NDArray[np.float32]:
     if factor == 1:
         return log_odds
     rows, columns = (-(-size // factor) for size in log_odds.shape)
-    padded = np.zeros((rows * factor, columns * factor), dtype=np.float32)
-    padded[: log_odds.shape[0], : log_odds.shape[1]] = log_odds
-    cells = padded.reshape(rows, factor, columns, factor)
-    most, least = cells.max(axis=(1, 3)), cells.min(axis=(1, 3))
-    return np.asarray(np.where(most > 0.0, most, least), dtype=np.float32)
+    coarse = np.empty((rows, columns), dtype=np.float32)
+    for row, band in enumerate(coarse):
+        fine = np.zeros((factor, columns * factor), dtype=np.float32)
+        part = log_odds[row * factor : (row + 1) * factor]
+        fine[: len(part), : part.shape[1]] = part
+        cells = fine.reshape(factor, columns, factor)
+        most, least = cells.max(axis=(0, 2)), cells.min(axis=(0, 2))
+        band[:] = np.where(most > 0.0, most, least)
+    return coarse

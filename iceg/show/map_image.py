@@ -11,6 +11,7 @@ from PIL import ImageColor
 
 from graph.elementary import cos_sin
 from graph.limits import check_limit
+from iceg.maps.grid import bands, occupancy_of
 from iceg.show.canvas import Box, Canvas, MapCanvas
 
 if TYPE_CHECKING:
@@ -209,9 +210,13 @@ def _shades_in(grid: "OccupancyGrid", box: Box) -> NDArray[np.uint8]:
     n_rows, n_cols = grid.shape
     rows = slice(max(first_row, 0), max(min(end_row, n_rows), 0))
     cols = slice(max(first_col, 0), max(min(end_col, n_cols), 0))
-    inside = _shades(grid.occupancy()[rows, cols])
-    row, col = rows.start - first_row, cols.start - first_col
-    shades[row : row + inside.shape[0], col : col + inside.shape[1]] = inside
+    col = cols.start - first_col
+    for band in bands(rows.stop - rows.start):
+        log_odds = grid.log_odds[rows.start + band.start : rows.start + band.stop, cols]
+        known = log_odds != 0.0
+        row = rows.start - first_row + band.start
+        inside = shades[row : row + len(log_odds), col : col + log_odds.shape[1]]
+        inside[known] = _shades(occupancy_of(log_odds[known]))
     return shades
 
 

@@ -26,6 +26,12 @@ _INTERVAL_ON_TERMINAL_S, _INTERVAL_IN_FILE_S = 0.1, 5.0
 tqdm.set_lock(RLock())  # its own is for bars of several processes, and loads all of multiprocessing
 
 
+class _Bar(tqdm):  # type: ignore[type-arg]
+    """A bar without the thread that watches over bars: a process that has threads must not be copied."""
+
+    monitor_interval = 0
+
+
 class ProgressBar:
     """A bar on stderr for each stage: scans, time left, real-time factor, share of accepted matches. A context manager.
 
@@ -66,7 +72,7 @@ class ProgressBar:
         self._bar.update(progress.scans - self._bar.n)
 
     def _new_bar(self) -> "tqdm[NoReturn]":
-        return tqdm(
+        return _Bar(
             total=len(self._log),
             desc=f"{self._log.path.name}, {self._latest.stage}",
             bar_format=_BAR_AT_FIRST,
@@ -100,7 +106,7 @@ def reading_bar(path: Path) -> Iterator[Callable[[int, int], None]]:
         What to call with how many messages are read, and how many there are.
     """
     interval = _INTERVAL_ON_TERMINAL_S if sys.stderr.isatty() else _INTERVAL_IN_FILE_S
-    with tqdm(
+    with _Bar(
         desc=f"{path.name}, reading", bar_format=_READING, delay=_SHORT_READ_S, mininterval=interval, file=sys.stderr
     ) as bar:
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from math import sqrt
 from typing import TYPE_CHECKING
 
@@ -13,6 +14,7 @@ from frontends.scan import Log
 from graph.batch import marginal_covariances
 from graph.pose_graph import PoseGraph
 from graph.se2 import compose
+from iceg.beside import InThread
 from iceg.config import Config
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.noise import beyond_allowed
@@ -248,10 +250,10 @@ def conclude(
         solution = _in_frame(own.frame, solution, track, config)
         joint = _joint_covariance(finished, solution)
     trajectory = track.trajectory(solution.poses)
+    drawing = InThread(partial(_timed_grid, log, trajectory, config, stages, clock))
     with clock.stage("feature_map"):
         landmarks = landmarks_of(track, solution.poses, matcher, config)
-    with clock.stage("grid"):
-        grid, doubt = grid_of(log, trajectory, config, stages)
+    grid, doubt = drawing.result()
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
     worst = least_known(key_scans, joint.marginals)
     warnings = corrected.warnings + run_warnings(track, solution, finished.rounds, worst, doubt, findings.gyro)
@@ -344,6 +346,13 @@ def landmarks_of(track: Track, key_poses: NDArray[np.float64], matcher: MapMatch
     features = (matcher.judge.observe(key.scan).features.unpack() for key in track.keys)
     feature_map = build_feature_map(key_poses, features, (key.scan for key in track.keys), config.feature_map)
     return feature_map.record()
+
+
+def _timed_grid(
+    log: Log, trajectory: NDArray[np.float64], config: Config, stages: Stages, clock: StageClock
+) -> tuple[OccupancyGrid, str | None]:
+    with clock.stage("grid"):
+        return grid_of(log, trajectory, config, stages)
 
 
 def grid_of(
