@@ -1,5 +1,7 @@
 """The front end over a log that still grows: what it learns of the odometry, it learns from what there is."""
 
+from bisect import bisect_right
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -68,7 +70,8 @@ class IncrementalTracking:
     def motion_to(self, key: int) -> OdometryMotion | None:
         """Calibrated odometry from the key scan before to this one, None where it does not know the way."""
         first, last = (self.front_end.keys[k].index for k in (key - 1, key))
-        if not self._log.has_odometry or any(first < scan <= last for scan in self.front_end.breaks[-_RECENT:]):
+        breaks = self.front_end.breaks
+        if not self._log.has_odometry or bisect_right(breaks, first) < bisect_right(breaks, last):
             return None
         noise = self.calibration.lasting_noise
         return noise.extend(noise.start(), self._steps.rows[first + 1 : last + 1])
