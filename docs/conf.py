@@ -1,11 +1,16 @@
 """How Sphinx builds the pages: `make docs`."""
 
+import os
+import shutil
 import sys
 from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).parent / "_extensions"))
-
 import iceg
+
+HERE = Path(__file__).parent
+sys.path.insert(0, str(HERE / "_extensions"))
+shutil.rmtree(HERE / "notebooks", ignore_errors=True)
+shutil.copytree(HERE.parent / "notebooks", HERE / "notebooks")  # pages have to be files below the sources
 
 project = "iceg"
 version = release = iceg.__version__
@@ -21,7 +26,7 @@ html_css_files = ["math.css"]
 highlight_language = "none"
 
 extensions = [
-    "myst_parser",
+    "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.napoleon",
     "api_signatures",
@@ -29,7 +34,15 @@ extensions = [
     "outside_links",
     "settings_tables",
 ]
-exclude_patterns = ["_build", "_extensions"]
+exclude_patterns = ["_build", "_extensions", "**/.ipynb_checkpoints"]
+
+os.environ.pop("ICEG_DATA", None)  # the notebooks' pages show the embedded log: all public ones take minutes
+nb_execution_mode = "cache"  # again only when the code of a notebook has changed
+nb_execution_cache_path = str(Path(sys.prefix) / "docs-notebooks")
+nb_execution_excludepatterns = ["notebooks/paper_experiments.ipynb"]
+nb_execution_raise_on_error = True
+nb_execution_timeout = 600
+nb_output_stderr = "remove"
 
 myst_enable_extensions = ["dollarmath"]
 myst_heading_anchors = 3

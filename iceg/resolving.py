@@ -20,6 +20,8 @@ def findings_of(directory: Path | str) -> "Findings":
         IcegError: the folder is none of a run's, or its file of findings cannot be read.
     """
     directory = Path(directory)
+    if not directory.is_dir():
+        raise ResultsError(f"{directory}: is no folder, expected one that a run has written")
     if not (directory / FINDINGS).exists():
         raise ResultsError(
             f"{directory}: holds no {FINDINGS}, expected a folder that 'iceg run' of this version has written"

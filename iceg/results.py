@@ -199,8 +199,11 @@ def whole_results(directory: Path) -> Iterator[None]:
         directory: of the results; checked only if it is a folder that holds a summary.
 
     Raises:
-        ResultsError: a file is not what the run wrote that wrote `summary.json`, or the results were replaced.
+        ResultsError: a file is not what the run wrote that wrote `summary.json`, that cannot be read, or the results
+            were replaced.
     """
+    if (directory / "summary.json").exists():
+        read_summary(directory)
     before = _summary_of_whole(directory)
     yield
     if _summary_bytes(directory) != before:

@@ -1,5 +1,6 @@
 """The pages: their links lead somewhere, the commands they show exist, and the reference leaves nothing out."""
 
+import csv
 import re
 import shlex
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from docs._extensions.settings_tables import settings_tables
 from iceg.cli.parsing import parse
 from iceg.cli.settings_flags import setting_names
 from iceg.config import Config, format_config
+from iceg.evaluation.setting_scales import STAGES, scalable_settings
 
 REPOSITORY = Path(__file__).parent.parent
 PAGES = sorted((REPOSITORY / "docs").rglob("*.md"))
@@ -72,9 +74,25 @@ def test_the_reference_has_every_setting_with_its_default() -> None:
     for line in settings_tables(Config()):
         if heading := re.fullmatch(r"## `(.*)`", line):
             stage = f"{heading[1]}."
-        elif row := re.match(r"\| `(\w+)` \| (.*?) \| (.*) \|$", line):
-            shown[stage + row[1]] = (row[2], row[3])
+        elif row := re.match(r"\| `(\w+)` \| (.*?) \| (.*?) \| (.*?) \| (.*) \|$", line):
+            shown[stage + row[1]] = (row[2], row[5])
     assert set(shown) == set(setting_names(Config))
     assert all(text for _, text in shown.values())
     assert shown["front_end.key_scans.distance"][0] == "0.35 m"
     assert shown["front_end.key_scans.angle"][0] == "0.4 rad (22.9°)"
+
+
+def test_the_reference_says_what_half_and_twice_of_a_setting_do() -> None:
+    made = {"half [%]": "2.4", "half, worst log [%]": "11.6", "twice [%]": "", "twice, worst log [%]": ""}
+    lines = list(settings_tables(Config(), scales={"loops.radius": made}))
+    assert any(line.startswith("| `radius` | 3 m | +2 / +12 % | – |") for line in lines)
+
+
+def test_scaled_settings_are_those_there_are_with_their_defaults() -> None:
+    known = dict(scalable_settings(Config()))
+    with (REPOSITORY / "docs" / "reference" / "settings-scaled.csv").open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["setting"]: pytest.approx(known[row["setting"]]) for row in rows} == {
+        row["setting"]: float(row["default"]) for row in rows
+    }
+    assert {row["setting"].partition(".")[0] for row in rows} == set(STAGES)

@@ -1,4 +1,4 @@
-"""Links to the Markdown beside `docs/`, which pages of their own include here."""
+"""Links to what lies beside `docs/`: Markdown, which pages of their own include here, and notebooks, copied here."""
 
 from sphinx.application import Sphinx
 
@@ -14,3 +14,5 @@ def setup(app: Sphinx) -> dict[str, bool]:
 def _redirect(app: Sphinx, page: str, source: list[str]) -> None:  # noqa: ARG001
     for outside, here in _PAGES.items():
         source[0] = source[0].replace(f"]({outside})", f"]({here})")
+    to_docs = "../" * page.count("/")
+    source[0] = source[0].replace(f"]({to_docs}../notebooks/", f"]({to_docs}notebooks/")

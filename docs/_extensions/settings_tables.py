@@ -1,9 +1,14 @@
-"""The tables of the settings, made of the dataclasses that hold them, in place of `{settings}` on a page."""
+"""The tables of the settings, made of the dataclasses that hold them, in place of `{settings}` on a page.
 
+What half and twice of a setting do is read from the table that `iceg ablation --scales` has written beside the page.
+"""
+
+import csv
 import dataclasses
 import re
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 from sphinx.application import Sphinx
@@ -13,6 +18,8 @@ from iceg.config import Config
 from iceg.settings_file import field_documentation
 
 _PLACE = "{settings}"
+_SCALES = Path(__file__).parent.parent / "reference" / "settings-scaled.csv"
+_COLUMNS = ("half [%]", "half, worst log [%]"), ("twice [%]", "twice, worst log [%]")
 _UNIT = re.compile(r" ?\[([^\],\d][^\],]*)\]")
 
 
@@ -22,14 +29,21 @@ def setup(app: Sphinx) -> dict[str, bool]:
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
-def settings_tables(settings: Any, name: str = "", about: str = "") -> Iterator[str]:  # noqa: ANN401
+def settings_tables(
+    settings: Any,  # noqa: ANN401
+    name: str = "",
+    about: str = "",
+    scales: Mapping[str, Mapping[str, str]] | None = None,
+) -> Iterator[str]:
     """Lines of Markdown: a heading and a table for each dataclass of settings, nested ones after it.
 
     Args:
         settings: an instance, whose values are the defaults.
         name: dotted name of this branch, `` for the root.
         about: what the branch is for.
+        scales: rows of the table of scaled settings, by setting; that beside the page when left out.
     """
+    scales = _scales() if scales is None else scales
     documentation = field_documentation(type(settings))
     values = {key: getattr(settings, key) for key in documentation}
     plain = [key for key, value in values.items() if not dataclasses.is_dataclass(value)]
@@ -37,16 +51,30 @@ def settings_tables(settings: Any, name: str = "", about: str = "") -> Iterator[
         summary = (type(settings).__doc__ or "").partition("\n")[0]
         yield from (f"## `{name}`", "", _sentence(summary or about), "")
     if plain:
-        yield from ("| setting | default | |", "|---|---|---|")
+        yield from ("| setting | default | ×½ | ×2 | |", "|---|---|---|---|---|")
         hints = typing.get_type_hints(type(settings), include_extras=True)
         for key in plain:
             text, unit = _without_unit(documentation[key])
             is_angle = RADIAN in getattr(hints[key], "__metadata__", ())
-            yield f"| `{key}` | {_default(values[key], unit, is_angle=is_angle)} | {_sentence(text)} |"
+            half, twice = _changes(scales.get(f"{name}.{key}".lstrip(".")))
+            default = _default(values[key], unit, is_angle=is_angle)
+            yield f"| `{key}` | {default} | {half} | {twice} | {_sentence(text)} |"
         yield ""
     for key, value in values.items():
         if key not in plain:
-            yield from settings_tables(value, f"{name}.{key}".lstrip("."), documentation[key])
+            yield from settings_tables(value, f"{name}.{key}".lstrip("."), documentation[key], scales)
+
+
+def _scales() -> dict[str, dict[str, str]]:
+    with _SCALES.open(encoding="utf-8", newline="") as file:
+        return {row["setting"]: row for row in csv.DictReader(file)}
+
+
+def _changes(row: Mapping[str, str] | None) -> list[str]:
+    """How the error changes at half and at twice: mean and worst log, a dash where no such value may be given."""
+    if row is None:
+        return ["", ""]
+    return [f"{float(row[mean]):+.0f} / {float(row[worst]):+.0f} %" if row[mean] else "–" for mean, worst in _COLUMNS]
 
 
 def _fill_in(app: Sphinx, page: str, source: list[str]) -> None:  # noqa: ARG001

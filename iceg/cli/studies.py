@@ -16,6 +16,7 @@ from iceg.cli.telling import Telling
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from iceg.evaluation.bench.logs import BenchLog
     from iceg.evaluation.bench.outcome import Outcome
     from iceg.evaluation.regression.outcome import Outcome as RegressionOutcome
 
@@ -197,6 +198,15 @@ class Ablation:
         tyro.conf.FlagCreatePairsOff[bool],
         tyro.conf.arg(help="Instead: what each rule and gate is worth, by a regression table without (regression.md)."),
     ] = False
+    scales: Annotated[
+        tuple[str, ...] | None,
+        tyro.conf.arg(
+            metavar="[NAME ...]",
+            help="Instead: what half and twice of each number among the settings does to the error; of some or of "
+            "stages, such as loops; none named: all that decide the trajectory.",
+            help_behavior_hint="",
+        ),
+    ] = None
     off: Annotated[
         tuple[str, ...],
         tyro.conf.arg(
@@ -232,6 +242,9 @@ class Ablation:
             raise UsageError("--off, --groups, --long and --workers need --rules")
         check_directory(self.output, overwrite=True)
         logs = logs_to_judge(self.logs, None if self.logs else _public_logs(self.data, telling))
+        if self.scales is not None:
+            self._with_scaled_settings(logs, telling)
+            return
         if self.faults:
             from iceg.evaluation.robustness import write_faults
 
@@ -243,14 +256,25 @@ class Ablation:
             for name, rows in write_tables(logs, self.output):
                 telling.table(name, name.capitalize(), rows)
 
+    def _with_scaled_settings(self, logs: "list[BenchLog]", telling: Telling) -> None:
+        from iceg.evaluation.setting_scales import names_to_scale, write_scales
+        from iceg.show.progress import compile_note
+
+        if self.faults:
+            raise UsageError("found --scales and --faults, expected one of them")
+        names = names_to_scale(self.scales or ())
+        with compile_note():
+            rows = write_scales(logs, names, self.output, lambda n, of: telling.say(f"{n} of {of} settings"))
+        telling.table("settings", "", rows)
+
     def _without_rules(self, telling: Telling) -> None:
         from iceg.evaluation.regression.cells import chosen
         from iceg.evaluation.regression.rules import RULES, unknown_rules
         from iceg.evaluation.regression.study import rule_rows
         from iceg.results import check_directory
 
-        if self.logs or self.faults:
-            raise UsageError("--rules goes with neither logs nor --faults: it runs the regression table")
+        if self.logs or self.faults or self.scales is not None:
+            raise UsageError("--rules goes with no logs, --faults or --scales: it runs the regression table")
         unknown = unknown_rules(self.off)
         if unknown:
             raise UsageError(f"found --off '{unknown[0]}', expected some of {', '.join(RULES)}")

@@ -83,7 +83,7 @@ def ablation(log: BenchLog) -> Ablation:
     Raises:
         EvaluationError: nothing is known about the log.
     """
-    recorded, judge = read_log(log.path), _judge(log)
+    recorded, judge = read_log(log.path), judge_of(log)
     runs = {stage: run(recorded, config) for stage, config in _STAGES.items()}
     whole = runs["+ joint refinement"]
     trajectories = {"odometry": recorded.odometry, "calibrated odometry": calibrated_odometry(whole)}
@@ -180,7 +180,12 @@ def _errors(figures: dict[str, float]) -> Row:
     }
 
 
-def _judge(log: BenchLog) -> Judge:
+def judge_of(log: BenchLog) -> Judge:
+    """What gives the errors of a trajectory (n_scans, 3) by what is known about its log.
+
+    Raises:
+        EvaluationError: nothing is.
+    """
     known = _known(log)
     if known.name.endswith("relations.csv"):
         relations = read_relations_csv(known)
