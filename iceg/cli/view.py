@@ -20,13 +20,14 @@ class View:
         from iceg.cli.options import UsageError
         from iceg.cli.quick_start import load_numba_without_scipy
         from iceg.results import check_directory
-        from iceg.show.progress import compile_note
+        from iceg.show.progress import compile_note, prepare_kernels
 
         if not 0 <= self.port < 2**16:
             raise UsageError(f"found --port {self.port}, expected 0 to 65535")
         load_numba_without_scipy()
         check_directory(self.directory, overwrite=True)
         with compile_note():
+            prepare_kernels()
             from iceg.view.server import ViewServer
             from iceg.view.session import CORRECTIONS, Session
 

@@ -40,7 +40,7 @@ from iceg.slam.joint_covariance import JointCovariance
 from iceg.slam.manual_closures import ManualClosure
 from iceg.slam.noise_widths import widened
 from iceg.slam.path_uncertainty import least_known
-from iceg.slam.progress import ProgressCallback
+from iceg.slam.progress import ProgressCallback, StageProgress
 from iceg.slam.run_summary import LaserSummary, RunSummary
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.stage_clock import StageClock
@@ -176,7 +176,7 @@ def run(
     Args:
         log: the log.
         config: settings; the defaults when left out.
-        progress: called as the front end proceeds.
+        progress: called as scans are matched, and when a stage begins.
         matcher: any scan matcher; the one that the settings name when left out.
         closures: loops closed by hand, besides those of the corrections.
         corrections: what a person corrects, scans counted as in `log`.
@@ -189,8 +189,9 @@ def run(
     """
     asked = (corrections or Corrections()).with_closures(closures)
     kept = asked.check(len(log))
-    clock = StageClock()
-    findings, matcher = find(kept.of(log), kept, config or Config(), asked.counted_in(kept), matcher, progress, clock)
+    told = StageProgress(progress)
+    clock = StageClock(told.begin)
+    findings, matcher = find(kept.of(log), kept, config or Config(), asked.counted_in(kept), matcher, told, clock)
     return _conclude(findings, asked, matcher, clock)
 
 
