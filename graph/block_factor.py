@@ -47,7 +47,7 @@ def factorized(matrix: NDArray[np.float64], row_of: NDArray[np.int64]) -> BlockF
     pose_of = np.argsort(row_of, kind="stable")
     blocks = matrix.reshape(n, 3, n, 3).transpose(0, 2, 1, 3)[pose_of][:, pose_of]
     filled = np.triu((blocks != 0.0).any(axis=(2, 3)), 1)
-    columns, rows = np.nonzero(filled.T)
+    columns, rows = map(np.ascontiguousarray, np.nonzero(filled.T))
     column_starts = np.searchsorted(columns, np.arange(n + 1)).astype(np.int64)
     structure = sparse.factor_structure(n, column_starts, rows)
     values, roots = np.empty((len(structure[1]), 3, 3)), np.zeros((n, 3, 3))

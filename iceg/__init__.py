@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from iceg.result_tables import RunTables
     from iceg.results import write_results
     from iceg.run_folder import RunFolder, read_run_folder
+    from iceg.running import run
     from iceg.show.map_image import MapLayers
     from iceg.show.map_picture import save_map_png
     from iceg.slam.closures.attempt import Attempt
@@ -44,7 +45,7 @@ if TYPE_CHECKING:
     from iceg.slam.corrections.reading import read_corrections
     from iceg.slam.distance import Distance, Sighting
     from iceg.slam.manual_closures import ManualClosure, read_manual_closures
-    from iceg.slam.pipeline import SlamResult, run
+    from iceg.slam.pipeline import SlamResult
     from iceg.slam.run_summary import RunSummary
     from iceg.slam.stages import StageError, Stages
     from iceg.slam.track import KeyScan
@@ -176,7 +177,7 @@ _HOMES = {
     "render_grid": "iceg.maps.grid",
     "repaired_stamps": "iceg.stamps",
     "resolve": "iceg.resolving",
-    "run": "iceg.slam.pipeline",
+    "run": "iceg.running",
     "save_map_png": "iceg.show.map_picture",
     "to_gtsam_graph": "graph.gtsam_bridge",
     "to_gtsam_values": "graph.gtsam_bridge",

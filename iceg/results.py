@@ -111,6 +111,7 @@ def write_results(
     overwrite: bool = False,
     report: bool = True,
     beside: Mapping[str, str] | None = None,
+    progress: Callable[[str, int, int], None] | None = None,
 ) -> None:
     """Write everything a run found, all files or none.
 
@@ -123,6 +124,7 @@ def write_results(
         overwrite: whether earlier results in it may be replaced.
         report: whether to write `report.html`; an earlier one goes in any case.
         beside: texts by the names of files, which belong to the results and are replaced together with them.
+        progress: called before each part is written, with its name, how many are written and how many there are.
 
     Raises:
         ResultsError: the folder is not empty, or cannot be written to.
@@ -133,9 +135,24 @@ def write_results(
     }
     if beside:
         writers["beside"] = partial(_write_texts, beside)
+    if progress:
+        parts = enumerate(writers.items())
+        writers = {name: partial(_write_told, progress, name, k, len(writers), write) for k, (name, write) in parts}
     warning = stamps_warning(result)
     more = {"warnings": [*result.summary["warnings"], warning]} if warning else {}
     write_folder(directory, writers, {**result.summary, **more}, overwrite=overwrite)
+
+
+def _write_told(
+    progress: Callable[[str, int, int], None],
+    name: str,
+    k: int,
+    n: int,
+    write: Callable[[Path], None],
+    folder: Path,
+) -> None:
+    progress(name, k, n)
+    write(folder)
 
 
 def stamps_warning(result: "SlamResult") -> str | None:

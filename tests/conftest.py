@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, settings
 
+from iceg.kernels.ahead import compile_ahead
+
 # Compiling a kernel inside an example is no slowness of the example. The same examples every time, kept nowhere: what
 # one run finds, all find; `--hypothesis-profile others` draws new ones.
 settings.register_profile("others", deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -19,6 +21,13 @@ IN_CI = os.environ.get("CI", "").lower() in {"true", "1"}
 
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in a shell's background, and the commands tested inherit it
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Compile before the workers begin: else each would compile for itself what both need first."""
+    is_worker = hasattr(config, "workerinput")
+    if not is_worker and config.getoption("numprocesses", None) and os.environ.get("NUMBA_DISABLE_JIT") != "1":
+        compile_ahead()
 
 
 @pytest.fixture(scope="session")

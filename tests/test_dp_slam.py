@@ -23,11 +23,13 @@ from frontends.dp_slam.shared_maps import BeamModel
 from frontends.logs import read_log
 from frontends.scan import Log, ScanGeometry
 from graph.se2 import between, compose
+from tests.kernels import from_python
 from tests.walls import distances
 
 Cell = tuple[int, int]
 Map = dict[Cell, tuple[np.float32, np.float32]]
 
+BEAM = from_python(kernels._beam)
 SMALL = DpSlamConfig(
     particles=8, samples=60, resolution=0.1, max_range=6.0, max_beams=31, cull=6.0, seed=3, range_variance=0.01
 )
@@ -387,7 +389,7 @@ def beam(
         table[slot, 0] = density
     x, y, heading = pose
     ray = (x, y, math.cos(heading), math.sin(heading), begin, end)
-    return float(kernels._beam(ray, reading, through, 0, shape, in_cells(prior, variance), view, table))
+    return float(BEAM(ray, reading, through, 0, shape, in_cells(prior, variance), view, table))
 
 
 def in_cells(prior: float, variance: float) -> BeamModel:

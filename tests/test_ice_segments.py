@@ -13,6 +13,7 @@ from iceg.ice._point_kernels import range_noise
 from iceg.ice.config import IceConfigError, SegmentConfig
 from iceg.ice.points import ScanPoints, extract_points, thinned_points
 from iceg.ice.segments import extract_segments, segment_rows, smoothed_on_segments
+from tests.kernels import from_python
 
 F64 = NDArray[np.float64]
 BEARINGS = np.radians(np.arange(-90.0, 91.0))
@@ -139,9 +140,10 @@ def test_line_fit_is_total_least_squares_with_its_covariance() -> None:
     heading, sigma = 0.7, 0.02
     direction, normal = np.array([np.cos(heading), np.sin(heading)]), np.array([-np.sin(heading), np.cos(heading)])
     row, angles, offsets, claimed = np.empty(kernels.SEGMENT_COLUMNS), [], [], []
+    fit_line = from_python(kernels._fit_line)
     for _ in range(2000):
         points = np.array([1.0, 2.0]) + t[:, None] * direction + rng.normal(0, sigma, (30, 1)) * normal
-        kernels._fit_line(points, 0, 29, sigma, row)
+        fit_line(points, 0, 29, sigma, row)
         angles.append(np.arctan2(row[kernels.TY], row[kernels.TX]))
         offsets.append((row[:2] - [1.0, 2.0]) @ normal)
         claimed.append(row[[kernels.V_OFFSET, kernels.V_ANGLE]].copy())
@@ -182,7 +184,7 @@ def test_merging_heals_a_wall_that_the_split_cut() -> None:
     scan.ranges[hit[[0, -1]]] -= 0.025
     scan.ranges[90] += 0.015
     points = extract_points(scan)
-    assert kernels._farthest_from_chord(points.points, 0, len(points) - 1)[0] > 0.03
+    assert from_python(kernels._farthest_from_chord)(points.points, 0, len(points) - 1)[0] > 0.03
     assert len(segment_rows(scan, SegmentConfig(split_sigmas=0.0, split=0.03), points)) == 1
 
 

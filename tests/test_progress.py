@@ -1,5 +1,6 @@
 """What a run says while it runs."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import get_args
 
@@ -8,8 +9,11 @@ import pytest
 from numba import config as numba_config
 from numba import njit
 
+from frontends.logs import read_log
 from frontends.scan import Log, ScanGeometry
+from iceg.demo import demo_log_path
 from iceg.show.progress import ProgressBar, compile_note, real_time_factor
+from iceg.slam import pipeline
 from iceg.slam.progress import Progress, Stage
 
 
@@ -23,42 +27,67 @@ def make_log(n: int) -> Log:
     )
 
 
-def test_the_bar_tells_scans_speed_and_share_of_matches(capsys: pytest.CaptureFixture[str]) -> None:
+def shown(capsys: pytest.CaptureFixture[str]) -> list[str]:
+    return [line for line in capsys.readouterr().err.replace("\n", "\r").split("\r") if line.strip()]
+
+
+def share(line: str) -> int:
+    return int(line.partition("%|")[0].split()[-1])
+
+
+def test_the_bar_tells_stage_scans_speed_and_share_of_matches(capsys: pytest.CaptureFixture[str]) -> None:
     with ProgressBar(make_log(4)) as bar:
         for scans in range(1, 5):
             bar(Progress(scans=scans, tried=scans, accepted=scans - 1))
+            bar._bar.refresh()
     assert bar.matching == Progress(scans=4, tried=4, accepted=3)
-    last = capsys.readouterr().err.split("\r")[-1]
-    assert "made-up.clf, matching: 100%" in last
-    assert "4/4 scans" in last
-    assert "x real time, 75 % matched" in last
+    lines = shown(capsys)
+    matched, done = [line for line in lines if "made-up.clf, matching" in line][-1], lines[-1]
+    assert "4/4 scans" in matched
+    assert "x real time, 75 % matched" in matched
+    assert share(matched) < 50
+    assert "made-up.clf, done: 100%" in done
 
 
-def test_what_is_left_is_not_told_from_the_first_scans(capsys: pytest.CaptureFixture[str]) -> None:
-    for done, tells in ((1, False), (4, True)):
-        with ProgressBar(make_log(20)) as bar:
-            bar(Progress(scans=done, tried=done, accepted=done))
-        last = capsys.readouterr().err.split("\r")[-1]
-        assert f"{done}/20 scans" in last
-        assert (" left" in last) == tells
-
-
-def test_each_stage_has_a_bar_of_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_stage_is_named_and_the_bar_is_full_only_at_the_end(capsys: pytest.CaptureFixture[str]) -> None:
+    stages = [stage for stage in get_args(Stage) if stage != "filtering"]
     with ProgressBar(make_log(4)) as bar:
-        for stage in get_args(Stage):
-            for scans in range(1, 5):
-                bar(Progress(scans=scans, tried=scans, accepted=scans, stage=stage))
-    assert bar.matching == Progress(scans=4, tried=4, accepted=4)
-    ends = [line.split("\r")[-1] for line in capsys.readouterr().err.strip().split("\n")]
-    assert [end.split(":")[0] for end in ends] == [f"made-up.clf, {stage}" for stage in get_args(Stage)]
-    assert all(": 100%" in end for end in ends)
+        for stage in stages:
+            bar(Progress(scans=4, tried=4, accepted=4, stage=stage))
+        for k, part in enumerate(("map", "report")):
+            bar.writing(part, k, 2)
+        before = shown(capsys)
+    for words in ("matching", "sweep", "graph", "finish", "covariances", "feature map", "grid", "writing report"):
+        assert any(f"made-up.clf, {words}" in line for line in before)
+    shares = [share(line) for line in before]
+    assert shares == sorted(shares)
+    assert shares[-1] < 100
+    assert share(shown(capsys)[-1]) == 100
+
+
+def test_a_second_pass_over_the_log_does_not_turn_the_bar_back(capsys: pytest.CaptureFixture[str]) -> None:
+    with ProgressBar(make_log(10)) as bar:
+        for scans in (9, 1, 10):
+            bar(Progress(scans=scans, tried=1, accepted=1))
+            bar._bar.refresh()
+    shares = [share(line) for line in shown(capsys)]
+    assert shares == sorted(shares)
 
 
 def test_a_run_cut_short_leaves_the_bar_where_it_was(capsys: pytest.CaptureFixture[str]) -> None:
     bar = ProgressBar(make_log(4))
-    with bar:
-        bar(Progress(scans=1, tried=0, accepted=0))
-    assert "1/4 scans" in capsys.readouterr().err
+    bar(Progress(scans=2, tried=1, accepted=1, stage="graph"))
+    bar.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)
+    assert share(shown(capsys)[-1]) < 100
+
+
+def test_a_run_tells_its_stages_in_their_order() -> None:
+    told: list[Progress] = []
+    whole = read_log(demo_log_path())
+    short = replace(whole, ranges=whole.ranges[:60], odometry=whole.odometry[:60], stamps=whole.stamps[:60], truth=None)
+    pipeline.run(short, None, told.append)
+    assert list(dict.fromkeys(progress.stage for progress in told)) == [*get_args(Stage)][:-1]
+    assert all(progress.scans == 60 for progress in told if progress.stage not in {"matching", "sweep"})
 
 
 def test_real_time_factor() -> None:

@@ -32,7 +32,7 @@ class Resolve:
 
         from iceg.cli.run_log import tell_result_warnings, what_was_kept, written_at
         from iceg.results import check_directory, write_results
-        from iceg.show.progress import compile_note
+        from iceg.show.progress import compile_note, prepare_kernels
         from iceg.slam.corrections.reading import read_all_corrections
 
         target = self.output or self.directory
@@ -41,6 +41,7 @@ class Resolve:
         before, started = written_at(target), time.perf_counter()
         try:
             with compile_note():
+                prepare_kernels()
                 from iceg.resolving import handed_back, resolve
 
                 asked = read_all_corrections([] if self.corrections is None else [self.corrections])

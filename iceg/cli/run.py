@@ -136,7 +136,7 @@ def _run_dp_slam(asked: DpSlam, telling: Telling) -> None:
 
             log = read_log(path, skip_bad_lines=asked.skip_bad_lines)
             tell_warnings(log)
-            with ProgressBar(log, "filtering") as bar:
+            with ProgressBar(log) as bar:
                 result = dp_slam(
                     log, config, lambda done, _: bar(Progress(scans=done, tried=0, accepted=0, stage="filtering"))
                 )

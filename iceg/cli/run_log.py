@@ -52,18 +52,19 @@ def run_log(
     """
     from graph.errors import GraphError
     from iceg.results import check_directory, write_results
-    from iceg.show.progress import ProgressBar, compile_note, reading_bar
+    from iceg.show.progress import ProgressBar, compile_note, prepare_kernels, reading_bar
 
     check_directory(directory, overwrite=overwrite)
     before = written_at(directory)
     started = time.perf_counter()
     try:
-        with compile_note():
-            from frontends.logs import read_log
+        from frontends.logs import read_log
 
-            with reading_bar(path) as reading:
-                log = read_log(path, skip_bad_lines=skip_bad_lines, progress=reading, **dataclasses.asdict(config.log))
-            tell_warnings(log)
+        with reading_bar(path) as reading:
+            log = read_log(path, skip_bad_lines=skip_bad_lines, progress=reading, **dataclasses.asdict(config.log))
+        tell_warnings(log)
+        prepare_kernels()
+        with compile_note():
             if truth is not None:
                 log = _with_truth(log, truth)
             from iceg.slam.corrections.reading import read_all_corrections, text_of_corrections
@@ -75,11 +76,13 @@ def run_log(
             try:
                 with ProgressBar(log) as progress:
                     result = run(log, config, progress, corrections=asked)
+                    text = text_of_corrections(corrections) if corrections and not closures else None
+                    beside = None if text is None else {CORRECTIONS: text}
+                    write_results(
+                        result, directory, overwrite=overwrite, report=report, beside=beside, progress=progress.writing
+                    )
             except GraphError as err:
                 raise GraphError(f"{path}: {err}") from err
-            text = text_of_corrections(corrections) if corrections and not closures else None
-            beside = None if text is None else {CORRECTIONS: text}
-            write_results(result, directory, overwrite=overwrite, report=report, beside=beside)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(what_was_kept(directory, before)) from None
     with Telling(as_json=as_json) as telling:

@@ -19,12 +19,13 @@ class View:
         """Serve until Ctrl-C."""
         from iceg.cli.options import UsageError
         from iceg.results import check_directory
-        from iceg.show.progress import compile_note
+        from iceg.show.progress import compile_note, prepare_kernels
 
         if not 0 <= self.port < 2**16:
             raise UsageError(f"found --port {self.port}, expected 0 to 65535")
         check_directory(self.directory, overwrite=True)
         with compile_note():
+            prepare_kernels()
             from iceg.view.server import ViewServer
             from iceg.view.session import CORRECTIONS, Session
 

@@ -1,4 +1,4 @@
-"""What a run says while it runs: a progress bar, and a note when it compiles for the first time."""
+"""What a run says while it runs: how far it is, in a terminal or a notebook."""
 
 import sys
 import time
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import RLock
-from typing import NoReturn, Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +15,23 @@ from tqdm import tqdm
 from frontends.scan import Log
 from iceg.slam.progress import Progress, Stage
 
-_BAR_AT_FIRST = "{desc}: {percentage:3.0f}%|{bar:20}| {n_fmt}/{total_fmt} scans, {elapsed} gone{postfix}"
-_BAR = _BAR_AT_FIRST.replace("{postfix}", ", {remaining} left{postfix}")
+_BAR = "{desc}: {percentage:3.0f}%|{bar:20}| {elapsed} gone{postfix}"
 _READING = "{desc}: {percentage:3.0f}%|{bar:20}| {n_fmt}/{total_fmt} messages, {elapsed} gone"
+_COMPILING = "{desc}: {percentage:3.0f}%|{bar:20}| {n_fmt} of {total_fmt}, {elapsed} gone"
 _SHORT_READ_S = 1.0
-_TELLING = 0.1
-"""From this share of the scans on their mean time tells what is left: the first ones may wait a minute for kernels."""
 _INTERVAL_ON_TERMINAL_S, _INTERVAL_IN_FILE_S = 0.1, 5.0
+_SHARES: dict[Stage, float] = {
+    "matching": 35.0,
+    "sweep": 3.0,
+    "graph": 18.0,
+    "finish": 25.0,
+    "covariances": 1.0,
+    "feature_map": 3.0,
+    "grid": 5.0,
+}
+"""About how much of a run each stage takes [%], on typical logs; the rest is writing."""
+_WRITING = 100.0 - sum(_SHARES.values())
+_WORDS: dict[Stage, str] = {"feature_map": "feature map", "sweep": "sweep of the laser"}
 
 tqdm.set_lock(RLock())  # its own is for bars of several processes, and loads all of multiprocessing
 
@@ -33,66 +43,105 @@ class _Bar(tqdm):  # type: ignore[type-arg]
 
 
 class ProgressBar:
-    """A bar on stderr for each stage: scans, time left, real-time factor, share of accepted matches. A context manager.
+    """A bar on stderr for a whole run: stage, scans, real-time factor, share of accepted matches. A context manager.
+
+    It is full only when the block has ended well.
 
     Attributes:
         matching: where the matching of scans came to.
     """
 
-    def __init__(self, log: Log, first_stage: Stage = "matching") -> None:
-        self.matching = Progress(scans=0, tried=0, accepted=0, stage=first_stage)
+    def __init__(self, log: Log) -> None:
+        self.matching = Progress(scans=0, tried=0, accepted=0)
         self._log = log
-        self._interval = _INTERVAL_ON_TERMINAL_S if sys.stderr.isatty() else _INTERVAL_IN_FILE_S
-        self._latest = self.matching
-        self._started = self._shown = time.perf_counter()
-        self._bar = self._new_bar()
+        self._started = time.perf_counter()
+        self._bar = _bar(desc=f"{log.path.name}, matching", total=100.0, bar_format=_BAR)
 
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(self, *_: object) -> None:
-        self._finish()
+    def __exit__(self, kind: object, *_: object) -> None:
+        if kind is None:
+            self._show("done", 100.0, self._speed(len(self._log)))
+        self._bar.close()
 
     def __call__(self, progress: Progress) -> None:
         """Show where the run stands; cheap when nothing is due."""
-        if progress.stage != self._latest.stage:
-            self._finish()
-            self._latest = progress
-            self._started = self._shown = time.perf_counter()
-            self._bar = self._new_bar()
-        self._latest = progress
+        if progress.stage == "filtering":
+            self._show("filtering", (100.0 - _WRITING) * self._done(progress), f"{progress.scans} scans")
+            return
         if progress.stage == "matching":
             self.matching = progress
-        now = time.perf_counter()
-        if now - self._shown >= self._interval or progress.scans == self._bar.total:
-            self._shown = now
-            self._bar.set_postfix_str(self._describe(progress, now), refresh=False)
-        if progress.scans >= _TELLING * len(self._log):
-            self._bar.bar_format = _BAR
-        self._bar.update(progress.scans - self._bar.n)
+        before = sum(share for stage, share in _SHARES.items() if _place(stage) < _place(progress.stage))
+        within = _SHARES["matching"] * self._done(progress) if progress.stage == "matching" else 0.0
+        words = _WORDS.get(progress.stage, progress.stage)
+        self._show(words, before + within, self._counts(progress) if progress.stage == "matching" else "")
 
-    def _new_bar(self) -> "tqdm[NoReturn]":
-        return _Bar(
-            total=len(self._log),
-            desc=f"{self._log.path.name}, {self._latest.stage}",
-            bar_format=_BAR_AT_FIRST,
-            smoothing=0,
-            mininterval=self._interval,
-            file=sys.stderr,
-        )
+    def writing(self, name: str, begun: int, of: int) -> None:
+        """Show that a file is being written, the one after `begun` of `of`."""
+        self._show(f"writing {name}", 100.0 - _WRITING * (1.0 - begun / of), "")
 
-    def _finish(self) -> None:
-        self._bar.set_postfix_str(self._describe(self._latest, time.perf_counter()), refresh=False)
-        self._bar.close()
+    def _show(self, stage: str, share: float, postfix: str) -> None:
+        description = f"{self._log.path.name}, {stage}"
+        is_new = not self._bar.desc.startswith(description)
+        self._bar.set_description_str(description, refresh=False)
+        self._bar.set_postfix_str(postfix, refresh=False)
+        self._bar.update(max(share - self._bar.n, 0.0))
+        if is_new:
+            self._bar.refresh()
 
-    def _describe(self, progress: Progress, now: float) -> str:
-        parts = []
-        covered = real_time_factor(self._log.stamps[: progress.scans], now - self._started)
-        if covered is not None:
-            parts.append(f"{covered:.0f}x real time")
-        if progress.tried and progress.stage == "matching":
-            parts.append(f"{100 * progress.accepted / progress.tried:.0f} % matched")
-        return ", ".join(parts)
+    def _done(self, progress: Progress) -> float:
+        return min(progress.scans / len(self._log), 1.0)
+
+    def _counts(self, progress: Progress) -> str:
+        matched = f"{100 * progress.accepted / progress.tried:.0f} % matched" if progress.tried else ""
+        scans = f"{progress.scans}/{len(self._log)} scans"
+        return ", ".join(filter(None, (scans, self._speed(progress.scans), matched)))
+
+    def _speed(self, scans: int) -> str:
+        covered = real_time_factor(self._log.stamps[:scans], time.perf_counter() - self._started)
+        return "" if covered is None else f"{covered:.0f}x real time"
+
+
+def _place(stage: Stage) -> int:
+    return list(_SHARES).index(stage)
+
+
+def _bar(**described: Any) -> Any:  # noqa: ANN401
+    """A bar on stderr, or one of the notebook's own."""
+    kind: Any = _Bar
+    if "ipykernel" in sys.modules:
+        from tqdm import auto
+
+        kind = auto.tqdm
+        described["bar_format"] = described["bar_format"].replace("{bar:20}", "{bar}")
+    interval = _INTERVAL_ON_TERMINAL_S if sys.stderr.isatty() else _INTERVAL_IN_FILE_S
+    return kind(mininterval=interval, file=sys.stderr, **described)
+
+
+@contextmanager
+def compiling_bar() -> Iterator[Callable[[int, int], None]]:
+    """A bar while kernels are compiled ahead.
+
+    Yields:
+        What to call with how many are compiled, and how many there are.
+    """
+    description = "first run, compiling"
+    with _bar(desc=description, bar_format=_COMPILING, delay=_SHORT_READ_S) as bar:
+
+        def report(compiled: int, known: int) -> None:
+            bar.total = known
+            bar.update(compiled - bar.n)
+
+        yield report
+
+
+def prepare_kernels() -> None:
+    """Compile what is not compiled yet, with a bar; at once where that was done before."""
+    from iceg.kernels.ahead import compile_ahead
+
+    with compiling_bar() as told:
+        compile_ahead(told)
 
 
 @contextmanager
@@ -105,10 +154,7 @@ def reading_bar(path: Path) -> Iterator[Callable[[int, int], None]]:
     Yields:
         What to call with how many messages are read, and how many there are.
     """
-    interval = _INTERVAL_ON_TERMINAL_S if sys.stderr.isatty() else _INTERVAL_IN_FILE_S
-    with _Bar(
-        desc=f"{path.name}, reading", bar_format=_READING, delay=_SHORT_READ_S, mininterval=interval, file=sys.stderr
-    ) as bar:
+    with _bar(desc=f"{path.name}, reading", bar_format=_READING, delay=_SHORT_READ_S) as bar:
 
         def report(read: int, known: int) -> None:
             bar.total = max(read, known)
@@ -135,7 +181,7 @@ def real_time_factor(stamps: NDArray[np.float64], seconds: float) -> float | Non
 
 @contextmanager
 def compile_note() -> Iterator[None]:
-    """Say once on stderr when kernels are being compiled: the first run takes longer, later ones load them."""
+    """Say once on stderr when the block compiles kernels: those that few logs need are not compiled ahead."""
     from numba.core import event
 
     class Note(event.Listener):
@@ -144,7 +190,7 @@ def compile_note() -> Iterator[None]:
         def on_start(self, _event: object) -> None:
             if not self.told:
                 self.told = True
-                tqdm.write("First run: compiling kernels, up to a minute; later runs load them.", file=sys.stderr)
+                tqdm.write("compiling kernels that only this needs; later runs load them", file=sys.stderr)
 
         def on_end(self, _event: object) -> None:
             pass

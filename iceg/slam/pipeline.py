@@ -40,7 +40,7 @@ from iceg.slam.manual_closures import ManualClosure
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened
 from iceg.slam.path_uncertainty import least_known
-from iceg.slam.progress import ProgressCallback
+from iceg.slam.progress import ProgressCallback, StageProgress
 from iceg.slam.run_summary import LaserSummary, RunSummary
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.stage_clock import StageClock
@@ -177,7 +177,7 @@ def run(
     Args:
         log: the log.
         config: settings; the defaults when left out.
-        progress: called as the front end proceeds.
+        progress: called as scans are matched, and when a stage begins.
         stages: those that are replaced by functions of one's own.
         closures: loops closed by hand, besides those of the corrections.
         corrections: what a person corrects, scans counted as in `log`.
@@ -191,8 +191,9 @@ def run(
     stages = stages or IN_HOUSE
     asked = (corrections or Corrections()).with_closures(closures)
     kept = asked.check(len(log))
-    clock = StageClock()
-    findings, matcher = find(kept.of(log), kept, config or Config(), asked.counted_in(kept), stages, progress, clock)
+    told = StageProgress(progress)
+    clock = StageClock(told.begin)
+    findings, matcher = find(kept.of(log), kept, config or Config(), asked.counted_in(kept), stages, told, clock)
     return conclude(findings, asked, matcher, clock, stages)
 
 
@@ -250,10 +251,12 @@ def conclude(
         solution = _in_frame(own.frame, solution, track, config)
         joint = _joint_covariance(finished, solution)
     trajectory = track.trajectory(solution.poses)
-    drawing = InThread(partial(_timed_grid, log, trajectory, config, stages, clock))
+    drawing = InThread(partial(_timed_grid, log, trajectory, config, stages))
     with clock.stage("feature_map"):
         landmarks = landmarks_of(track, solution.poses, matcher, config)
-    grid, doubt = drawing.result()
+    clock.begin("grid")
+    grid, doubt, drawn = drawing.result()
+    clock.add(drawn)
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
     worst = least_known(key_scans, joint.marginals)
     warnings = corrected.warnings + run_warnings(track, solution, finished.rounds, worst, doubt, findings.gyro)
@@ -349,10 +352,12 @@ def landmarks_of(track: Track, key_poses: NDArray[np.float64], matcher: MapMatch
 
 
 def _timed_grid(
-    log: Log, trajectory: NDArray[np.float64], config: Config, stages: Stages, clock: StageClock
-) -> tuple[OccupancyGrid, str | None]:
+    log: Log, trajectory: NDArray[np.float64], config: Config, stages: Stages
+) -> tuple[OccupancyGrid, str | None, StageClock]:
+    """`grid_of` with a clock of its own: it is drawn in a thread."""
+    clock = StageClock()
     with clock.stage("grid"):
-        return grid_of(log, trajectory, config, stages)
+        return *grid_of(log, trajectory, config, stages), clock
 
 
 def grid_of(

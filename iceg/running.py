@@ -1,0 +1,55 @@
+"""A log run from Python: what a person waits for is shown."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from frontends.matcher import Matcher
+from frontends.scan import Log
+from iceg.config import Config
+from iceg.slam.corrections.corrections import Corrections
+from iceg.slam.manual_closures import ManualClosure
+from iceg.slam.progress import ProgressCallback
+
+if TYPE_CHECKING:
+    from iceg.slam.pipeline import SlamResult
+
+
+def run(
+    log: Log,
+    config: Config | None = None,
+    progress: ProgressCallback | bool | None = True,
+    *,
+    matcher: Matcher | None = None,
+    closures: Sequence[ManualClosure] = (),
+    corrections: Corrections | None = None,
+) -> "SlamResult":
+    """Estimate the trajectory and the maps of a log.
+
+    Args:
+        log: the log.
+        config: settings; the defaults when left out.
+        progress: True for a bar, on standard error or in the notebook; False or None for none; else called as scans are
+            matched, and when a stage begins.
+        matcher: any scan matcher; the one that the settings name when left out.
+        closures: loops closed by hand, besides those of the corrections.
+        corrections: what a person corrects, scans counted as in `log`.
+
+    Returns:
+        Everything that was found.
+
+    Raises:
+        IcegError: a correction that does not fit the log.
+    """
+    from iceg.kernels.ahead import compile_ahead
+    from iceg.show.progress import ProgressBar, prepare_kernels
+    from iceg.slam import pipeline
+
+    def run_told(callback: ProgressCallback | None) -> "SlamResult":
+        return pipeline.run(log, config, callback, matcher=matcher, closures=closures, corrections=corrections)
+
+    if progress is True:
+        prepare_kernels()
+        with ProgressBar(log) as bar:
+            return run_told(bar)
+    compile_ahead()
+    return run_told(progress or None)
