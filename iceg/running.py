@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from frontends.matcher import Matcher
 from frontends.scan import Log
 from iceg.config import Config
 from iceg.slam.corrections.corrections import Corrections
@@ -12,6 +11,7 @@ from iceg.slam.progress import ProgressCallback
 
 if TYPE_CHECKING:
     from iceg.slam.pipeline import SlamResult
+    from iceg.slam.stages import Stages
 
 
 def run(
@@ -19,7 +19,7 @@ def run(
     config: Config | None = None,
     progress: ProgressCallback | bool | None = True,
     *,
-    matcher: Matcher | None = None,
+    stages: "Stages | None" = None,
     closures: Sequence[ManualClosure] = (),
     corrections: Corrections | None = None,
 ) -> "SlamResult":
@@ -30,7 +30,7 @@ def run(
         config: settings; the defaults when left out.
         progress: True for a bar, on standard error or in the notebook; False or None for none; else called as scans are
             matched, and when a stage begins.
-        matcher: any scan matcher; the one that the settings name when left out.
+        stages: those that are replaced by functions of one's own, the matcher among them.
         closures: loops closed by hand, besides those of the corrections.
         corrections: what a person corrects, scans counted as in `log`.
 
@@ -38,14 +38,14 @@ def run(
         Everything that was found.
 
     Raises:
-        IcegError: a correction that does not fit the log.
+        IcegError: a correction that does not fit the log, or a stage that returns what is of no use.
     """
     from iceg.kernels.ahead import compile_ahead
     from iceg.show.progress import ProgressBar, prepare_kernels
     from iceg.slam import pipeline
 
     def run_told(callback: ProgressCallback | None) -> "SlamResult":
-        return pipeline.run(log, config, callback, matcher=matcher, closures=closures, corrections=corrections)
+        return pipeline.run(log, config, callback, stages=stages, closures=closures, corrections=corrections)
 
     if progress is True:
         prepare_kernels()
