@@ -8,7 +8,6 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from itertools import groupby
 from pathlib import Path
 from queue import Empty, SimpleQueue
 
@@ -17,14 +16,21 @@ from iceg.kernels.signatures import SIGNATURES, listed_kernels
 
 _ROOT = Path(__file__).parent.parent.parent
 _WORKER = "iceg.kernels.worker"
-_LONGEST_FIRST = (
-    "iceg.maps._landmark_kernels",
-    "iceg.ice._tracking_kernels",
-    "iceg.ice._score_kernels",
-    "graph._sparse_kernels",
-    "iceg.maps._grid_kernels",
+_GROUPS = (
+    (
+        "iceg.ice._agreement_kernels",
+        "iceg.ice._feature_kernels",
+        "iceg.ice._point_kernels",
+        "iceg.ice._refinement_kernels",
+        "iceg.ice._score_kernels",
+        "iceg.ice._tracking_kernels",
+    ),
+    ("iceg.maps._landmark_kernels",),
+    ("iceg.maps._grid_kernels",),
+    ("graph._sparse_kernels",),
 )
-"""Modules that take longest to compile: begun first, so that all processes end together."""
+"""Modules that one process compiles in a row, as they share what they call; those that take longest are begun first, so
+that all processes end together. Every other module is a group of its own."""
 
 Told = Callable[[int, int], None]
 """Called with how many kernels are compiled, and how many there are."""
@@ -100,12 +106,12 @@ def _count(answers: "SimpleQueue[bool | None]", n_workers: int, told: Told | Non
 
 
 def _groups() -> list[list[int]]:
-    """Which kernels one process compiles in a row: those of a module share what they call."""
-    kernels = listed_kernels()
-    groups = [(name, list(ks)) for name, ks in groupby(range(len(kernels)), lambda k: kernels[k].module)]
-    last = len(_LONGEST_FIRST)
-    rank = {name: k for k, name in enumerate(_LONGEST_FIRST)}
-    return [ks for _, ks in sorted(groups, key=lambda group: (rank.get(group[0], last), -len(group[1])))]
+    """Which kernels one process compiles in a row, by their places in the list."""
+    rank = {module: k for k, modules in enumerate(_GROUPS) for module in modules}
+    groups: dict[int | str, list[int]] = {k: [] for k in range(len(_GROUPS))}
+    for place, kernel in enumerate(listed_kernels()):
+        groups.setdefault(rank.get(kernel.module, kernel.module), []).append(place)
+    return [places for places in groups.values() if places]
 
 
 def _feed(
