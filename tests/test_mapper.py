@@ -1,5 +1,6 @@
 """The mapper: scan by scan what a run does, in the end the same to the byte, and errors that name the scan."""
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -135,6 +136,19 @@ def test_a_covered_laser_is_told_and_odometry_carries_on(log: Log) -> None:
     covered = [mapper.add(blind, log.odometry[scan], float(log.stamps[scan])) for scan in range(120, 130)]
     assert {update.event for update in covered} == {Event.COVERED}
     assert np.trace(covered[-1].covariance) > np.trace(updates[-1].covariance)
+
+
+def test_the_noise_of_the_laser_is_learned_after_a_hundred_scans(log: Log) -> None:
+    few = first_part(log, 140)
+    noise = np.random.default_rng(5).normal(scale=0.06, size=few.ranges.shape)
+    noisy = replace(few, ranges=(few.ranges + noise).astype(np.float32))
+    mapper, updates = mapped(noisy)
+    assert [update.scan for update in updates] == list(range(140))
+    laser = mapper.result().summary["laser"]
+    assert laser is not None
+    assert laser["noise_m"] == pytest.approx(0.06, rel=0.3)
+    offsets = np.hypot(*between(iceg.run(noisy).trajectory, np.array([update.pose for update in updates]))[:, :2].T)
+    assert offsets.max() < 0.3
 
 
 @pytest.mark.parametrize(
