@@ -246,6 +246,14 @@ def test_rerun_that_is_not_installed_is_asked_for(
     assert "pip install 'iceg[rerun]'" in capsys.readouterr().err
 
 
+def test_what_is_no_run_is_told_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for to in ("mcap", "rerun"):
+        assert main(["export", str(tmp_path / "nowhere"), "--to", to]) == 1
+        error = capsys.readouterr().err
+        assert "nowhere: is no folder, expected one that a run has written" in error
+        assert error.count("\n") == 1
+
+
 def test_a_log_that_is_not_the_runs_is_refused(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["export", str(run), "--to", "mcap", "--log", str(iceg.demo_log_path()), "-o", str(tmp_path / "bag")]
     assert main(words) == 1

@@ -267,6 +267,8 @@ def test_run_and_resolve_with_the_same_corrections_agree(as_found: SlamResult, t
 def test_a_folder_that_lacks_or_changed_it_is_refused(folder: Path, tmp_path: Path) -> None:
     with pytest.raises(ResultsError, match=r"holds no run\.npz, expected a folder"):
         resolve(tmp_path)
+    with pytest.raises(ResultsError, match=r"nowhere: is no folder, expected one that a run has written"):
+        resolve(tmp_path / "nowhere")
     changed = tmp_path / "changed"
     changed.mkdir()
     for name in RESULT_FILES:

@@ -229,6 +229,14 @@ def test_files_of_two_runs_are_refused(tmp_path: Path) -> None:
         pass
 
 
+@pytest.mark.parametrize("content", [b'{"files": {', b"\xf7\x00", b"[]"])
+def test_a_summary_that_cannot_be_read_vouches_for_nothing(tmp_path: Path, content: bytes) -> None:
+    write_results(make_result(), tmp_path)
+    (tmp_path / "summary.json").write_bytes(content)
+    with pytest.raises(ResultsError, match=r"summary\.json: .*expected"), whole_results(tmp_path):
+        pass
+
+
 def test_results_replaced_while_they_are_read_are_refused(tmp_path: Path) -> None:
     write_results(make_result(seed=1), tmp_path)
     with pytest.raises(ResultsError, match="were replaced while they were read"), whole_results(tmp_path):

@@ -191,6 +191,7 @@ def test_euroc_reads_back(tmp_path_factory: pytest.TempPathFactory, rows: list[t
         ("a.txt", "1 2 3\n", "a.txt:1: found 3 numbers, expected 8"),
         ("a.txt", "", "a.txt: holds no pose"),
         ("a.txt", "0 0 0 nan\n", "expected finite numbers"),
+        ("a.txt", "words\n", "a.txt: found no true poses, expected a CSV with 't_s,x_m,y_m,theta_rad' or 'scan,x_m"),
     ],
 )
 def test_what_is_no_truth_is_named(tmp_path: Path, name: str, text: str, message: str) -> None:

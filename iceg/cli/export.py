@@ -78,7 +78,8 @@ class Export:
             raise UsageError(f"--log goes with {', '.join(_WITH_SCANS)}, found --to {self.to}")
         if self.stamps != "recorded" and self.to not in ("tum", "euroc"):
             raise UsageError(f"--stamps repaired goes with tum and euroc, found --to {self.to}")
+        options = ExportOptions(log=self.log, stamps=self.stamps, tell=partial(print, file=sys.stderr))
+        path = export_results(self.results, self.to, self.output, options)
         if self.log is None and self.to in _WITH_SCANS and not holds_scans(self.results):
             print(f"{self.results} has not kept its scans: without --log the recording holds none", file=sys.stderr)
-        options = ExportOptions(log=self.log, stamps=self.stamps, tell=partial(print, file=sys.stderr))
-        print(export_results(self.results, self.to, self.output, options))
+        print(path)

@@ -91,9 +91,17 @@ def read_truth(path: Path | str) -> Truth:
 
 
 def _of_log(path: Path) -> Truth:
-    from frontends.logs import read_log
+    from frontends.logs import LogError, read_log
+    from frontends.logs.readers import recognise
 
-    log = read_log(path)
+    try:
+        form = recognise(path)
+    except LogError as err:
+        raise EvaluationError(
+            f"{path}: found no true poses, expected a CSV with '{','.join(TRUTH_COLUMNS)}' or "
+            f"'{','.join(REFERENCE_COLUMNS)}', a EuRoC CSV, TUM lines, lines 't x y theta' or a log that holds truth"
+        ) from err
+    log = read_log(path, log_format=form)
     if log.truth is None:
         raise EvaluationError(f"{path}: the log does not hold the true poses")
     return Truth(poses=log.truth, stamps=log.stamps, scans=None, form="log", path=path)
