@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from PIL import Image
 
 import iceg
 from graph.se2 import compose
@@ -27,7 +28,8 @@ def main() -> None:
 
 
 def _save(figure: Figure, name: str) -> None:
-    figure.savefig(PAGES / name, dpi=110, metadata={"Software": None})
+    figure.savefig(PAGES / name, dpi=110)
+    Image.open(PAGES / name).convert("RGB").quantize(128).save(PAGES / name, optimize=True)
 
 
 def _matching(log: iceg.Log, truth: np.ndarray) -> Figure:
