@@ -82,6 +82,7 @@ def _changes(row: Mapping[str, str] | None) -> list[str]:
 
 def _fill_in(app: Sphinx, page: str, source: list[str]) -> None:  # noqa: ARG001
     if _PLACE in source[0]:
+        app.env.note_dependency(_SCALES)
         source[0] = source[0].replace(_PLACE, "\n".join(settings_tables(Config())))
 
 
