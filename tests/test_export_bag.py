@@ -23,7 +23,7 @@ from tests import bags
 
 N_SCANS = 60
 MOUNT = np.array([0.1, 0.0, 0.2])
-KINDS = ("ros1", "ros1-lz4", "sqlite3", "sqlite3-messages", "mcap", "mcap-zstd")
+KINDS = ("ros1-lz4", "sqlite3", "sqlite3-messages", "mcap-zstd")
 
 
 class Recorded(NamedTuple):

@@ -1,6 +1,7 @@
 """Floor plans: drawings and images become walls."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from frontends.simulator.floor_plan import outlines, read_plan
 from frontends.simulator.scene import parse_scene
 from frontends.simulator.world import SimulatorError, World
+from graph.limits import LIMITS
 
 Walls = NDArray[np.float64]
 
@@ -157,7 +159,8 @@ def test_a_rectangle_with_round_corners(tmp_path: Path) -> None:
     assert length == pytest.approx(4.0 + 4.0 + 2.0 + 2.0 + 2.0 * math.pi, rel=0.002)
 
 
-def test_uses_of_uses_are_bounded(tmp_path: Path) -> None:
+def test_uses_of_uses_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("frontends.simulator.svg.LIMITS", replace(LIMITS, walls=5000))
     levels = "".join(f'<g id="u{k + 1}">{f"""<use href="#u{k}"/>""" * 10}</g>' for k in range(9))
     with pytest.raises(SimulatorError, match=r"plan\.svg: found \d+ elements or more, those of <use> counted"):
         walls(tmp_path, f'<defs><g id="u0"/>{levels}</defs><use href="#u9"/>')

@@ -74,11 +74,15 @@ def _changes(row: Mapping[str, str] | None) -> list[str]:
     """How the error changes at half and at twice: mean and worst log, a dash where no such value may be given."""
     if row is None:
         return ["", ""]
-    return [f"{float(row[mean]):+.0f} / {float(row[worst]):+.0f} %" if row[mean] else "–" for mean, worst in _COLUMNS]
+    return [
+        f"{round(float(row[mean])):+d} / {round(float(row[worst])):+d} %" if row[mean] else "–"
+        for mean, worst in _COLUMNS
+    ]
 
 
 def _fill_in(app: Sphinx, page: str, source: list[str]) -> None:  # noqa: ARG001
     if _PLACE in source[0]:
+        app.env.note_dependency(_SCALES)
         source[0] = source[0].replace(_PLACE, "\n".join(settings_tables(Config())))
 
 

@@ -11,8 +11,7 @@ import tyro
 from iceg.cli.options import UsageError
 
 _WITH_SCANS = ("carmen", "bag", "mcap", "rerun")
-_WITH_LOG = {"carmen": "log", "bag": "bag"}
-"""What a format must be given, as it is called there."""
+_NEED_SCANS = ("carmen", "bag")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,8 +71,8 @@ class Export:
         from iceg.export.options import ExportOptions
         from iceg.export.recorded_run import holds_scans
 
-        if self.log is None and self.to in _WITH_LOG:
-            raise UsageError(f"--to {self.to} needs the recorded {_WITH_LOG[self.to]}: --log")
+        if self.log is None and self.to in _NEED_SCANS:
+            raise UsageError(f"--to {self.to} needs the recorded --log")
         if self.log is not None and self.to not in _WITH_SCANS:
             raise UsageError(f"--log goes with {', '.join(_WITH_SCANS)}, found --to {self.to}")
         if self.stamps != "recorded" and self.to not in ("tum", "euroc"):
