@@ -54,13 +54,13 @@ browser: $(VENV)/installed-dev.stamp
 	@$(BIN)/python -m tests.browser
 
 pytest: $(VENV)/installed-dev.stamp browser
-	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal $(ARGS)
+	$(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
 
 pytest-bounds: $(VENV)/installed-dev.stamp
-	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/numba-bounds $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal $(ARGS)
+	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/numba-bounds $(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
 
 pytest-python: $(VENV)/installed-dev.stamp
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal --timeout 3600 $(ARGS)
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -n $(WORKERS) --timeout 3600 $(ARGS)
 
 machines: $(VENV)/installed-dev.stamp
 	$(BIN)/python tests/machines.py $(ARGS)

@@ -2,6 +2,7 @@
 
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
+from tqdm import TqdmWarning, tqdm
 
 from frontends.scan import Log
 from iceg.slam.progress import Progress, Stage
@@ -105,8 +106,9 @@ def _bar(**described: Any) -> Any:  # noqa: ANN401
     """A bar on stderr, or one of the notebook's own."""
     kind: Any = tqdm
     if "ipykernel" in sys.modules:
-        from tqdm import auto
-
+        with warnings.catch_warnings():  # without ipywidgets it says so, and draws its bar with letters
+            warnings.simplefilter("ignore", TqdmWarning)
+            from tqdm import auto
         kind = auto.tqdm
         described["bar_format"] = described["bar_format"].replace("{bar:20}", "{bar}")
     interval = _INTERVAL_ON_TERMINAL_S if sys.stderr.isatty() else _INTERVAL_IN_FILE_S
