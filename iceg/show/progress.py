@@ -57,7 +57,7 @@ class ProgressBar:
 
     def __exit__(self, kind: object, *_: object) -> None:
         if kind is None:
-            self._show("done", 100.0, self._speed(len(self._log)))
+            self._show("done", 100.0, self._rates(self.matching, len(self._log)))
         self._bar.close()
 
     def __call__(self, progress: Progress) -> None:
@@ -89,13 +89,14 @@ class ProgressBar:
         return min(progress.scans / len(self._log), 1.0)
 
     def _counts(self, progress: Progress) -> str:
-        matched = f"{100 * progress.accepted / progress.tried:.0f} % matched" if progress.tried else ""
         scans = f"{progress.scans}/{len(self._log)} scans"
-        return ", ".join(filter(None, (scans, self._speed(progress.scans), matched)))
+        return ", ".join(filter(None, (scans, self._rates(progress, progress.scans))))
 
-    def _speed(self, scans: int) -> str:
+    def _rates(self, progress: Progress, scans: int) -> str:
         covered = real_time_factor(self._log.stamps[:scans], time.perf_counter() - self._started)
-        return "" if covered is None else f"{covered:.0f}x real time"
+        speed = "" if covered is None else f"{covered:.0f}x real time"
+        matched = f"{100 * progress.accepted / progress.tried:.0f} % matched" if progress.tried else ""
+        return ", ".join(filter(None, (speed, matched)))
 
 
 def _place(stage: Stage) -> int:
