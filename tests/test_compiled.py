@@ -1,8 +1,10 @@
 """How inner loops are compiled: numbers and arrays handed from one to the next."""
 
 import os
+import re
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +13,8 @@ from numba import njit
 
 from graph._assign_kernels import assign
 from graph.compiled import ONE, ZERO
+
+ROOT = Path(__file__).parent.parent
 
 
 @pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled")
@@ -47,3 +51,19 @@ def test_where_nothing_can_be_written_kernels_are_compiled_for_the_process_and_t
     done = subprocess.run(words, capture_output=True, text=True, check=False, env=os.environ | elsewhere)
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("set NUMBA_CACHE_DIR") == 1
+
+
+def test_what_only_kernels_call_is_not_called_from_python() -> None:
+    """It has no entry for Python: that would end the process with a memory fault."""
+    sources = [path for folder in ("graph", "frontends", "iceg", "tests") for path in (ROOT / folder).rglob("*.py")]
+    kernels = [path for path in sources if path.name.endswith("_kernels.py")]
+    private = {name for path in kernels for name in re.findall(r"@compiled\ndef (_\w+)", path.read_text("utf-8"))}
+    assert "_fit_line" in private
+    for path in set(sources) - set(kernels):
+        text = path.read_text("utf-8")
+        if "_kernels import" in text or re.search(r"import _\w*kernels", text):
+            called = set(re.findall(r"(?:\w*kernels|visibility|sparse|linear)\.(_\w+)\(", text))
+            called |= {
+                name for line in re.findall(r"_kernels import (.*)", text) for name in re.findall(r"\b_\w+", line)
+            }
+            assert not called & private, f"{path}: call it through tests/kernels.py"

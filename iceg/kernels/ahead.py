@@ -48,13 +48,12 @@ def compile_ahead(told: Told | None = None) -> None:
     mark = _mark()
     if mark is None or mark.exists():
         return
-    mark.parent.mkdir(parents=True, exist_ok=True)
-    lock = mark.with_name("listed.lock")
-    with locked(lock, lambda: os.open(lock, os.O_RDWR | os.O_CREAT)):
-        if not mark.exists() and _compile_in_processes(told):
-            for earlier in mark.parent.glob("listed-*.compiled"):
-                earlier.unlink(missing_ok=True)
-            mark.touch()
+    with contextlib.suppress(OSError):  # a full disk, say: where nothing can be kept, the run compiles what it needs
+        mark.parent.mkdir(parents=True, exist_ok=True)
+        lock = mark.with_name("listed.lock")
+        with locked(lock, lambda: os.open(lock, os.O_RDWR | os.O_CREAT)):
+            if not mark.exists() and _compile_in_processes(told):
+                mark.touch()
 
 
 def _mark() -> Path | None:

@@ -2,6 +2,7 @@
 
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
+from tqdm import TqdmWarning, tqdm
 
 from frontends.scan import Log
 from iceg.slam.progress import Progress, Stage
@@ -62,7 +63,7 @@ class ProgressBar:
 
     def __exit__(self, kind: object, *_: object) -> None:
         if kind is None:
-            self._show("done", 100.0, self._speed(len(self._log)))
+            self._show("done", 100.0, self._rates(self.matching, len(self._log)))
         self._bar.close()
 
     def __call__(self, progress: Progress) -> None:
@@ -94,13 +95,14 @@ class ProgressBar:
         return min(progress.scans / len(self._log), 1.0)
 
     def _counts(self, progress: Progress) -> str:
-        matched = f"{100 * progress.accepted / progress.tried:.0f} % matched" if progress.tried else ""
         scans = f"{progress.scans}/{len(self._log)} scans"
-        return ", ".join(filter(None, (scans, self._speed(progress.scans), matched)))
+        return ", ".join(filter(None, (scans, self._rates(progress, progress.scans))))
 
-    def _speed(self, scans: int) -> str:
+    def _rates(self, progress: Progress, scans: int) -> str:
         covered = real_time_factor(self._log.stamps[:scans], time.perf_counter() - self._started)
-        return "" if covered is None else f"{covered:.0f}x real time"
+        speed = "" if covered is None else f"{covered:.0f}x real time"
+        matched = f"{100 * progress.accepted / progress.tried:.0f} % matched" if progress.tried else ""
+        return ", ".join(filter(None, (speed, matched)))
 
 
 def _place(stage: Stage) -> int:
@@ -111,8 +113,9 @@ def _bar(**described: Any) -> Any:  # noqa: ANN401
     """A bar on stderr, or one of the notebook's own."""
     kind: Any = _Bar
     if "ipykernel" in sys.modules:
-        from tqdm import auto
-
+        with warnings.catch_warnings():  # without ipywidgets it says so, and draws its bar with letters
+            warnings.simplefilter("ignore", TqdmWarning)
+            from tqdm import auto
         kind = auto.tqdm
         described["bar_format"] = described["bar_format"].replace("{bar:20}", "{bar}")
     interval = _INTERVAL_ON_TERMINAL_S if sys.stderr.isatty() else _INTERVAL_IN_FILE_S
