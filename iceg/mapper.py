@@ -156,7 +156,7 @@ class Mapper:
             log=log,
             kept=Cut().kept(len(log)),
             config=replace(self._given, finish=replace(self._given.finish, enabled=False)),
-            is_own_matcher=self._stages != IN_HOUSE,
+            has_own_stages=self._stages != IN_HOUSE,
             is_open_ground=self._is_open_ground,
             laser=self._laser,
             sweep=SweepFinding(source="nothing").record(),

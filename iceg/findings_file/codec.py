@@ -35,7 +35,7 @@ def write_findings(path: Path, findings: Findings) -> None:
     facts = {
         "version": VERSION,
         "config": format_config(findings.config),
-        "is_own_matcher": findings.is_own_matcher,
+        "is_own_matcher": findings.has_own_stages,
         "is_open_ground": findings.is_open_ground,
         "kept": findings.kept.record(),
         "laser": None if findings.laser is None else asdict(findings.laser),
@@ -88,7 +88,7 @@ def _findings(table: Table, facts: Mapping[str, Any]) -> Findings:
         log=log,
         kept=_kept(table, facts["kept"], len(log)),
         config=config,
-        is_own_matcher=facts["is_own_matcher"] is not False,
+        has_own_stages=facts["is_own_matcher"] is not False,
         is_open_ground=facts["is_open_ground"] is True,
         laser=None if facts["laser"] is None else LaserNoise(**_numbers(facts["laser"])),
         sweep=dict(facts["sweep"]),

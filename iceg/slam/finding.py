@@ -102,7 +102,7 @@ def find(
         log=log,
         kept=kept,
         config=given,
-        is_own_matcher=stages != IN_HOUSE,
+        has_own_stages=stages != IN_HOUSE,
         is_open_ground=on_open_ground,
         laser=laser,
         sweep=sweep.record(),

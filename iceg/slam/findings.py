@@ -25,7 +25,7 @@ class Findings:
         log: as it was tracked: odometry between readings filled in, beams moved by the motion within a sweep.
         kept: which scans of the recorded log these are.
         config: the settings that were given.
-        is_own_matcher: whether the caller brought the matcher, which no settings name.
+        has_own_stages: whether the caller brought stages of their own, such as a matcher, which no settings name.
         is_open_ground: whether the log was taken on open ground, which matching depends on.
         laser: its noise; None where too few beams meet walls.
         sweep: what is known of the sweep of the laser, under the names of `summary.json`.
@@ -39,7 +39,7 @@ class Findings:
     log: Log
     kept: KeptScans
     config: Config
-    is_own_matcher: bool
+    has_own_stages: bool
     is_open_ground: bool
     laser: LaserNoise | None
     sweep: dict[str, Any]

@@ -213,7 +213,7 @@ def resolve(findings: Findings, corrections: Corrections | None = None) -> SlamR
     Raises:
         IcegError: a correction that does not fit the log, or the run was made with a stage of the caller's own.
     """
-    if findings.is_own_matcher:
+    if findings.has_own_stages:
         raise CorrectionsError(
             "the run was made with a stage of the caller's own, such as a matcher, expected those of iceg: run again"
         )

@@ -294,7 +294,7 @@ def findings() -> bytes:
         log=log,
         kept=KeptScans.all_of(n),
         config=Config(),
-        is_own_matcher=False,
+        has_own_stages=False,
         is_open_ground=False,
         laser=None,
         sweep={"source": "nothing", "applied": False},
