@@ -164,4 +164,6 @@ def _stack(a: Floats, batch: tuple[int, ...]) -> Floats:
 
 def _copied(a: Floats, batch: tuple[int, ...]) -> Floats:
     """(n, i, k) of its own."""
-    return np.array(np.broadcast_to(a, (*batch, *a.shape[-2:])).reshape(math.prod(batch), *a.shape[-2:]), order="C")
+    if a.shape[:-2] != batch:
+        a = np.broadcast_to(a, (*batch, *a.shape[-2:]))
+    return np.array(a.reshape(math.prod(batch), *a.shape[-2:]), order="C")

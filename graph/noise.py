@@ -1,6 +1,7 @@
 """What a covariance must be before it meets GTSAM, which checks nothing (zeros and negative variances pass)."""
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,6 +96,7 @@ def summed_ratios(covariance: NDArray[np.float64], other: NDArray[np.float64]) -
     return float(adjugate / (xx * a + xy * b + xt * c))
 
 
+@lru_cache(maxsize=16)
 def largest_squared_norm(probability: float) -> float:
     """What the squared, whitened norm of a true (3,) error stays below with this probability: the χ² quantile.
 

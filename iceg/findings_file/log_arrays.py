@@ -14,6 +14,8 @@ from iceg.findings_file.table import Table
 _STEPS = (1.0, 10.0, 100.0, 1000.0, 10_000.0)
 """Ranges are often whole numbers of a unit, which is a metre over one of these."""
 _NO_RETURN = 65535
+_BAND = 256
+"""Scans looked at together."""
 
 
 def log_arrays(log: Log) -> dict[str, NDArray[Any]]:
@@ -79,17 +81,27 @@ def log_of(table: Table, facts: Mapping[str, Any]) -> Log:
 
 def _range_arrays(ranges: NDArray[np.float32]) -> dict[str, NDArray[Any]]:
     """Whole numbers of a unit, where every range is one, else the ranges themselves."""
-    hit = np.isfinite(ranges)
-    found = ranges[hit].astype(np.float64)
     for per_metre in _STEPS:
-        counts = np.rint(found * per_metre)
-        if counts.max(initial=0.0) >= _NO_RETURN or counts.min(initial=0.0) < 0.0:
-            break
-        if np.array_equal((counts / per_metre).astype(np.float32), ranges[hit]):
-            whole = np.full(ranges.shape, _NO_RETURN, dtype=np.uint16)
-            whole[hit] = counts.astype(np.uint16)
+        whole = _whole(ranges, per_metre)
+        if whole is not None:
             return {"log_ranges": whole, "log_ranges_per_metre": np.array([per_metre])}
     return {"log_ranges": ranges}
+
+
+def _whole(ranges: NDArray[np.float32], per_metre: float) -> NDArray[np.uint16] | None:
+    """The ranges as whole numbers, so many a metre; None where one is none, told by the first scans most often."""
+    whole = np.full(ranges.shape, _NO_RETURN, dtype=np.uint16)
+    for first in range(0, len(ranges), _BAND):
+        band = ranges[first : first + _BAND]
+        hit = np.isfinite(band)
+        found = band[hit]
+        counts = np.rint(found.astype(np.float64) * per_metre)
+        if counts.max(initial=0.0) >= _NO_RETURN or counts.min(initial=0.0) < 0.0:
+            return None
+        if not np.array_equal((counts / per_metre).astype(np.float32), found):
+            return None
+        whole[first : first + _BAND][hit] = counts.astype(np.uint16)
+    return whole
 
 
 def _ranges(table: Table, n_beams: int) -> NDArray[np.float32]:

@@ -123,6 +123,12 @@ class IceMatcher:
             _remember(self._observations, scan, observation)
         return observation
 
+    def forget_if_many(self, n_scans: int) -> None:
+        """Let go of what was extracted, unless it will serve whoever asks for so many scans from the first one on."""
+        if n_scans > _REMEMBERED:
+            self._scan_points.clear()
+            self._observations.clear()
+
     def _points(self, scan: Scan) -> ScanPoints:
         points = self._scan_points.get(scan)
         if points is None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.atomic import write_atomically
+from graph.atomic import replacing
 from graph.file_names import readable
 from iceg.report.assembly import assemble
 from iceg.report.payload import page_payload, stages_payload
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from iceg.slam.pipeline import SlamResult
 
 REPORT = "report.html"
+_AT_ONCE = 1 << 20
+"""Characters of the page that are encoded together: the whole of it takes as much memory as a large map."""
 
 
 def write_report(result: "SlamResult", path: Path | str, truth: NDArray[np.float64] | None = None) -> None:
@@ -28,4 +30,6 @@ def write_report(result: "SlamResult", path: Path | str, truth: NDArray[np.float
         truth: (n_scans, 3) true poses, in any frame; those of the log when left out.
     """
     page = assemble(readable(result.log.path.name), page_payload(result, truth), stages_payload(result))
-    write_atomically(Path(path), page.encode())
+    with replacing(Path(path)) as stream:
+        for start in range(0, len(page), _AT_ONCE):
+            stream.write(page[start : start + _AT_ONCE].encode())

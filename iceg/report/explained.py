@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from frontends.scan import Log
 from graph.se2 import transform_points
-from iceg.maps.grid import OccupancyGrid
+from iceg.maps.grid import OccupancyGrid, bands
 
 _FEWEST = 5
 """Of fewer returns no share is told."""
@@ -26,7 +26,7 @@ def explained_shares(
     Returns:
         (k,) shares; NaN where too few beams return.
     """
-    near = _widened(grid.log_odds > 0.0)
+    near = _near_occupied(grid)
     shares = np.full(len(scans), np.nan)
     for first in range(0, len(scans), _AT_ONCE):
         some = slice(first, first + _AT_ONCE)
@@ -41,12 +41,17 @@ def explained_shares(
     return shares
 
 
-def _widened(occupied: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """The same and the eight cells around each."""
-    tall = occupied.copy()
-    tall[1:] |= occupied[:-1]
-    tall[:-1] |= occupied[1:]
-    wide = tall.copy()
-    wide[:, 1:] |= tall[:, :-1]
-    wide[:, :-1] |= tall[:, 1:]
-    return wide
+def _near_occupied(grid: OccupancyGrid) -> NDArray[np.bool_]:
+    """(n_rows, n_cols) the occupied cells and the eight around each."""
+    near = np.empty(grid.shape, np.bool_)
+    for band in bands(len(near)):
+        first = max(band.start - 1, 0)
+        occupied = grid.log_odds[first : band.stop + 1] > 0.0
+        tall = occupied.copy()
+        tall[1:] |= occupied[:-1]
+        tall[:-1] |= occupied[1:]
+        wide = tall.copy()
+        wide[:, 1:] |= tall[:, :-1]
+        wide[:, :-1] |= tall[:, 1:]
+        near[band] = wide[band.start - first : band.stop - first]
+    return near

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from iceg.maps.grid import OccupancyGrid
+from iceg.maps.grid import OccupancyGrid, bands
 from iceg.report.packing import packed
 
 _MOST_CELLS = 6_000_000
@@ -20,9 +20,10 @@ def grid_payload(grid: OccupancyGrid) -> Mapping[str, Any]:
     factor = max(1, math.ceil(math.sqrt(grid.log_odds.size / _MOST_CELLS)))
     log_odds = _coarser(grid.log_odds, factor)
     rows, columns = log_odds.shape
-    shades = _shades(log_odds)
     flat = np.zeros((rows * columns + 1) // 2 * 2, dtype=np.uint8)
-    flat[: rows * columns] = shades.ravel()
+    most = float(max(log_odds.max(initial=0.0), -log_odds.min(initial=0.0))) or 1.0
+    for band in bands(rows):
+        flat[band.start * columns : band.stop * columns] = _shades(log_odds[band], most).ravel()
     return {
         "rows": rows,
         "columns": columns,
@@ -33,9 +34,8 @@ def grid_payload(grid: OccupancyGrid) -> Mapping[str, Any]:
     }
 
 
-def _shades(log_odds: NDArray[np.float32]) -> NDArray[np.uint8]:
-    """(rows, columns) shades, linear in the log-odds between their extremes."""
-    most = float(np.abs(log_odds).max(initial=0.0)) or 1.0
+def _shades(log_odds: NDArray[np.float32], most: float) -> NDArray[np.uint8]:
+    """(rows, columns) shades, linear in the log-odds between `most` either way."""
     middle = (_SHADES + 1) // 2
     shades = middle + np.sign(log_odds) * np.ceil((middle - 1) * np.abs(log_odds) / most)
     shades[log_odds == 0.0] = _UNKNOWN

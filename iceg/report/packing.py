@@ -17,4 +17,4 @@ def packed(array: ArrayLike, kind: Kind) -> dict[str, Any]:
         kind: of its numbers in the page.
     """
     numbers = np.ascontiguousarray(array, dtype=f"<{kind}" if kind != "u1" else "u1")
-    return {"type": kind, "shape": list(numbers.shape), "base64": base64.b64encode(numbers.tobytes()).decode("ascii")}
+    return {"type": kind, "shape": list(numbers.shape), "base64": base64.b64encode(numbers.data).decode("ascii")}

@@ -20,6 +20,7 @@ from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.noise import beyond_allowed
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
+from iceg.memory import release_freed_memory
 from iceg.result_tables import RunTables, TableName
 from iceg.slam.back_end import Solution
 from iceg.slam.closures.closure import Closure
@@ -246,10 +247,12 @@ def conclude(
     own = corrections.counted_in(findings.kept)
     with clock.stage("finish"):
         corrected = corrected_by(findings.solution, own, track, matcher, config)
+        _release(matcher, track)
         solution, finished = _finish(corrected, findings.rounds, track, log, matcher, config, noise)
     with clock.stage("covariances"):
         solution = _in_frame(own.frame, solution, track, config)
         joint = _joint_covariance(finished, solution)
+        release_freed_memory()
     trajectory = track.trajectory(solution.poses)
     drawing = InThread(partial(_timed_grid, log, trajectory, config, stages))
     with clock.stage("feature_map"):
@@ -257,6 +260,7 @@ def conclude(
     clock.begin("grid")
     grid, doubt, drawn = drawing.result()
     clock.add(drawn)
+    _release(matcher, track)
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
     worst = least_known(key_scans, joint.marginals)
     warnings = corrected.warnings + run_warnings(track, solution, finished.rounds, worst, doubt, findings.gyro)
@@ -349,6 +353,12 @@ def landmarks_of(track: Track, key_poses: NDArray[np.float64], matcher: MapMatch
     features = (matcher.judge.observe(key.scan).features.unpack() for key in track.keys)
     feature_map = build_feature_map(key_poses, features, (key.scan for key in track.keys), config.feature_map)
     return feature_map.record()
+
+
+def _release(matcher: MapMatcher, track: Track) -> None:
+    """Give back the memory that the stages so far took, before one that needs much itself."""
+    matcher.judge.forget_if_many(len(track.keys))
+    release_freed_memory()
 
 
 def _timed_grid(
