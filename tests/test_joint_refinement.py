@@ -343,9 +343,7 @@ def test_points_of_key_scans_and_of_scans_between(office: Simulation, track: Tra
 
 
 def test_points_that_stand_for_many_tell_more(solution: Solution, track: Track) -> None:
-    config = JointRefinementConfig(
-        max_points=20_000, walls_gain=100.0
-    )  # of few points the graph, which is believed then, knows more
+    config = JointRefinementConfig(max_points=20_000)
     clouds, factors = key_clouds(track, None, config), solution.graph.factors
     few, some, many = (
         refine_jointly(factors, solution.poses, replace(clouds, stand_for=n), config) for n in (1.0, 4.0, 32.0)

@@ -173,17 +173,13 @@ class JointRefinementConfig:
     telling_reach: float = 15.0
     """Points farther than this from the robot tell nothing of how well the poses are known [m]: near the end of a
     laser's range, noise decides which points return at all."""
-    walls_gain: float = 1.75
-    """The walls' standard deviations of the poses count as no more than so many times smaller than the graph's. On
-    thirty simulated worlds the mean NEES is 1.7, 2.8, 3.9 and 4.3 with 1, 1.75, 3 and 4.5; the share of runs above 12
-    is 0, 3, 7 and 10 %."""
     scans_per_key: int = 4
     """Scans of each key pose that take part: the key scan and some of those on the way to the next."""
     max_points: int = 500_000
     """Only every so many beams are used, so that there are no more points than this."""
 
     def __post_init__(self) -> None:
-        for name in ("cell", "half_length", "half_width", "scale", "independence", "walls_gain"):
+        for name in ("cell", "half_length", "half_width", "scale", "independence"):
             if not getattr(self, name) > 0.0:
                 raise SlamConfigError(f"joint refinement: {name} must be positive, found {getattr(self, name)}")
         check_numbers(self, SlamConfigError)

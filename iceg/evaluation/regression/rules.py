@@ -191,7 +191,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             without={f"{_SLAM}.final_factors:without_lost_odometry": lambda factors, *_: list(factors)},
         ),
         "believed walls": Rule(
-            what="walls know poses little better than the graph at most",
+            what="poses that went part of the way to the walls keep part of the graph's covariance",
             without={f"{_SLAM}.joint.refinement:believed_covariances": _first},
         ),
         "off the path": Rule(

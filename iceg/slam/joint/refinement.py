@@ -23,7 +23,7 @@ from iceg.ice.noise import PLAIN
 from iceg.ice.points import thinned_points
 from iceg.slam.config import JointRefinementConfig
 from iceg.slam.joint import _wall_kernels as kernels
-from iceg.slam.joint._system_kernels import product
+from iceg.slam.joint._system_kernels import JointSystem, product
 from iceg.slam.joint.covariance import PoseInformation, Walls, joint_information
 from iceg.slam.joint.wall_claims import believed_covariances
 from iceg.slam.joint.wall_pieces import WallPieces
@@ -41,6 +41,8 @@ _THINNEST = 4
 _FARTHER = 1.3
 """Steps are taken so much longer: a full one brings little more than half of what is left, because weights and lines
 follow the points. Longer ones overshoot where it brings more."""
+_CONFIRMED = 0.5
+"""Where the poses went less than this share of the way to the walls, the graph knows more of them than the walls do."""
 _OTHER_PIECES = 0.5
 """After steps longer than so many cells the points are grouped into pieces of wall anew."""
 _STAND_FOR = 4.0
@@ -65,8 +67,9 @@ class JointRefinement:
         residual: … and in the end [m].
         on_walls_before: share of the points on their piece of wall (mean Cauchy weight) at the start …
         on_walls: … and in the end.
+        share: how much of the way from the graph's optimum to that of the points the last step went, 0 to 1.
         covariances: (k, 3, 3) marginal covariances of the poses in the end, None if the points do not determine them or
-            claim more than is credible.
+            did not pull them where they say.
         information: what the covariances rest on, None where they are.
         walls: the pieces of wall in the end, in the frame of the poses.
     """
@@ -81,6 +84,7 @@ class JointRefinement:
     on_walls_before: float
     on_walls: float
     walls: WallPieces
+    share: float
     covariances: NDArray[np.float64] | None = None
     information: PoseInformation | None = None
 
@@ -147,27 +151,25 @@ def refine_jointly(
     room = _Room.of(len(clouds.points))
     walls = _walls(clouds, poses, config, part_of, room)
     pieces, on_walls, residual = (walls.piece_of, len(walls.lines)), walls.on_walls, walls.residual
-    refined, steps = poses, 0
+    refined, steps, share = poses, 0, 0.0
+    pull = _Pull.of(clouds, walls, refined, config)
     while steps < config.steps and len(walls.lines):
-        step = _FARTHER * _step(clouds, walls, problem.linearized(refined), refined, config)
+        step = _FARTHER * _step(pull, problem.linearized(refined))
         refined, steps = compose(refined, expmap(step)), steps + 1
         moved = np.hypot(step[:, 0], step[:, 1]).mean()
-        if steps == config.steps or moved < config.tolerance:
-            break
         grouped = (walls.piece_of, len(walls.lines)) if moved < _OTHER_PIECES * config.cell else None
         walls = _walls(clouds, refined, config, part_of, room, grouped)
+        before, pull = pull, _Pull.of(clouds, walls, refined, config)
+        share = _share(step, before, pull)
+        if moved < config.tolerance:
+            break
     # Judged on the pieces of the start: grouping anew changes the figures by chance.
-    last = _walls(clouds, refined, config, part_of, room, pieces)
+    last = walls if walls.piece_of is pieces[0] else _walls(clouds, refined, config, part_of, room, pieces)
     if last.on_walls < on_walls:
-        refined = poses
+        refined, share = poses, 0.0
         last = _walls(clouds, poses, config, part_of, room, pieces)
-    information = _information(factors if believed is None else believed, refined, clouds, last, config)
-    covariances = None
-    if information is not None:
-        known = problem if believed is None else Problem.of(believed, len(poses))
-        covariances = believed_covariances(
-            information.covariances, known.marginal_covariances(poses), config.walls_gain
-        )
+    known = factors if believed is None else believed
+    information, covariances = _covariances(known, poses, refined, share, clouds, last, config)
     # As a whole the map may move, held by the prior alone: put the first pose back.
     back = compose(poses[0], inverse(refined[0]))
     refined = compose(back, refined) if steps else poses
@@ -182,28 +184,36 @@ def refine_jointly(
         on_walls_before=on_walls,
         on_walls=last.on_walls,
         walls=WallPieces.of(last, clouds.spreads, clouds.key_starts, back),
+        share=share,
         covariances=covariances,
-        information=None if covariances is None else information,
+        information=information,
     )
 
 
-def _information(
+def _covariances(
     factors: Sequence[Factor],
+    start: NDArray[np.float64],
     poses: NDArray[np.float64],
+    share: float,
     clouds: Clouds,
     walls: Walls,
     config: JointRefinementConfig,
-) -> PoseInformation | None:
-    """Of all poses; of points far away, where noise decides which return at all, nothing is believed."""
-    if not len(walls.lines):
-        return None
+) -> tuple[PoseInformation, NDArray[np.float64]] | tuple[None, None]:
+    """Of poses that went a share of the way from the optimum of the graph to that of the points.
+
+    Of points far away, where noise decides which return at all, nothing is believed.
+    """
+    if share < _CONFIRMED:
+        return None, None
     near = np.hypot(clouds.points[:, 0], clouds.points[:, 1]) <= config.telling_reach
     told = replace(walls, weights=np.where(near, walls.weights, 0.0))
     precision = _precision(walls, config) * max(1.0, clouds.stand_for / _STAND_FOR) ** (2.0 / 3.0)
     try:
-        return joint_information(factors, poses, clouds.key_starts, told, precision)
+        information = joint_information(factors, poses, clouds.key_starts, told, precision)
     except np.linalg.LinAlgError:
-        return None
+        return None, None
+    graph = Problem.of(factors, len(start)).marginal_covariances(start)
+    return information, believed_covariances(information.covariances, graph, share)
 
 
 def _precision(walls: Walls, config: JointRefinementConfig) -> float:
@@ -361,21 +371,59 @@ def _pieces(
     return piece[member], n_pieces
 
 
-def _step(
-    clouds: Clouds,
-    walls: Walls,
-    graph: Linearization,
-    poses: NDArray[np.float64],
-    config: JointRefinementConfig,
-) -> NDArray[np.float64]:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Pull:
+    """How the points pull at the poses, as their normal equations say.
+
+    Attributes:
+        system: of the points.
+        n_lines: how many lines were eliminated.
+        precision: of one point of weight 1 [1/m²].
+    """
+
+    system: JointSystem
+    n_lines: int
+    precision: float
+
+    @classmethod
+    def of(cls, clouds: Clouds, walls: Walls, poses: NDArray[np.float64], config: JointRefinementConfig) -> "_Pull":
+        """Of the points of scans at (k, 3) poses."""
+        return cls(
+            system=walls.normal_equations(poses, clouds.key_starts),
+            n_lines=len(walls.lines),
+            precision=_precision(walls, config),
+        )
+
+    @property
+    def gradient(self) -> NDArray[np.float64]:
+        """(k, 3)."""
+        return self.precision * self.system.gradient
+
+    def times(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(k, 3) H x."""
+        return np.asarray(self.precision * product(self.system, self.n_lines, x))
+
+
+def _step(pull: _Pull, graph: Linearization) -> NDArray[np.float64]:
     """(k, 3) Gauss-Newton step of points and factors together, in the tangent space at each pose."""
-    system = walls.normal_equations(poses, clouds.key_starts)
-    precision = _precision(walls, config)
 
     def times(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(precision * product(system, len(walls.lines), x) + graph.times(x))
+        return np.asarray(pull.times(x) + graph.times(x))
 
-    return _conjugate_gradients(times, graph, -(precision * system.gradient + graph.gradient))
+    return _conjugate_gradients(times, graph, -(pull.gradient + graph.gradient))
+
+
+def _share(step: NDArray[np.float64], before: _Pull, after: _Pull) -> float:
+    """How much of the way to the optimum of the points a step went.
+
+    The normal equations take lines and weights as they are; both follow the points, and little of the pull may be left
+    where few surfaces face along the step s. If the gradient of the points changes along it by κ sᵀH s instead of
+    sᵀH s, the optimum is 1 / κ times as far away as a full step goes.
+    """
+    expected = vecdot(step, before.times(step))
+    if expected <= 0.0:  # there was nothing left to go
+        return 1.0
+    return float(np.clip(_FARTHER * vecdot(step, after.gradient - before.gradient) / expected, 0.0, 1.0))
 
 
 def _conjugate_gradients(

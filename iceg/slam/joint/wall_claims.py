@@ -1,10 +1,10 @@
-"""How much better than the graph the walls may know where the key poses are, and that they know it no worse.
+"""What is believed of the key poses between what the graph and what the walls say.
 
-The walls' covariances take it for certain which points lie on one wall. That was looked for within some centimetres
-of where the graph put the poses. Where the graph knows them far worse, as after a long way among people, or along
-corridors with few beams, points lie on the wrong piece of wall, the refinement cannot leave its place, and the claim is
-void. The graph's own covariances are too large where all is well (their standard deviations are up to 3.6 times those
-of the walls in nine of ten recorded worlds) but hold where logs go wrong.
+The joint refinement starts at the graph's optimum and goes towards that of the points on walls, often not all of the
+way: along a corridor where little holds, or after a long way among people, points lie on the wrong piece of wall and
+pull back far less than their normal equations say. A pose that went the share a of the way errs by a times what the
+walls err by plus 1 - a times what the graph errs by. Both rest on the same scans, so how their errors hang together is
+unknown; whatever it is, the covariance of the sum is at most a Σ_walls + (1 - a) Σ_graph.
 
 Points far from the laser tell nothing in the walls' covariances, nor do matches. On open ground hardly anything stands
 near, and odometry would be left alone: 20 m claimed on a campus of 1.6 km that is known to 3 cm. The graph has the
@@ -16,35 +16,26 @@ from numpy.typing import NDArray
 
 from graph import dense
 
-CREDIBLE = 4.5
-"""Where most of the walls' standard deviations would be so many times smaller than the graph's, something is wrong with
-the walls. With 3, good runs are told that their walls do not confirm them; with 9, two wrong ones are told nothing."""
 
-
-def believed_covariances(
-    walls: NDArray[np.float64], graph: NDArray[np.float64], gain: float
-) -> NDArray[np.float64] | None:
-    """The walls' covariances, nowhere far smaller than the graph's, nor larger.
+def believed_covariances(walls: NDArray[np.float64], graph: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+    """Of poses between the graph's optimum and that of the walls, in no direction larger than the graph's.
 
     Args:
         walls: (k, 3, 3) marginals of the key poses from the points on shared walls, relative to the first …
         graph: … and from the factors of the graph.
-        gain: the walls' standard deviation counts as no more than so many times smaller, in any direction.
+        share: of the way to the walls' optimum that the poses went, 0 to 1.
 
     Returns:
-        (k, 3, 3), or None where more than half of the positions would be known too well: nothing is believed then.
+        (k, 3, 3).
     """
-    variances, least = (c[1:, 0, 0] + c[1:, 1, 1] for c in (walls, graph / CREDIBLE**2))
-    if np.count_nonzero(variances < least) > 0.5 * len(least):
-        return None
     believed = walls.copy()
     try:
         root = dense.cholesky(graph[1:])
     except np.linalg.LinAlgError:  # rounding has spoilt them: they judge nothing
         return believed
     whitened = dense.solve(root, np.swapaxes(dense.solve(root, walls[1:]), 1, 2))
-    shares, axes = dense.eigh(whitened)
+    ratios, axes = dense.eigh(whitened)
     directions = dense.matmul(root, axes)
-    lacking = np.clip(shares, 1.0 / gain**2, 1.0) - shares
+    lacking = share * np.minimum(ratios, 1.0) + (1.0 - share) - ratios
     believed[1:] += dense.matmul(directions * lacking[:, None, :], np.swapaxes(directions, 1, 2))
     return believed
