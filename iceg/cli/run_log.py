@@ -87,8 +87,7 @@ def run_log(
         raise KeyboardInterrupt(what_was_kept(directory, before)) from None
     with Telling(as_json=as_json) as telling:
         _tell_results(result, progress.matching, time.perf_counter() - started, telling)
-        _warn([warning for warning in result.log.warnings if warning not in log.warnings])
-        tell_result_warnings(result)
+        _tell_warnings(result, log.warnings)
         page = "report.html, " if report else ""
         files = f"{page}map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more"
         telling.say(f"Results are in {directory}: {files}")
@@ -182,7 +181,7 @@ def _tell_warnings(result: "SlamResult", told: Sequence[str]) -> None:
     from iceg.results import stamps_warning
 
     _warn([warning for warning in result.log.warnings if warning not in told])
-    _warn(in_short([*_tracking_warnings(result), *result.warnings], "warnings and lost_at_scans in summary.json"))
+    tell_result_warnings(result)
     _warn([warning for warning in [stamps_warning(result)] if warning])
 
 

@@ -42,7 +42,7 @@ from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened
 from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import ProgressCallback, StageProgress
-from iceg.slam.run_summary import LaserSummary, RunSummary
+from iceg.slam.run_summary import LaserSummary, RunCounts, RunSummary
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.stage_clock import StageClock
 from iceg.slam.stages import IN_HOUSE, Stages
@@ -264,19 +264,7 @@ def conclude(
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
     worst = least_known(key_scans, joint.marginals)
     warnings = corrected.warnings + run_warnings(track, solution, finished.rounds, worst, doubt, findings.gyro)
-    summary: RunSummary = {
-        **summarise(log, track, solution, findings.calibration, finished.rounds, worst, warnings),
-        "laser": _described(findings.laser),
-        "sweep": findings.sweep,
-        "seconds": clock.seconds,
-        "cpu_seconds": clock.cpu_seconds,
-    }
-    if findings.gyro is not None:
-        summary["gyro"] = findings.gyro.record()
-    if record := corrections.record():
-        summary["corrections"] = record
-    if not findings.kept.is_all:
-        summary["cut"] = findings.kept.record()
+    counts = summarise(log, track, solution, findings.calibration, finished.rounds, worst, warnings)
     return SlamResult(
         log=log,
         config=given,
@@ -291,9 +279,27 @@ def conclude(
         walls=finished.walls,
         closures=[*_closures(track, solution), *corrected.by_hand],
         warnings=warnings,
-        summary=summary,
+        summary=_summary(counts, findings, corrections, clock),
         findings=findings,
     )
+
+
+def _summary(counts: RunCounts, findings: Findings, corrections: Corrections, clock: StageClock) -> RunSummary:
+    """What `summary.json` holds: the counts, and what was learned, corrected and spent."""
+    summary: RunSummary = {
+        **counts,
+        "laser": _described(findings.laser),
+        "sweep": findings.sweep,
+        "seconds": clock.seconds,
+        "cpu_seconds": clock.cpu_seconds,
+    }
+    if findings.gyro is not None:
+        summary["gyro"] = findings.gyro.record()
+    if record := corrections.record():
+        summary["corrections"] = record
+    if not findings.kept.is_all:
+        summary["cut"] = findings.kept.record()
+    return summary
 
 
 def _finish(
