@@ -19,7 +19,7 @@ from iceg.beside import InThread
 from iceg.config import Config
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.features import extract_features
-from iceg.ice.matcher import IceMatcher
+from iceg.ice.matcher import REMEMBERED, IceMatcher
 from iceg.ice.noise import beyond_allowed
 from iceg.maps.config import GridConfig
 from iceg.maps.feature_map import Landmarks, build_feature_map
@@ -238,7 +238,7 @@ def _conclude(findings: Findings, corrections: Corrections, matcher: Matcher | N
     with clock.stage("covariances"):
         solution = _in_frame(own.frame, solution, track, config)
         joint = _joint_covariance(finished, solution)
-        release_freed_memory()
+        _release(matcher, track)
     trajectory = track.trajectory(solution.poses)
     drawing = InThread(partial(_grid, trajectory, log, config.grid, clock))
     with clock.stage("feature_map"):
@@ -342,10 +342,15 @@ def _landmarks(track: Track, key_poses: NDArray[np.float64], matcher: Matcher, c
 
 
 def _release(matcher: Matcher, track: Track) -> None:
-    """Give back the memory that the stages so far took, before one that needs much itself."""
-    if isinstance(matcher, IceMatcher):
-        matcher.forget_if_many(len(track.keys))
-    release_freed_memory()
+    """Give back the memory that the stages of a long run took, before one that needs much itself.
+
+    Of a short run all that was extracted is kept, and serves the next stage; of a long one too little is left to serve
+    whoever asks for the scans from the first one on.
+    """
+    if len(track.keys) > REMEMBERED:
+        if isinstance(matcher, IceMatcher):
+            matcher.forget()
+        release_freed_memory()
 
 
 def _grid(
