@@ -107,7 +107,7 @@ def _tell(work: Callable[[], object], writing: int) -> None:
     try:
         try:
             told = pickle.dumps((work(), None))
-        except Exception as err:  # noqa: BLE001 raised again where the result is asked for
+        except BaseException as err:  # noqa: BLE001 raised again where the result is asked for
             told = pickle.dumps((None, err))
         with os.fdopen(writing, "wb") as stream:
             stream.write(told)

@@ -225,7 +225,7 @@ def test_what_is_remembered_of_scans_is_bounded_and_nothing_depends_on_it(
     roomy, tight = IceMatcher(), IceMatcher()
     expected = [roomy.observe(scan) for scan in scans]
     assert roomy.observe(scans[0]) is expected[0]
-    monkeypatch.setattr("iceg.ice.matcher._REMEMBERED", 5)
+    monkeypatch.setattr("iceg.ice.matcher.REMEMBERED", 5)
     for scan, observation in [*zip(scans, expected, strict=True)] * 2:
         found = tight.observe(scan)
         np.testing.assert_array_equal(found.reference_points.points, observation.reference_points.points)

@@ -50,7 +50,7 @@ _HOLD = 30.0
 """Pull of a guess that a match must not leave far, in points."""
 _STILL = SearchWindow(T_ref_guess=np.zeros(3), translation=0.05, rotation=0.03)
 """A guess that its polish moves by no more than this lay on an optimum already."""
-_REMEMBERED = 3000
+REMEMBERED = 3000
 """Scans whose points and features are kept, so that memory does not grow with the run."""
 _Extracted = TypeVar("_Extracted")
 
@@ -123,11 +123,10 @@ class IceMatcher:
             _remember(self._observations, scan, observation)
         return observation
 
-    def forget_if_many(self, n_scans: int) -> None:
-        """Let go of what was extracted, unless it will serve whoever asks for so many scans from the first one on."""
-        if n_scans > _REMEMBERED:
-            self._scan_points.clear()
-            self._observations.clear()
+    def forget(self) -> None:
+        """Let go of what was extracted from scans; it is extracted again when it is asked for."""
+        self._scan_points.clear()
+        self._observations.clear()
 
     def _points(self, scan: Scan) -> ScanPoints:
         points = self._scan_points.get(scan)
@@ -497,6 +496,6 @@ class IceMatcher:
 
 
 def _remember(kept: WeakKeyDictionary[Scan, _Extracted], scan: Scan, extracted: _Extracted) -> None:
-    if len(kept) >= _REMEMBERED:
+    if len(kept) >= REMEMBERED:
         del kept[next(iter(kept))]
     kept[scan] = extracted

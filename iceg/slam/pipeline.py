@@ -17,6 +17,7 @@ from graph.se2 import compose
 from iceg.beside import InThread
 from iceg.config import Config
 from iceg.ice._point_kernels import RangeNoise
+from iceg.ice.matcher import REMEMBERED
 from iceg.ice.noise import beyond_allowed
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
@@ -252,7 +253,7 @@ def conclude(
     with clock.stage("covariances"):
         solution = _in_frame(own.frame, solution, track, config)
         joint = _joint_covariance(finished, solution)
-        release_freed_memory()
+        _release(matcher, track)
     trajectory = track.trajectory(solution.poses)
     drawing = InThread(partial(_timed_grid, log, trajectory, config, stages))
     with clock.stage("feature_map"):
@@ -362,9 +363,14 @@ def landmarks_of(track: Track, key_poses: NDArray[np.float64], matcher: MapMatch
 
 
 def _release(matcher: MapMatcher, track: Track) -> None:
-    """Give back the memory that the stages so far took, before one that needs much itself."""
-    matcher.judge.forget_if_many(len(track.keys))
-    release_freed_memory()
+    """Give back the memory that the stages of a long run took, before one that needs much itself.
+
+    Of a short run all that was extracted is kept, and serves the next stage; of a long one too little is left to serve
+    whoever asks for the scans from the first one on.
+    """
+    if len(track.keys) > REMEMBERED:
+        matcher.judge.forget()
+        release_freed_memory()
 
 
 def _timed_grid(
