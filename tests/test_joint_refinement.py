@@ -57,6 +57,21 @@ def room_clouds(poses: Array, n: int = 60, noise: float = 0.01, seed: int = 0) -
     )
 
 
+def corridor_clouds(poses: Array, seed: int, n: int = 200, noise: float = 0.01) -> Clouds:
+    """Points on two bare walls along x, on either side of poses that face along them."""
+    rng = np.random.default_rng(seed)
+    side = rng.choice([-1.0, 1.0], n * len(poses))
+    ahead, across = rng.uniform(-4.0, 4.0, len(side)), 1.5 * side + noise * rng.normal(size=len(side))
+    return Clouds(
+        points=np.column_stack([ahead, across]),
+        normals=np.column_stack([np.zeros(len(side)), -side]),
+        spreads=np.ones(len(side)),
+        starts=n * np.arange(len(poses) + 1),
+        key_of_scan=np.arange(len(poses)),
+        T_key_scan=np.zeros((len(poses), 3)),
+    )
+
+
 def chain(poses: Array, deviations: tuple[float, float, float], seed: int = 0) -> list[Factor]:
     """A prior and noisy odometry."""
     rng, covariance = np.random.default_rng(seed), np.diag(deviations) ** 2
@@ -266,6 +281,38 @@ def test_few_steps_bring_most_of_what_many_do() -> None:
     many = refine_jointly(factors, start, room_clouds(truth), JointRefinementConfig(steps=15, tolerance=1e-4))
     assert few.steps < many.steps
     assert worst(few.poses, many.poses) < 0.2 * worst(start, many.poses)
+
+
+def exact_chain(poses: Array) -> list[Factor]:
+    """A prior and odometry that is right."""
+    return [
+        replace(factor, T_i_j=poses[0] if factor.i is None else between(poses[factor.i], poses[factor.j]))
+        for factor in chain(poses, (0.03, 0.03, 0.01))
+    ]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+def test_in_a_room_the_walls_are_believed(noise: float) -> None:
+    truth = drive()
+    result = refine_jointly(exact_chain(truth), truth, room_clouds(truth, noise=noise), JointRefinementConfig())
+    assert result.share > 0.8
+    assert result.information is not None
+    assert result.covariances is not None
+
+
+def test_what_walls_along_a_corridor_say_of_the_way_along_it_is_hardly_believed() -> None:
+    truth = np.column_stack([np.linspace(0.0, 4.0, 12), np.zeros((12, 2))])
+    ratios = []
+    for seed in range(6):
+        factors = chain(truth, (0.3, 0.001, 0.0002), seed)
+        start = optimize(factors, truth).poses
+        result = refine_jointly(factors, start, corridor_clouds(truth, seed), JointRefinementConfig())
+        graph = Problem.of(factors, len(truth)).marginal_covariances(start)
+        believed = graph if result.covariances is None else result.covariances
+        ratios.append(believed[-1, 0, 0] / graph[-1, 0, 0])
+    # Noise tilts the pieces of both walls, so that they seem to hold the poses: they alone claim 0.01 to 0.03.
+    assert np.mean(ratios) > 0.4
+    assert min(ratios) > 0.1
 
 
 def test_parts_that_nothing_ties_share_no_walls() -> None:

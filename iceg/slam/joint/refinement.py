@@ -67,7 +67,8 @@ class JointRefinement:
         residual: … and in the end [m].
         on_walls_before: share of the points on their piece of wall (mean Cauchy weight) at the start …
         on_walls: … and in the end.
-        share: how much of the way from the graph's optimum to that of the points the last step went, 0 to 1.
+        share: how much of the way from the graph's optimum to that of the points the steps went, 0 to 1: the least that
+            one of them did.
         covariances: (k, 3, 3) marginal covariances of the poses in the end, None if the points do not determine them or
             did not pull them where they say.
         information: what the covariances rest on, None where they are.
@@ -151,7 +152,7 @@ def refine_jointly(
     room = _Room.of(len(clouds.points))
     walls = _walls(clouds, poses, config, part_of, room)
     pieces, on_walls, residual = (walls.piece_of, len(walls.lines)), walls.on_walls, walls.residual
-    refined, steps, share = poses, 0, 0.0
+    refined, steps, shares = poses, 0, list[float]()
     pull = _Pull.of(clouds, walls, refined, config)
     while steps < config.steps and len(walls.lines):
         step = _FARTHER * _step(pull, problem.linearized(refined))
@@ -160,11 +161,12 @@ def refine_jointly(
         grouped = (walls.piece_of, len(walls.lines)) if moved < _OTHER_PIECES * config.cell else None
         walls = _walls(clouds, refined, config, part_of, room, grouped)
         before, pull = pull, _Pull.of(clouds, walls, refined, config)
-        share = _share(step, before, pull)
+        shares.append(_share(step, before, pull))
         if moved < config.tolerance:
             break
     # Judged on the pieces of the start: grouping anew changes the figures by chance.
     last = walls if walls.piece_of is pieces[0] else _walls(clouds, refined, config, part_of, room, pieces)
+    share = min(shares, default=0.0)
     if last.on_walls < on_walls:
         refined, share = poses, 0.0
         last = _walls(clouds, poses, config, part_of, room, pieces)
