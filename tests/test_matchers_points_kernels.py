@@ -20,7 +20,9 @@ from frontends.matchers.bearing_scan import BearingScan
 from frontends.matchers.quad_tree import QuadTree
 from frontends.matchers.weighted_points import PointNoiseConfig, weigh_scan
 from frontends.scan import Scan, ScanGeometry
+from tests.kernels import from_python
 
+ACCELERATE = from_python(icp._accelerate)
 EVERY_PAIR = Trimming(1.0, 1.0, 0.7, math.inf, 3)
 seeds = st.integers(0, 2**32 - 1)
 
@@ -192,18 +194,18 @@ def test_pairs_at_the_end_of_what_was_seen_are_left_out() -> None:
 def test_short_steps_that_keep_their_direction_are_led_to_their_end() -> None:
     """Steps 0.02, 0.01 along x lead on by 0.01, as their geometric series does; a turn to the side leads nowhere."""
     pose, steps = np.array([0.03, 0.0, 0.0]), np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0]])
-    icp._accelerate(np.array([0.02, 0.0, 0.0]), pose, steps)
+    ACCELERATE(np.array([0.02, 0.0, 0.0]), pose, steps)
     assert pose == pytest.approx([0.04, 0.0, 0.0])
     assert not steps.any()
     sideways, steps = np.array([0.02, 0.01, 0.0]), np.array([[0.0, 0.0, 0.0], [0.02, 0.0, 0.0]])
-    icp._accelerate(np.array([0.02, 0.0, 0.0]), sideways, steps)
+    ACCELERATE(np.array([0.02, 0.0, 0.0]), sideways, steps)
     assert sideways == pytest.approx([0.02, 0.01, 0.0])
 
 
 def test_long_steps_are_not_led_on() -> None:
     """Far from the end the pairs of points still change by chance, and with them where the steps lead."""
     pose, steps = np.array([0.6, 0.0, 0.0]), np.array([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0]])
-    icp._accelerate(np.array([0.4, 0.0, 0.0]), pose, steps)
+    ACCELERATE(np.array([0.4, 0.0, 0.0]), pose, steps)
     assert pose == pytest.approx([0.6, 0.0, 0.0])
 
 

@@ -92,7 +92,7 @@ def test_a_study_compares_each_rule_with_nothing_switched_off(tmp_path: Path) ->
         (Bench(parts=("regression",), workers=0), "--workers 0"),
         (Ablation(off=("near odometry",)), "need --rules"),
         (Ablation(rules=True, off=("witchcraft",)), "--off 'witchcraft', expected some of relocalisation"),
-        (Ablation(rules=True, faults=True), "neither logs nor --faults"),
+        (Ablation(rules=True, faults=True), "no logs, --faults or --scales"),
     ],
 )
 def test_options_that_do_not_go_together_are_refused(command: Bench | Ablation, message: str) -> None:

@@ -63,20 +63,21 @@ class ProgressBar:
 
     def __exit__(self, kind: object, *_: object) -> None:
         if kind is None:
-            self._show("done", 100.0, self._rates(self.matching, len(self._log)))
+            self._show("done", 100.0, self._counts(self.matching, len(self._log)))
         self._bar.close()
 
     def __call__(self, progress: Progress) -> None:
         """Show where the run stands; cheap when nothing is due."""
         if progress.stage == "filtering":
-            self._show("filtering", (100.0 - _WRITING) * self._done(progress), f"{progress.scans} scans")
+            self._show("filtering", (100.0 - _WRITING) * self._done(progress), self._counts(progress, progress.scans))
             return
         if progress.stage == "matching":
             self.matching = progress
         before = sum(share for stage, share in _SHARES.items() if _place(stage) < _place(progress.stage))
         within = _SHARES["matching"] * self._done(progress) if progress.stage == "matching" else 0.0
         words = _WORDS.get(progress.stage, progress.stage)
-        self._show(words, before + within, self._counts(progress) if progress.stage == "matching" else "")
+        postfix = self._counts(progress, progress.scans) if progress.stage == "matching" else ""
+        self._show(words, before + within, postfix)
 
     def writing(self, name: str, begun: int, of: int) -> None:
         """Show that a file is being written, the one after `begun` of `of`."""
@@ -94,15 +95,11 @@ class ProgressBar:
     def _done(self, progress: Progress) -> float:
         return min(progress.scans / len(self._log), 1.0)
 
-    def _counts(self, progress: Progress) -> str:
-        scans = f"{progress.scans}/{len(self._log)} scans"
-        return ", ".join(filter(None, (scans, self._rates(progress, progress.scans))))
-
-    def _rates(self, progress: Progress, scans: int) -> str:
+    def _counts(self, progress: Progress, scans: int) -> str:
         covered = real_time_factor(self._log.stamps[:scans], time.perf_counter() - self._started)
         speed = "" if covered is None else f"{covered:.0f}x real time"
         matched = f"{100 * progress.accepted / progress.tried:.0f} % matched" if progress.tried else ""
-        return ", ".join(filter(None, (speed, matched)))
+        return ", ".join(filter(None, (f"{scans}/{len(self._log)} scans", speed, matched)))
 
 
 def _place(stage: Stage) -> int:
