@@ -56,7 +56,7 @@ class ProgressBar:
         self.matching = Progress(scans=0, tried=0, accepted=0)
         self._log = log
         self._started = time.perf_counter()
-        self._bar = _bar(desc=f"{log.path.name}, matching", total=100.0, bar_format=_BAR)
+        self._bar = _bar(desc=f"{log.path.name}, starting", total=100.0, bar_format=_BAR)
 
     def __enter__(self) -> Self:
         return self
