@@ -254,6 +254,10 @@ def test_the_page_holds_baseline_present_and_rules() -> None:
     assert "| nothing" in text
     assert "- *near odometry*: a match near odometry is preferred" in text
     assert "The present" not in keep.page(before, before, [])
+    assert "What one fault does" not in text
+    faulty = [replace(one, group="faults", fault="carried", source="log", seed=k) for k, one in enumerate(after)]
+    row = next(line for line in keep.page(faulty, faulty, []).splitlines() if line.startswith("| carried"))
+    assert "0.500, 0.500, 0.500" in row
 
 
 def test_the_command_that_keeps_writes_the_page_from_what_was_measured(

@@ -137,7 +137,7 @@ def changed_cells(before: Sequence[Outcome], after: Sequence[Outcome]) -> list[R
     """
     pairs = in_common(before, after)
     known = _scatter(before)
-    told = [pair for pair in pairs if abs(log_ratio(pair)) > A_FIFTH or _word(pair[0]) != _word(pair[1])]
+    told = [pair for pair in pairs if abs(log_ratio(pair)) > A_FIFTH or in_words(pair[0]) != in_words(pair[1])]
     told.sort(key=lambda pair: (-abs(log_ratio(pair)), pair[0].name))
     return [_changed(pair, known.get(pair[0].family)) for pair in told]
 
@@ -155,14 +155,15 @@ def _changed(pair: Pair, scatter_of_log: float | None) -> Row:
         "cell": after.name,
         "before [m]": before.error_m,
         "after [m]": after.error_m,
-        "verdict before": _word(before),
-        "verdict after": _word(after),
+        "verdict before": in_words(before),
+        "verdict after": in_words(after),
         "scatter of its logarithm": scatter_of_log,
         "beyond it": None if least is None else "yes" if abs(log_ratio(pair)) > least else "no",
     }
 
 
-def _word(outcome: Outcome) -> str:
+def in_words(outcome: Outcome) -> str:
+    """What became of a cell: good, off or ruined, and whether it says so."""
     verdict = outcome.verdict
     word = "good" if verdict.is_good else "ruined" if verdict.is_ruined else "off"
     return word if verdict.is_good else f"{word}, {'said' if verdict.is_said else 'silent'}"

@@ -11,7 +11,7 @@ import tyro
 
 from graph.atomic import write_atomically
 from iceg.evaluation.bench.tables import Row, format_markdown, write_csv
-from iceg.evaluation.regression.comparison import changed_cells
+from iceg.evaluation.regression.comparison import changed_cells, in_words
 from iceg.evaluation.regression.kept import BASELINE, RULES_TABLE
 from iceg.evaluation.regression.outcome import Outcome, read_outcomes
 from iceg.evaluation.regression.rules import RULES
@@ -81,6 +81,8 @@ def page(before: Sequence[Outcome], after: Sequence[Outcome], rules: Sequence[Ro
     if list(after) != list(before):
         parts.append(f"## The present, against the baseline\n\n{format_markdown(compared_by_group(before, after))}\n")
         parts.append(f"Cells that changed by a fifth, or in their verdict:\n\n{_changed(before, after)}\n")
+    if faults := _faults(after):
+        parts.append(f"## What one fault does, present\n\n{format_markdown(faults)}\n")
     if rules:
         parts.append(f"## Without one rule\n\n{format_markdown(rules)}\n")
         off = [name for name in dict.fromkeys(str(row["off"]) for row in rules) if name in RULES]
@@ -91,6 +93,24 @@ def page(before: Sequence[Outcome], after: Sequence[Outcome], rules: Sequence[Ro
 def _changed(before: Sequence[Outcome], after: Sequence[Outcome]) -> str:
     rows = changed_cells(before, after)
     return format_markdown(rows) if rows else "none"
+
+
+def _faults(outcomes: Sequence[Outcome]) -> list[Row]:
+    """A row for each log with a fault, those that differ by a millimetre of noise in one."""
+    families: dict[str, list[Outcome]] = {}
+    for outcome in outcomes:
+        if outcome.group == "faults":
+            families.setdefault(outcome.family, []).append(outcome)
+    return [
+        {
+            "fault": alike[0].fault,
+            "log": alike[0].source,
+            "without it [m]": f"{alike[0].usual_m:.3f}",
+            "with it [m]": ", ".join(f"{outcome.error_m:.3f}" for outcome in alike),
+            "verdict": ", ".join(dict.fromkeys(in_words(outcome) for outcome in alike)),
+        }
+        for alike in families.values()
+    ]
 
 
 def _read_rows(path: Path) -> list[Row]:
