@@ -41,8 +41,6 @@ _THINNEST = 4
 _FARTHER = 1.3
 """Steps are taken so much longer: a full one brings little more than half of what is left, because weights and lines
 follow the points. Longer ones overshoot where it brings more."""
-_CONFIRMED = 0.5
-"""Where the poses went less than this share of the way to the walls, the graph knows more of them than the walls do."""
 _OTHER_PIECES = 0.5
 """After steps longer than so many cells the points are grouped into pieces of wall anew."""
 _STAND_FOR = 4.0
@@ -70,7 +68,7 @@ class JointRefinement:
         share: how much of the way from the graph's optimum to that of the points the steps went, 0 to 1: the least that
             one of them did.
         covariances: (k, 3, 3) marginal covariances of the poses in the end, None if the points do not determine them or
-            did not pull them where they say.
+            claim more than is credible.
         information: what the covariances rest on, None where they are.
         walls: the pieces of wall in the end, in the frame of the poses.
     """
@@ -205,7 +203,7 @@ def _covariances(
 
     Of points far away, where noise decides which return at all, nothing is believed.
     """
-    if share < _CONFIRMED:
+    if not len(walls.lines):
         return None, None
     near = np.hypot(clouds.points[:, 0], clouds.points[:, 1]) <= config.telling_reach
     told = replace(walls, weights=np.where(near, walls.weights, 0.0))
@@ -215,7 +213,8 @@ def _covariances(
     except np.linalg.LinAlgError:
         return None, None
     graph = Problem.of(factors, len(start)).marginal_covariances(start)
-    return information, believed_covariances(information.covariances, graph, share)
+    covariances = believed_covariances(information.covariances, graph, share)
+    return (None, None) if covariances is None else (information, covariances)
 
 
 def _precision(walls: Walls, config: JointRefinementConfig) -> float:

@@ -16,8 +16,14 @@ from numpy.typing import NDArray
 
 from graph import dense
 
+CREDIBLE, CONFIRMED = 4.5, 0.65
+"""Where most of the walls' standard deviations are so many times smaller than the graph's, and the poses went less than
+this share of the way, the walls are not believed: their points pulled less than half as much as they claim."""
 
-def believed_covariances(walls: NDArray[np.float64], graph: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+
+def believed_covariances(
+    walls: NDArray[np.float64], graph: NDArray[np.float64], share: float
+) -> NDArray[np.float64] | None:
     """Of poses between the graph's optimum and that of the walls, in no direction larger than the graph's.
 
     Args:
@@ -26,8 +32,11 @@ def believed_covariances(walls: NDArray[np.float64], graph: NDArray[np.float64],
         share: of the way to the walls' optimum that the poses went, 0 to 1.
 
     Returns:
-        (k, 3, 3).
+        (k, 3, 3), or None where the walls are not believed.
     """
+    variances, least = (c[1:, 0, 0] + c[1:, 1, 1] for c in (walls, graph / CREDIBLE**2))
+    if share < CONFIRMED and np.count_nonzero(variances < least) > 0.5 * len(least):
+        return None
     believed = walls.copy()
     try:
         root = dense.cholesky(graph[1:])
