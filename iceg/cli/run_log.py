@@ -14,7 +14,7 @@ from iceg.slam.run_warning import RunWarning, in_short
 if TYPE_CHECKING:
     from frontends.scan import Log
     from iceg.slam.pipeline import SlamResult
-    from iceg.slam.progress import Progress
+    from iceg.slam.progress import Progress, ProgressCallback
 
 _MANY_CARRIED = 0.02
 """More than this share of scans without a match is worth a warning."""
@@ -50,7 +50,6 @@ def run_log(
     Raises:
         IcegError: the log cannot be read, or the results not be written.
     """
-    from graph.errors import GraphError
     from iceg.results import check_directory, write_results
     from iceg.show.progress import ProgressBar, compile_note, prepare_kernels, reading_bar
 
@@ -67,22 +66,11 @@ def run_log(
         with compile_note():
             if truth is not None:
                 log = _with_truth(log, truth)
-            from iceg.slam.corrections.reading import read_all_corrections, text_of_corrections
-            from iceg.slam.pipeline import run
-            from iceg.view.session import CORRECTIONS
-
-            asked = read_all_corrections(path for path in (corrections, closures) if path)
-            asked.check(len(log))
-            try:
-                with ProgressBar(log) as progress:
-                    result = run(log, config, progress, corrections=asked)
-                    text = text_of_corrections(corrections) if corrections and not closures else None
-                    beside = None if text is None else {CORRECTIONS: text}
-                    write_results(
-                        result, directory, overwrite=overwrite, report=report, beside=beside, progress=progress.writing
-                    )
-            except GraphError as err:
-                raise GraphError(f"{path}: {err}") from err
+            with ProgressBar(log) as progress:
+                result, beside = _corrected_run(log, config, progress, closures, corrections)
+                write_results(
+                    result, directory, overwrite=overwrite, report=report, beside=beside, progress=progress.writing
+                )
     except KeyboardInterrupt:
         raise KeyboardInterrupt(what_was_kept(directory, before)) from None
     with Telling(as_json=as_json) as telling:
@@ -92,6 +80,25 @@ def run_log(
         files = f"{page}map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more"
         telling.say(f"Results are in {directory}: {files}")
         telling.keep(results=str(directory))
+
+
+def _corrected_run(
+    log: "Log", config: Config, progress: "ProgressCallback", closures: Path | None, corrections: Path | None
+) -> "tuple[SlamResult, dict[str, str] | None]":
+    """The result, and the corrections as they are kept beside it, if they are all that was corrected."""
+    from graph.errors import GraphError
+    from iceg.slam.corrections.reading import read_all_corrections, text_of_corrections
+    from iceg.slam.pipeline import run
+    from iceg.view.session import CORRECTIONS
+
+    asked = read_all_corrections(path for path in (corrections, closures) if path)
+    asked.check(len(log))
+    try:
+        result = run(log, config, progress, corrections=asked)
+    except GraphError as err:
+        raise GraphError(f"{log.path}: {err}") from err
+    text = text_of_corrections(corrections) if corrections and not closures else None
+    return result, None if text is None else {CORRECTIONS: text}
 
 
 def tell_result_warnings(result: "SlamResult") -> None:
