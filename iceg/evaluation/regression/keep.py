@@ -107,7 +107,7 @@ def _faults(outcomes: Sequence[Outcome]) -> list[Row]:
             "log": alike[0].source,
             "without it [m]": f"{alike[0].usual_m:.3f}",
             "with it [m]": ", ".join(f"{outcome.error_m:.3f}" for outcome in alike),
-            "verdict": ", ".join(dict.fromkeys(in_words(outcome) for outcome in alike)),
+            "verdict": "; ".join(dict.fromkeys(in_words(outcome) for outcome in alike)),
         }
         for alike in families.values()
     ]
