@@ -410,7 +410,7 @@ def _distance2(point: F64, x0: float, y0: float) -> float:
 
 
 @compiled
-def count_returns(ranges: F32, near: float) -> tuple[int, int]:
+def _count_returns(ranges: F32, near: float) -> tuple[int, int]:
     """How many beams returned, and how many of these from nearer than `near` [m]."""
     returns, close = 0, 0
     for b in range(len(ranges)):

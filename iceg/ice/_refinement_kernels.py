@@ -117,8 +117,8 @@ def refine(
     assign(pose, start)
     inliers, used, squares, weights, width = 0, 0, 0.0, 0.0, max(scale, first_scale)
     for _ in range(max(1, iterations)):
-        cells_at(columns.x, columns.y, pose, nearest.shape, origin, cell, pairs.rx, pairs.ry, pairs.cells)
-        look_up(pairs.cells, nearest, surfels, pairs.px, pairs.py, pairs.nx, pairs.ny)
+        _cells_at(columns.x, columns.y, pose, nearest.shape, origin, cell, pairs.rx, pairs.ry, pairs.cells)
+        _look_up(pairs.cells, nearest, surfels, pairs.px, pairs.py, pairs.nx, pairs.ny)
         _mark_facing(columns, pose[2], pairs)
         _measure(pose, pairs)
         used, inliers = _weigh(columns.spreads, pairs, 1.0 / (width * width), 4.0 * scale * scale)
@@ -198,7 +198,7 @@ def _room(n: int) -> Pairs:
 
 
 @compiled
-def cells_at(
+def _cells_at(
     xs: F64, ys: F64, pose: F64, shape: tuple[int, int], origin: F64, cell: float, rx: F64, ry: F64, cells: I32
 ) -> None:
     """Turn points by the heading of a pose into rx, ry; and find the cells they lie in there, -1 outside."""
@@ -215,7 +215,7 @@ def cells_at(
 
 
 @compiled
-def look_up(cells: I32, nearest: I32, surfels: F64, px: F64, py: F64, nx: F64, ny: F64) -> None:
+def _look_up(cells: I32, nearest: I32, surfels: F64, px: F64, py: F64, nx: F64, ny: F64) -> None:
     """Position and normal of the surfel nearest to each cell; NaN in place of the normal where there is none."""
     flat = nearest.reshape(-1)
     for i in range(len(cells)):

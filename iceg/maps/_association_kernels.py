@@ -13,7 +13,7 @@ Bool = NDArray[np.bool_]
 
 
 @compiled
-def observation_noise(observed: Observed, settings: Settings) -> F64:
+def _observation_noise(observed: Observed, settings: Settings) -> F64:
     """(n_features, 3) entries xx, xy, yy of each feature's covariance, the error of the key pose included.
 
     That error is a shift, and a turn that moves the feature across its line of sight.
@@ -29,7 +29,7 @@ def observation_noise(observed: Observed, settings: Settings) -> F64:
 
 
 @compiled
-def associate(
+def _associate(
     observed: Observed, noise: F64, store: Store, near: I64, near_p: F64, near_turn: F64, settings: Settings
 ) -> tuple[I64, Bool, Bool]:
     """Give each real feature at most one landmark and each landmark at most one feature, cheapest pairs first.
@@ -42,7 +42,7 @@ def associate(
     landmark_of = np.full(n_features, -1, np.int64)
     taken = np.zeros(n_near, np.bool_)
     close_feature, close_near = close_pairs(observed, near_p, settings.max_distance)
-    cost = pair_costs(close_feature, close_near, observed, noise, store, near, near_p, near_turn, settings)
+    cost = _pair_costs(close_feature, close_near, observed, noise, store, near, near_p, near_turn, settings)
     for pair in ascending(cost):
         f, j = close_feature[pair], close_near[pair]
         if landmark_of[f] < 0 and not taken[j]:
@@ -82,7 +82,7 @@ def close_pairs(observed: Observed, near_p: F64, max_distance: float) -> tuple[I
             if dx * dx + dy * dy > max_distance * max_distance:
                 continue
             if n_pairs == len(pair_near):
-                pair_feature, pair_near = twice_as_long(pair_feature), twice_as_long(pair_near)
+                pair_feature, pair_near = _twice_as_long(pair_feature), _twice_as_long(pair_near)
             pair_feature[n_pairs], pair_near[n_pairs] = order[rank], j
             n_pairs += 1
     return pair_feature[:n_pairs], pair_near[:n_pairs]
@@ -106,7 +106,7 @@ def ascending(values: F64) -> I64:
 
 
 @compiled
-def twice_as_long(numbers: I64) -> I64:
+def _twice_as_long(numbers: I64) -> I64:
     """A copy with room for as many more."""
     longer = np.empty(2 * len(numbers), np.int64)
     assign(longer[: len(numbers)], numbers)
@@ -114,7 +114,7 @@ def twice_as_long(numbers: I64) -> I64:
 
 
 @compiled
-def pair_costs(
+def _pair_costs(
     close_feature: I64,
     close_near: I64,
     observed: Observed,
@@ -134,15 +134,15 @@ def pair_costs(
         f, j = close_feature[pair], close_near[pair]
         k = near[j]
         kind = observed.kinds[f]
-        if not observed.real[f] or not same_kind(kind, store.kinds[k]):
+        if not observed.real[f] or not _same_kind(kind, store.kinds[k]):
             continue
         turn = np.arctan2(near_turn[j, 1], near_turn[j, 0])
         a0, a1 = directions[f, 0] - turn, directions[f, 1] - turn
-        w0, w1, d0, d1 = pair_directions(kind, a0, a1, known_directions[k, 0], known_directions[k, 1])
+        w0, w1, d0, d1 = _pair_directions(kind, a0, a1, known_directions[k, 0], known_directions[k, 1])
         if (w0 < 0 and w1 < 0) or abs(d0) > settings.max_angle or abs(d1) > settings.max_angle:
             continue
         dx, dy = positions[f, 0] - near_p[j, 0], positions[f, 1] - near_p[j, 1]
-        pxx, pxy, pyy = rotated(
+        pxx, pxy, pyy = _rotated(
             covariances[k, 0, 0], covariances[k, 0, 1], covariances[k, 1, 1], near_turn[j, 0], near_turn[j, 1]
         )
         sxx, sxy, syy = pxx + noise[f, 0], pxy + noise[f, 1], pyy + noise[f, 2]
@@ -159,7 +159,7 @@ def pair_costs(
 
 
 @compiled
-def rotated(xx: float, xy: float, yy: float, cos: float, sin: float) -> tuple[float, float, float]:
+def _rotated(xx: float, xy: float, yy: float, cos: float, sin: float) -> tuple[float, float, float]:
     """R C Rᵀ of a symmetric C, entries xx, xy, yy."""
     return (
         cos * cos * xx - 2.0 * cos * sin * xy + sin * sin * yy,
@@ -181,13 +181,13 @@ def wrap_line(angle: float) -> float:
 
 
 @compiled
-def same_kind(a: int, b: int) -> bool:
+def _same_kind(a: int, b: int) -> bool:
     """Whether two kinds may be one landmark: equal, or a corner whose second wall was hidden from the other."""
     return a == b or INTERSECTION not in (a, b)
 
 
 @compiled
-def pair_directions(kind: int, a0: float, a1: float, b0: float, b1: float) -> tuple[int, int, float, float]:
+def _pair_directions(kind: int, a0: float, a1: float, b0: float, b1: float) -> tuple[int, int, float, float]:
     """How the walls of feature a and landmark b correspond: clockwise to clockwise, as one sees their open side.
 
     Returns:
