@@ -51,7 +51,7 @@ def partner(
 
 
 @compiled
-def solve_step(h: F64, gradient: F64, pull: float, pose: F64, start: F64, step: F64) -> bool:
+def _solve_step(h: F64, gradient: F64, pull: float, pose: F64, start: F64, step: F64) -> bool:
     """Solve (h + pull·1)·step = -gradient - pull·(pose - start) for a symmetric 3×3 h; return whether it can be."""
     g0 = gradient[0] + pull * (pose[0] - start[0])
     g1 = gradient[1] + pull * (pose[1] - start[1])
@@ -123,7 +123,7 @@ def refine(
         _measure(pose, pairs)
         used, inliers = _weigh(columns.spreads, pairs, 1.0 / (width * width), 4.0 * scale * scale)
         squares, weights = _add_up(columns.spreads, pairs, hessian, gradient)
-        if used < _FEWEST or iterations == 0 or not solve_step(hessian, gradient, prior_weight, pose, start, step):
+        if used < _FEWEST or iterations == 0 or not _solve_step(hessian, gradient, prior_weight, pose, start, step):
             break
         pose += step
         moved, turned = max(abs(step[0]), abs(step[1])), abs(step[2])

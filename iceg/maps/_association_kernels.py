@@ -41,9 +41,9 @@ def _associate(
     n_features, n_near = len(observed.kinds), len(near)
     landmark_of = np.full(n_features, -1, np.int64)
     taken = np.zeros(n_near, np.bool_)
-    close_feature, close_near = close_pairs(observed, near_p, settings.max_distance)
+    close_feature, close_near = _close_pairs(observed, near_p, settings.max_distance)
     cost = _pair_costs(close_feature, close_near, observed, noise, store, near, near_p, near_turn, settings)
-    for pair in ascending(cost):
+    for pair in _ascending(cost):
         f, j = close_feature[pair], close_near[pair]
         if landmark_of[f] < 0 and not taken[j]:
             landmark_of[f] = j
@@ -55,9 +55,9 @@ def _associate(
 
 
 @compiled
-def close_pairs(observed: Observed, near_p: F64, max_distance: float) -> tuple[I64, I64]:
+def _close_pairs(observed: Observed, near_p: F64, max_distance: float) -> tuple[I64, I64]:
     """All pairs of a feature and a near landmark within max_distance [m]."""
-    order = ascending(observed.positions[:, 0].copy())
+    order = _ascending(observed.positions[:, 0].copy())
     xs = np.empty(len(order))
     for rank in range(len(order)):
         xs[rank] = observed.positions[order[rank], 0]
@@ -89,7 +89,7 @@ def close_pairs(observed: Observed, near_p: F64, max_distance: float) -> tuple[I
 
 
 @compiled
-def ascending(values: F64) -> I64:
+def _ascending(values: F64) -> I64:
     """Where the finite ones of a few values stand, smallest first; equal ones keep their order."""
     order = np.empty(len(values), np.int64)
     n = 0
@@ -169,13 +169,13 @@ def _rotated(xx: float, xy: float, yy: float, cos: float, sin: float) -> tuple[f
 
 
 @compiled
-def wrap(angle: float) -> float:
+def _wrap(angle: float) -> float:
     """The same angle in [-π, π)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 @compiled
-def wrap_line(angle: float) -> float:
+def _wrap_line(angle: float) -> float:
     """The same angle of a line without orientation in [-π/2, π/2)."""
     return (angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi
 
@@ -195,10 +195,10 @@ def _pair_directions(kind: int, a0: float, a1: float, b0: float, b1: float) -> t
     """
     if kind == INTERSECTION:
         # Extensions of walls have neither orientation nor a side.
-        straight0, straight1 = wrap_line(a0 - b0), wrap_line(a1 - b1)
-        crossed0, crossed1 = wrap_line(a0 - b1), wrap_line(a1 - b0)
+        straight0, straight1 = _wrap_line(a0 - b0), _wrap_line(a1 - b1)
+        crossed0, crossed1 = _wrap_line(a0 - b1), _wrap_line(a1 - b0)
         if max(abs(straight0), abs(straight1)) <= max(abs(crossed0), abs(crossed1)):
             return 0, 1, straight0, straight1
         return 1, 0, crossed0, crossed1
     both0, both1 = not (np.isnan(a0) or np.isnan(b0)), not (np.isnan(a1) or np.isnan(b1))
-    return (0 if both0 else -1, 1 if both1 else -1, wrap(a0 - b0) if both0 else 0.0, wrap(a1 - b1) if both1 else 0.0)
+    return (0 if both0 else -1, 1 if both1 else -1, _wrap(a0 - b0) if both0 else 0.0, _wrap(a1 - b1) if both1 else 0.0)

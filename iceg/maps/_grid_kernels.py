@@ -135,7 +135,7 @@ def _chord_tables(bearings: F64, half_widths: F64) -> F64:
 
 
 @compiled
-def cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64, at: int) -> int:
+def _cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64, at: int) -> int:
     """All cells a straight line passes through, in order, start and end included.
 
     Args:
@@ -183,7 +183,7 @@ def cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64,
 
 
 @compiled
-def fill_polygon(
+def _fill_polygon(
     log_odds: F32,
     xs: F64,
     ys: F64,
@@ -261,8 +261,8 @@ def _collect_hits(
     Returns:
         The new number of hit cells.
     """
-    n = cast_cells(xs[0], ys[0], xs[1], ys[1], rows, cols, ZERO)
-    n = cast_cells(xs[1], ys[1], xs[2], ys[2], rows, cols, n - 1)
+    n = _cast_cells(xs[0], ys[0], xs[1], ys[1], rows, cols, ZERO)
+    n = _cast_cells(xs[1], ys[1], xs[2], ys[2], rows, cols, n - 1)
     share = np.float32(evidence / n)
     for k in range(n):
         cells[count + k] = rows[k] * n_cols + cols[k]
@@ -367,7 +367,7 @@ def render(
         for h in range(n_hits):
             before[h] = flat[cells[h]]
         base = int(np.floor(y - farthest))
-        fill_polygon(log_odds, xs, ys, n_vertices, np.float32(evidence.miss), low, base, crossings, counts)
+        _fill_polygon(log_odds, xs, ys, n_vertices, np.float32(evidence.miss), low, base, crossings, counts)
         for h in range(n_hits):
             flat[cells[h]] = before[h]
         for h in range(n_hits):

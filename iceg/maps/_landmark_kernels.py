@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from graph._assign_kernels import assign
 from graph.compiled import ZERO, compiled, compiled_aside
-from iceg.maps._association_kernels import _associate, _observation_noise, _pair_directions, _rotated, wrap
+from iceg.maps._association_kernels import _associate, _observation_noise, _pair_directions, _rotated, _wrap
 from iceg.maps.landmark_arrays import CORNER, END_OF_WALL, Observed, Settings, Store
 
 F32 = NDArray[np.float32]
@@ -153,7 +153,7 @@ def _fuse(
             # The second wall, hidden so far, has appeared.
             store.kinds[k] = CORNER
             hidden = 1 if w0 >= 0 else 0
-            known[hidden] = wrap(a1 if w0 >= 0 else a0)
+            known[hidden] = _wrap(a1 if w0 >= 0 else a0)
             variances[hidden] = variance
         store.distances[k] = min(store.distances[k], observed.distances[f])
         store.existence[k] = min(store.existence[k] + settings.seen_evidence, settings.highest_evidence)
@@ -187,7 +187,7 @@ def _fuse_position(
 def _fuse_direction(directions: F64, variances: F64, wall: int, difference: float, variance: float) -> None:
     """Move one direction of a landmark towards an observation that differs by `difference`."""
     gain = variances[wall] / (variances[wall] + variance)
-    directions[wall] = wrap(directions[wall] + gain * difference)
+    directions[wall] = _wrap(directions[wall] + gain * difference)
     variances[wall] *= 1.0 - gain
 
 
