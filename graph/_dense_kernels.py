@@ -111,7 +111,7 @@ def _eliminate(a: Floats, b: Floats) -> bool:
 
 
 @compiled
-def solve_one(matrix: Floats, right: Floats, x: Floats) -> bool:
+def _solve_one(matrix: Floats, right: Floats, x: Floats) -> bool:
     """Put the solution of A x = b in (k,) `x`; spoils (k, k) A, keeps (k,) b; False where A is singular."""
     for k in range(len(right)):
         x[k] = right[k]

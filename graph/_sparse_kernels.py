@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph._assign_kernels import assign
+from graph._sort_kernels import _sort
 from graph.compiled import compiled
 
 Floats = NDArray[np.float64]
@@ -78,7 +79,7 @@ def factor_structure(n: int, column_starts: Ints, rows: Ints) -> tuple[Ints, Int
                 columns_of_l[count] = i
                 count += 1
                 i = parent[i]
-        columns_of_l[row_starts[k] : count].sort()  # a column comes after those it hangs on
+        _sort(columns_of_l[row_starts[k] : count])  # a column comes after those it hangs on
         for p in range(row_starts[k], count):
             i = columns_of_l[p]
             rows_of_l[filled[i]] = k

@@ -16,7 +16,13 @@ from iceg.maps import feature_map as feature_map_module
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
 from iceg.maps.feature_map import FeatureMap, Landmarks, build_feature_map
 from iceg.maps.landmark_arrays import Observed
+from tests.kernels import from_python
 from tests.walls import distances
+
+close_pairs = from_python(kernels._close_pairs)
+ascending = from_python(kernels._ascending)
+wrap = from_python(kernels._wrap)
+wrap_line = from_python(kernels._wrap_line)
 
 F64 = NDArray[np.float64]
 NAN = math.nan
@@ -442,24 +448,24 @@ def test_close_pairs_equal_their_slow_twin(seed: int, n_features: int, n_near: i
         scan.geometry.bearings,
         scan.geometry.T_robot_laser,
     )
-    pairs = kernels.close_pairs(seen, near, 0.8)
+    pairs = close_pairs(seen, near, 0.8)
     assert len(pairs[0]) == len(set(zip(*(column.tolist() for column in pairs), strict=True)))
     assert set(zip(*(column.tolist() for column in pairs), strict=True)) == close_slowly(positions, near, 0.8)
 
 
 @given(st.floats(-20, 20))
 def test_angles_are_wrapped(angle: float) -> None:
-    assert -math.pi <= kernels.wrap(angle) <= math.pi
-    assert abs(math.remainder(kernels.wrap(angle) - angle, 2 * math.pi)) < 1e-9
-    assert abs(kernels.wrap_line(angle)) <= math.pi / 2
-    assert abs(math.remainder(kernels.wrap_line(angle) - angle, math.pi)) < 1e-9
+    assert -math.pi <= wrap(angle) <= math.pi
+    assert abs(math.remainder(wrap(angle) - angle, 2 * math.pi)) < 1e-9
+    assert abs(wrap_line(angle)) <= math.pi / 2
+    assert abs(math.remainder(wrap_line(angle) - angle, math.pi)) < 1e-9
 
 
 @given(st.lists(st.sampled_from([-1.0, 0.0, 0.5, 2.0, math.inf, NAN]), max_size=12))
 def test_the_order_of_a_few_values_is_that_of_a_stable_sort(values: list[float]) -> None:
     numbers = np.array(values, dtype=np.float64)
     stable = [i for i in np.argsort(numbers, kind="stable") if math.isfinite(numbers[i])]
-    assert kernels.ascending(numbers).tolist() == stable
+    assert ascending(numbers).tolist() == stable
 
 
 @pytest.mark.parametrize("field_of_view", [80.0, 179.0, 180.0, 181.0, 270.0, 359.0])

@@ -17,6 +17,10 @@ from frontends.scan import ScanGeometry
 from iceg.maps import _grid_kernels as kernels
 from iceg.maps.config import GridConfig, GridError, GridSizeError
 from iceg.maps.grid import FREE, OCCUPIED, OccupancyGrid, render_grid, render_grid_that_fits
+from tests.kernels import from_python
+
+cast_cells = from_python(kernels._cast_cells)
+fill_polygon = from_python(kernels._fill_polygon)
 
 F64 = NDArray[np.float64]
 HIT, MISS, LIMIT = math.log(0.7 / 0.3), math.log(0.44 / 0.56), math.log(0.97 / 0.03)
@@ -55,7 +59,7 @@ def room(T_map_laser: F64, bearings: F64, half: tuple[float, float] = (4.02, 3.0
 def cast(x0: float, y0: float, x1: float, y1: float) -> list[tuple[int, int]]:
     """Cells (column, row) of the kernel."""
     rows, cols = np.zeros(2000, np.int64), np.zeros(2000, np.int64)
-    n = kernels.cast_cells(x0, y0, x1, y1, rows, cols, 0)
+    n = cast_cells(x0, y0, x1, y1, rows, cols, 0)
     return list(zip(cols[:n].tolist(), rows[:n].tolist(), strict=True))
 
 
@@ -128,7 +132,7 @@ def test_a_filled_polygon_holds_the_cells_whose_centre_is_inside(radii: list[flo
     xs, ys = 10.03 + np.array(radii) * np.cos(angles), 9.96 + np.array(radii) * np.sin(angles)
     log_odds = np.zeros((20, 20), np.float32)
     counts = np.zeros(20, np.int32)
-    kernels.fill_polygon(
+    fill_polygon(
         log_odds, xs, ys, len(xs), np.float32(-1), np.float32(-9), 0, np.zeros((20, len(xs)), np.int32), counts
     )
     expected = [[-float(inside_slowly(col + 0.5, row + 0.5, xs, ys)) for col in range(20)] for row in range(20)]
@@ -139,7 +143,7 @@ def test_a_filled_polygon_holds_the_cells_whose_centre_is_inside(radii: list[flo
 def test_cells_outside_the_grid_are_cut_off() -> None:
     log_odds = np.zeros((4, 4), np.float32)
     xs, ys = np.array([-9.0, 9.0, 9.0, -9.0]), np.array([-9.0, -9.0, 2.0, 2.0])
-    kernels.fill_polygon(
+    fill_polygon(
         log_odds, xs, ys, 4, np.float32(-1), np.float32(-9), 0, np.zeros((4, 4), np.int32), np.zeros(4, np.int32)
     )
     np.testing.assert_array_equal(log_odds[:2], -1)

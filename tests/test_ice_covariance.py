@@ -13,6 +13,13 @@ from iceg.ice.local_map import LocalMap
 from iceg.ice.points import ScanPoints
 from iceg.ice.refinement import FACING, evaluate_points
 from iceg.ice.scored import Scored
+from tests.kernels import from_python
+
+residuals_at = from_python(kernels._residuals_at)
+dependence = from_python(kernels._dependence)
+unevenness = from_python(kernels._unevenness)
+pretence = from_python(kernels._pretence)
+moments = from_python(kernels._moments)
 
 F64 = NDArray[np.float64]
 NO_FEATURES = FeatureRows(kinds=np.empty(0, np.int8), rows=np.empty((0, 10)))
@@ -55,7 +62,7 @@ def test_moments_of_a_gaussian_are_its_covariance() -> None:
     off_centre = np.array([0.01, -0.02, 0.001])
     costs = 3.0 + 0.5 * (((offsets - off_centre) / sigma) ** 2).sum(axis=-1)
     second, edges = np.empty((3, 3)), np.empty(3)
-    kernels.moments(costs, float(costs.min()), 1.0, steps, second, edges)
+    moments(costs, float(costs.min()), 1.0, steps, second, edges)
     # Σ = K/s - uuᵀ/s² about the mean, plus the variance of a cell.
     np.testing.assert_allclose(second, np.diag(sigma**2 + steps**2 / 12), rtol=2e-3, atol=1e-9)
     assert costs.sum() == pytest.approx(1.0)
@@ -64,7 +71,7 @@ def test_moments_of_a_gaussian_are_its_covariance() -> None:
 
 def test_a_flat_score_lies_on_the_edge() -> None:
     costs, second, edges = np.zeros((5, 5, 5)), np.empty((3, 3)), np.empty(3)
-    kernels.moments(costs, 0.0, 1.0, np.ones(3), second, edges)
+    moments(costs, 0.0, 1.0, np.ones(3), second, edges)
     np.testing.assert_allclose(edges, 0.4)
     np.testing.assert_allclose(second, np.eye(3) * (2.0 + 1 / 12), atol=1e-12)
 
@@ -146,7 +153,7 @@ def test_dependence_counts_what_neighbours_share() -> None:
     def of(noise: F64) -> float:
         scan = walls("left", "right", "front", noise=noise, n=800)
         scored = Scored.of(scan, local_map, 0.04)
-        return float(kernels.dependence(kernels.residuals_at(scored, np.zeros(3), 0.08)))
+        return float(dependence(residuals_at(scored, np.zeros(3), 0.08)))
 
     assert of(rng.normal(0, 0.01, 2400)) < 1.4
     # Blocks of four equal errors: ρ = 3/4, 1/2, 1/4, hence 1 + 2 Σ (1 - l/13) ρ = 3.62.
@@ -182,8 +189,8 @@ def test_unevenness_equals_its_slow_twin() -> None:
     scan, local_map = walls("left", "right", "front", noise=noise), map_of(walls("left", "right", "front"))
     pose, axes, ratios = np.array([0.01, -0.005, 0.02]), np.linalg.qr(rng.normal(size=(3, 3)))[0], np.empty(3)
     field, variance = local_map.fine, 1e-4
-    found = kernels.residuals_at(Scored.of(scan, local_map, 0.04), pose, 0.08)
-    kernels.unevenness(found, axes, 1e-6, variance, ratios)
+    found = residuals_at(Scored.of(scan, local_map, 0.04), pose, 0.08)
+    unevenness(found, axes, 1e-6, variance, ratios)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     R = np.array([[c, -s], [s, c]])
     pulls, levers = np.zeros((300, 3)), np.zeros((300, 3))
@@ -248,11 +255,11 @@ def test_three_points_do_not_hold_a_corridor_and_thirty_do() -> None:
 def test_pretence_equals_its_slow_twin() -> None:
     rng = np.random.default_rng(10)
     scan, local_map = walls("left", "right", "front", noise=rng.normal(0, 0.01, 300)), map_of(walls("left", "right"))
-    found = kernels.residuals_at(Scored.of(scan, local_map, 0.04), np.zeros(3), 0.08)
+    found = residuals_at(Scored.of(scan, local_map, 0.04), np.zeros(3), 0.08)
     for axis in np.linalg.qr(rng.normal(size=(3, 3)))[0].T:
         told, crossed = (found.levers @ axis) ** 2, (found.levers @ axis) * (found.own_levers @ axis)
         expected = max(1.0, told.sum() / max(np.sort(crossed)[:-3].sum(), 1e-3 * told.sum()))
-        assert kernels.pretence(found, axis) == pytest.approx(expected)
+        assert pretence(found, axis) == pytest.approx(expected)
 
 
 def test_a_direction_is_known_as_well_as_the_points_that_hold_it() -> None:

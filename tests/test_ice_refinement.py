@@ -17,6 +17,11 @@ from iceg.ice.features import CORNER, FeatureRows
 from iceg.ice.local_map import LocalMap
 from iceg.ice.points import ScanPoints
 from iceg.ice.refinement import evaluate_points, polish_on_features, refine_on_points
+from tests.kernels import from_python
+
+solve_step = from_python(kernels._solve_step)
+
+principal_axes = from_python(score_kernels._principal_axes)
 
 F64 = NDArray[np.float64]
 NO_FEATURES = FeatureRows(kinds=np.empty(0, np.int8), rows=np.empty((0, 10)))
@@ -153,7 +158,7 @@ vector = st.lists(st.floats(-10, 10), min_size=3, max_size=3).map(np.array)
 @given(symmetric)
 def test_principal_axes_against_numpy(matrix: F64) -> None:
     values, axes = np.empty(3), np.empty((3, 3))
-    score_kernels.principal_axes(matrix, values, axes)
+    principal_axes(matrix, values, axes)
     np.testing.assert_allclose(np.sort(values), np.linalg.eigvalsh(matrix), atol=1e-8)
     np.testing.assert_allclose(axes @ np.diag(values) @ axes.T, matrix, atol=1e-8)
     np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-10)
@@ -163,10 +168,10 @@ def test_principal_axes_against_numpy(matrix: F64) -> None:
 def test_steps_solve_the_normal_equations(matrix: F64, gradient: F64, pose: F64, start: F64) -> None:
     positive = matrix @ matrix.T + np.eye(3)
     step = np.empty(3)
-    assert kernels.solve_step(positive, gradient, 0.5, pose, start, step)
+    assert solve_step(positive, gradient, 0.5, pose, start, step)
     expected = np.linalg.solve(positive + 0.5 * np.eye(3), -gradient - 0.5 * (pose - start))
     np.testing.assert_allclose(step, expected, rtol=1e-5, atol=1e-7)
-    assert not kernels.solve_step(np.zeros((3, 3)), gradient, 0.0, pose, start, step)
+    assert not solve_step(np.zeros((3, 3)), gradient, 0.0, pose, start, step)
 
 
 @given(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(-0.05, 0.05))

@@ -10,7 +10,7 @@ _EXACT_DECIMALS = 22  # and every power of ten up to here: their quotient is rou
 
 
 @compiled
-def is_space(byte: int) -> bool:
+def _is_space(byte: int) -> bool:
     """Whether Python's `bytes.split` parts words there."""
     return byte == 32 or 9 <= byte <= 13
 
@@ -24,7 +24,7 @@ def scan_numbers(text: NDArray[np.uint8], start: int, stop: int, out: NDArray[np
     """
     position = start
     for index in range(len(out)):
-        while position < stop and is_space(text[position]):
+        while position < stop and _is_space(text[position]):
             position += 1
         begin = position
         negative = False
@@ -50,7 +50,7 @@ def scan_numbers(text: NDArray[np.uint8], start: int, stop: int, out: NDArray[np
             else:
                 break
             position += 1
-        if digits == 0 or decimals > _EXACT_DECIMALS or (position < stop and not is_space(text[position])):
+        if digits == 0 or decimals > _EXACT_DECIMALS or (position < stop and not _is_space(text[position])):
             return index, begin
         value = np.float64(mantissa) / scale
         out[index] = -value if negative else value

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.logs._number_kernels import is_space, scan_numbers
+from frontends.logs._number_kernels import _is_space, scan_numbers
 from graph.compiled import compiled
 
 U8 = NDArray[np.uint8]
@@ -138,15 +138,15 @@ def _keep_poses(numbers: F64, plain: Plain, poses: F64, row: int) -> bool:
 def _read_stamps(text: U8, start: int, stop: int, most: float, stamps: F64, row: int, numbers: F64) -> bool:
     """Read a number, a word and a number that end the line."""
     done, position = scan_numbers(text, start, stop, numbers[:1])
-    while position < stop and is_space(text[position]):
+    while position < stop and _is_space(text[position]):
         position += 1
     word = position
-    while position < stop and not is_space(text[position]):
+    while position < stop and not _is_space(text[position]):
         position += 1
     more, end = scan_numbers(text, position, stop, numbers[1:2])
     if done < 1 or word == position or more < 1:
         return False
-    while end < stop and is_space(text[end]):
+    while end < stop and _is_space(text[end]):
         end += 1
     for k in range(2):
         if not abs(numbers[k]) <= most:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from graph._dense_kernels import solve_one
+from graph._dense_kernels import _solve_one
 from graph.compiled import compiled
 
 FULL = 255
@@ -370,7 +370,7 @@ def polish(
         normal[1, 0], normal[2, 0], normal[2, 1] = normal[0, 1], normal[0, 2], normal[1, 2]
         for i in range(3):
             normal[i, i] = 1.02 * normal[i, i] + 1e-3
-        solve_one(normal, right, step)
+        _solve_one(normal, right, step)
         pose += step
         if abs(step[0]) + abs(step[1]) + abs(step[2]) < 1e-5:
             break

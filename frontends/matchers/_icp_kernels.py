@@ -19,7 +19,7 @@ from frontends.matchers._pair_kernels import (
     no_pairs,
     trim,
 )
-from graph._dense_kernels import solve_one
+from graph._dense_kernels import _solve_one
 from graph.compiled import compiled
 
 _SAME_WAY = math.cos(math.radians(10.0))
@@ -69,7 +69,7 @@ def closest_points(
             fit = rigid_fit(points, pairs.targets, pairs.kept)
         else:
             H, g = metric_normal_equations(pairs.moved, pairs.targets, pairs.kept, length2)
-            if not solve_one(H, g, step):
+            if not _solve_one(H, g, step):
                 break
             fit = composed(step[0], step[1], step[2], pose)
         before[:] = pose

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph._assign_kernels import assign
-from graph._dense_kernels import solve_one
+from graph._dense_kernels import _solve_one
 from graph.compiled import compiled
 
 F32 = NDArray[np.float32]
@@ -423,7 +423,7 @@ def polish_on_features(
         hit = _accumulate_features(kinds, rows, ref_kinds, ref_rows, pose, h, g)
         if hit == 0:
             break
-        if not solve_one(h, g, step):
+        if not _solve_one(h, g, step):
             break
         pose -= step
         if hypot(step[0], step[1]) < 1e-4 and abs(step[2]) < 1e-5:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph._assign_kernels import assign
+from graph._sort_kernels import _sort
 from graph.compiled import ONE, ZERO, compiled
 
 F32 = NDArray[np.float32]
@@ -410,7 +411,7 @@ def _distance2(point: F64, x0: float, y0: float) -> float:
 
 
 @compiled
-def count_returns(ranges: F32, near: float) -> tuple[int, int]:
+def _count_returns(ranges: F32, near: float) -> tuple[int, int]:
     """How many beams returned, and how many of these from nearer than `near` [m]."""
     returns, close = 0, 0
     for b in range(len(ranges)):
@@ -440,4 +441,6 @@ def range_noise(points: F64, beams: I32) -> float:
         count += 1
     if count == 0:
         return 0.0
-    return float(np.median(off[:count])) / (0.6745 * sqrt(6.0))
+    _sort(off[:count])
+    median: float = 0.5 * (off[(count - 1) // 2] + off[count // 2])
+    return median / (0.6745 * sqrt(6.0))

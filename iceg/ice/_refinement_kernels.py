@@ -51,7 +51,7 @@ def partner(
 
 
 @compiled
-def solve_step(h: F64, gradient: F64, pull: float, pose: F64, start: F64, step: F64) -> bool:
+def _solve_step(h: F64, gradient: F64, pull: float, pose: F64, start: F64, step: F64) -> bool:
     """Solve (h + pull·1)·step = -gradient - pull·(pose - start) for a symmetric 3×3 h; return whether it can be."""
     g0 = gradient[0] + pull * (pose[0] - start[0])
     g1 = gradient[1] + pull * (pose[1] - start[1])
@@ -117,13 +117,13 @@ def refine(
     assign(pose, start)
     inliers, used, squares, weights, width = 0, 0, 0.0, 0.0, max(scale, first_scale)
     for _ in range(max(1, iterations)):
-        cells_at(columns.x, columns.y, pose, nearest.shape, origin, cell, pairs.rx, pairs.ry, pairs.cells)
-        look_up(pairs.cells, nearest, surfels, pairs.px, pairs.py, pairs.nx, pairs.ny)
+        _cells_at(columns.x, columns.y, pose, nearest.shape, origin, cell, pairs.rx, pairs.ry, pairs.cells)
+        _look_up(pairs.cells, nearest, surfels, pairs.px, pairs.py, pairs.nx, pairs.ny)
         _mark_facing(columns, pose[2], pairs)
         _measure(pose, pairs)
         used, inliers = _weigh(columns.spreads, pairs, 1.0 / (width * width), 4.0 * scale * scale)
         squares, weights = _add_up(columns.spreads, pairs, hessian, gradient)
-        if used < _FEWEST or iterations == 0 or not solve_step(hessian, gradient, prior_weight, pose, start, step):
+        if used < _FEWEST or iterations == 0 or not _solve_step(hessian, gradient, prior_weight, pose, start, step):
             break
         pose += step
         moved, turned = max(abs(step[0]), abs(step[1])), abs(step[2])
@@ -198,7 +198,7 @@ def _room(n: int) -> Pairs:
 
 
 @compiled
-def cells_at(
+def _cells_at(
     xs: F64, ys: F64, pose: F64, shape: tuple[int, int], origin: F64, cell: float, rx: F64, ry: F64, cells: I32
 ) -> None:
     """Turn points by the heading of a pose into rx, ry; and find the cells they lie in there, -1 outside."""
@@ -215,7 +215,7 @@ def cells_at(
 
 
 @compiled
-def look_up(cells: I32, nearest: I32, surfels: F64, px: F64, py: F64, nx: F64, ny: F64) -> None:
+def _look_up(cells: I32, nearest: I32, surfels: F64, px: F64, py: F64, nx: F64, ny: F64) -> None:
     """Position and normal of the surfel nearest to each cell; NaN in place of the normal where there is none."""
     flat = nearest.reshape(-1)
     for i in range(len(cells)):

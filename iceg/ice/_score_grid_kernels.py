@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.compiled import compiled
-from iceg.ice._refinement_kernels import look_up
+from iceg.ice._refinement_kernels import _look_up
 from iceg.ice.scored import Scored
 
 F64 = NDArray[np.float64]
@@ -70,7 +70,7 @@ def score_grid(scored: Scored, n_picks: int, pose: F64, axes: F64, steps: F64, c
     for q in range(n_picks):
         i = int((q + 0.5) * stride)
         _land(grid, points[i, 0], points[i, 1], scored.nearest.shape, scored.origin, scored.cell, landed)
-        look_up(landed.cells, scored.nearest, scored.surfels, landed.px, landed.py, landed.nx, landed.ny)
+        _look_up(landed.cells, scored.nearest, scored.surfels, landed.px, landed.py, landed.nx, landed.ny)
         mx, my = normals[i, 0], normals[i, 1]
         least = scored.facing if mx != 0.0 or my != 0.0 else -np.inf
         _penalise(grid, mx, my, least, inverse_scale2 / scored.spreads[i], landed, products)

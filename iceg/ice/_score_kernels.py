@@ -65,7 +65,7 @@ class Weighed(NamedTuple):
         steps: (3,) its spacing along each.
         weights: (side, side, side) normalised scores on the grid.
         weak: (3,) which axes are unobservable.
-        ratios: (3,) see `unevenness` and `pretence`; 1 where unobservable.
+        ratios: (3,) see `_unevenness` and `_pretence`; 1 where unobservable.
     """
 
     covariance: F64
@@ -107,7 +107,7 @@ class Residuals(NamedTuple):
 
 
 @compiled
-def residuals_at(scored: Scored, pose: F64, limit: float) -> Residuals:
+def _residuals_at(scored: Scored, pose: F64, limit: float) -> Residuals:
     """The residuals at a pose (3,); those of `limit` or more tell of something else [m]."""
     points, normals, surfels, origin = scored.points, scored.normals, scored.surfels, scored.origin
     n = len(points)
@@ -170,7 +170,7 @@ def _shared(values: F64) -> float:
 
 
 @compiled
-def dependence(found: Residuals) -> float:
+def _dependence(found: Residuals) -> float:
     """How many neighbouring points say the same: 1 + 2 Σ (1 - l/13) ρ_l over the lags l = 1..12, at least 1.
 
     ρ_l is the correlation of the residuals of points l apart.
@@ -184,7 +184,7 @@ def dependence(found: Residuals) -> float:
 
 
 @compiled
-def unevenness(found: Residuals, axes: F64, least: float, variance: float, ratios: F64) -> None:
+def _unevenness(found: Residuals, axes: F64, least: float, variance: float, ratios: F64) -> None:
     """How much larger the variance along each axis is than if every point were off by the same `variance`.
 
     A direction is known as well as the points that hold it: those of a wall far ahead scatter more than those of the
@@ -219,7 +219,7 @@ def unevenness(found: Residuals, axes: F64, least: float, variance: float, ratio
 
 
 @compiled
-def pretence(found: Residuals, axis: F64) -> float:
+def _pretence(found: Residuals, axis: F64) -> float:
     """How many times less is known along an axis v than Σ (Jv)² over the surfels' normals pretends; at least 1.
 
     A wall along which a scan slides does not hold it, be it straight or, v being a turn about its centre, curved. But
@@ -250,7 +250,7 @@ def pretence(found: Residuals, axis: F64) -> float:
 
 
 @compiled
-def principal_axes(matrix: F64, values: F64, axes: F64) -> None:
+def _principal_axes(matrix: F64, values: F64, axes: F64) -> None:
     """Eigenvalues and eigenvectors (columns) of a symmetric 3×3 matrix, by Jacobi rotations."""
     a = matrix.copy()
     axes[:] = 0.0
@@ -282,7 +282,7 @@ def principal_axes(matrix: F64, values: F64, axes: F64) -> None:
 
 
 @compiled
-def moments(costs: F64, best: float, per_cost: float, steps: F64, second: F64, edges: F64) -> None:
+def _moments(costs: F64, best: float, per_cost: float, steps: F64, second: F64, edges: F64) -> None:
     """Turn costs into normalised weights exp(-per_cost·(cost - best)), in place, and take their central second moment.
 
     Args:
@@ -334,20 +334,20 @@ def score_covariance(scored: Scored, pose: F64, reading: Reading, out: Weighed) 
     """
     scored = _on_surfaces(scored)
     n_picks = min(len(scored.points), reading.n_picks)
-    found = residuals_at(scored, pose, reading.limit)
-    repeated = dependence(found)
+    found = _residuals_at(scored, pose, reading.limit)
+    repeated = _dependence(found)
     share = reading.independence / repeated
     precision = share / (reading.temperature * reading.sigma * reading.sigma)
     _lay_grid(found.hessian, precision, reading, out)
     best = score_grid(scored, n_picks, pose, out.axes, out.steps, out.weights)
     per_point = 0.5 * (scored.scale / reading.sigma) ** 2 * share / reading.temperature
     edges, second, side = np.empty(3), np.empty((3, 3)), len(out.weights)
-    moments(out.weights, best, per_point * len(scored.points) / n_picks, out.steps, second, edges)
+    _moments(out.weights, best, per_point * len(scored.points) / n_picks, out.steps, second, edges)
     second /= reading.temperature
     variance = reading.sigma**2 * repeated
-    unevenness(found, out.axes, reading.least_variance, variance, out.ratios)
+    _unevenness(found, out.axes, reading.least_variance, variance, out.ratios)
     for a in range(3):
-        out.ratios[a] *= pretence(found, out.axes[:, a])
+        out.ratios[a] *= _pretence(found, out.axes[:, a])
         beyond = second[a, a] * out.ratios[a] > (side // 2 * reading.max_step) ** 2
         out.weak[a] = beyond or (edges[a] > reading.edge_mass and out.steps[a] >= 0.999 * reading.max_step)
         if out.weak[a]:
@@ -399,7 +399,7 @@ def _on_surfaces(scored: Scored) -> Scored:
 def _lay_grid(hessian: F64, precision: float, reading: Reading, out: Weighed) -> None:
     """Axes and steps of the grid: the principal axes of the Hessian, steps by their width."""
     values = np.empty(3)
-    principal_axes(precision * hessian, values, out.axes)
+    _principal_axes(precision * hessian, values, out.axes)
     for a in range(3):
         width = reading.spacing / sqrt(max(values[a], 1e-9))
         out.steps[a] = min(reading.max_step, max(reading.min_step, width))

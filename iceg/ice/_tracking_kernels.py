@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from graph._assign_kernels import assign
 from graph._odometry_kernels import carry
 from graph.compiled import ONE, compiled
-from iceg.ice._point_kernels import RangeNoise, count_returns, scan_points
+from iceg.ice._point_kernels import RangeNoise, _count_returns, scan_points
 from iceg.ice._refinement_kernels import refine
 
 F32 = NDArray[np.float32]
@@ -221,7 +221,7 @@ def _match(
 @compiled
 def _is_blind(ranges: F32, limits: Limits) -> bool:
     """Whether nearly all beams end at once, or none returns."""
-    returns, close = count_returns(ranges, limits.blind_range)
+    returns, close = _count_returns(ranges, limits.blind_range)
     return returns < limits.fewest_returns * len(ranges) or close > limits.blind_share * returns
 
 

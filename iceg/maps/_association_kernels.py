@@ -13,7 +13,7 @@ Bool = NDArray[np.bool_]
 
 
 @compiled
-def observation_noise(observed: Observed, settings: Settings) -> F64:
+def _observation_noise(observed: Observed, settings: Settings) -> F64:
     """(n_features, 3) entries xx, xy, yy of each feature's covariance, the error of the key pose included.
 
     That error is a shift, and a turn that moves the feature across its line of sight.
@@ -29,7 +29,7 @@ def observation_noise(observed: Observed, settings: Settings) -> F64:
 
 
 @compiled
-def associate(
+def _associate(
     observed: Observed, noise: F64, store: Store, near: I64, near_p: F64, near_turn: F64, settings: Settings
 ) -> tuple[I64, Bool, Bool]:
     """Give each real feature at most one landmark and each landmark at most one feature, cheapest pairs first.
@@ -41,9 +41,9 @@ def associate(
     n_features, n_near = len(observed.kinds), len(near)
     landmark_of = np.full(n_features, -1, np.int64)
     taken = np.zeros(n_near, np.bool_)
-    close_feature, close_near = close_pairs(observed, near_p, settings.max_distance)
-    cost = pair_costs(close_feature, close_near, observed, noise, store, near, near_p, near_turn, settings)
-    for pair in ascending(cost):
+    close_feature, close_near = _close_pairs(observed, near_p, settings.max_distance)
+    cost = _pair_costs(close_feature, close_near, observed, noise, store, near, near_p, near_turn, settings)
+    for pair in _ascending(cost):
         f, j = close_feature[pair], close_near[pair]
         if landmark_of[f] < 0 and not taken[j]:
             landmark_of[f] = j
@@ -55,9 +55,9 @@ def associate(
 
 
 @compiled
-def close_pairs(observed: Observed, near_p: F64, max_distance: float) -> tuple[I64, I64]:
+def _close_pairs(observed: Observed, near_p: F64, max_distance: float) -> tuple[I64, I64]:
     """All pairs of a feature and a near landmark within max_distance [m]."""
-    order = ascending(observed.positions[:, 0].copy())
+    order = _ascending(observed.positions[:, 0].copy())
     xs = np.empty(len(order))
     for rank in range(len(order)):
         xs[rank] = observed.positions[order[rank], 0]
@@ -82,14 +82,14 @@ def close_pairs(observed: Observed, near_p: F64, max_distance: float) -> tuple[I
             if dx * dx + dy * dy > max_distance * max_distance:
                 continue
             if n_pairs == len(pair_near):
-                pair_feature, pair_near = twice_as_long(pair_feature), twice_as_long(pair_near)
+                pair_feature, pair_near = _twice_as_long(pair_feature), _twice_as_long(pair_near)
             pair_feature[n_pairs], pair_near[n_pairs] = order[rank], j
             n_pairs += 1
     return pair_feature[:n_pairs], pair_near[:n_pairs]
 
 
 @compiled
-def ascending(values: F64) -> I64:
+def _ascending(values: F64) -> I64:
     """Where the finite ones of a few values stand, smallest first; equal ones keep their order."""
     order = np.empty(len(values), np.int64)
     n = 0
@@ -106,7 +106,7 @@ def ascending(values: F64) -> I64:
 
 
 @compiled
-def twice_as_long(numbers: I64) -> I64:
+def _twice_as_long(numbers: I64) -> I64:
     """A copy with room for as many more."""
     longer = np.empty(2 * len(numbers), np.int64)
     assign(longer[: len(numbers)], numbers)
@@ -114,7 +114,7 @@ def twice_as_long(numbers: I64) -> I64:
 
 
 @compiled
-def pair_costs(
+def _pair_costs(
     close_feature: I64,
     close_near: I64,
     observed: Observed,
@@ -134,15 +134,15 @@ def pair_costs(
         f, j = close_feature[pair], close_near[pair]
         k = near[j]
         kind = observed.kinds[f]
-        if not observed.real[f] or not same_kind(kind, store.kinds[k]):
+        if not observed.real[f] or not _same_kind(kind, store.kinds[k]):
             continue
         turn = np.arctan2(near_turn[j, 1], near_turn[j, 0])
         a0, a1 = directions[f, 0] - turn, directions[f, 1] - turn
-        w0, w1, d0, d1 = pair_directions(kind, a0, a1, known_directions[k, 0], known_directions[k, 1])
+        w0, w1, d0, d1 = _pair_directions(kind, a0, a1, known_directions[k, 0], known_directions[k, 1])
         if (w0 < 0 and w1 < 0) or abs(d0) > settings.max_angle or abs(d1) > settings.max_angle:
             continue
         dx, dy = positions[f, 0] - near_p[j, 0], positions[f, 1] - near_p[j, 1]
-        pxx, pxy, pyy = rotated(
+        pxx, pxy, pyy = _rotated(
             covariances[k, 0, 0], covariances[k, 0, 1], covariances[k, 1, 1], near_turn[j, 0], near_turn[j, 1]
         )
         sxx, sxy, syy = pxx + noise[f, 0], pxy + noise[f, 1], pyy + noise[f, 2]
@@ -159,7 +159,7 @@ def pair_costs(
 
 
 @compiled
-def rotated(xx: float, xy: float, yy: float, cos: float, sin: float) -> tuple[float, float, float]:
+def _rotated(xx: float, xy: float, yy: float, cos: float, sin: float) -> tuple[float, float, float]:
     """R C Rᵀ of a symmetric C, entries xx, xy, yy."""
     return (
         cos * cos * xx - 2.0 * cos * sin * xy + sin * sin * yy,
@@ -169,25 +169,25 @@ def rotated(xx: float, xy: float, yy: float, cos: float, sin: float) -> tuple[fl
 
 
 @compiled
-def wrap(angle: float) -> float:
+def _wrap(angle: float) -> float:
     """The same angle in [-π, π)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi
 
 
 @compiled
-def wrap_line(angle: float) -> float:
+def _wrap_line(angle: float) -> float:
     """The same angle of a line without orientation in [-π/2, π/2)."""
     return (angle + 0.5 * np.pi) % np.pi - 0.5 * np.pi
 
 
 @compiled
-def same_kind(a: int, b: int) -> bool:
+def _same_kind(a: int, b: int) -> bool:
     """Whether two kinds may be one landmark: equal, or a corner whose second wall was hidden from the other."""
     return a == b or INTERSECTION not in (a, b)
 
 
 @compiled
-def pair_directions(kind: int, a0: float, a1: float, b0: float, b1: float) -> tuple[int, int, float, float]:
+def _pair_directions(kind: int, a0: float, a1: float, b0: float, b1: float) -> tuple[int, int, float, float]:
     """How the walls of feature a and landmark b correspond: clockwise to clockwise, as one sees their open side.
 
     Returns:
@@ -195,10 +195,10 @@ def pair_directions(kind: int, a0: float, a1: float, b0: float, b1: float) -> tu
     """
     if kind == INTERSECTION:
         # Extensions of walls have neither orientation nor a side.
-        straight0, straight1 = wrap_line(a0 - b0), wrap_line(a1 - b1)
-        crossed0, crossed1 = wrap_line(a0 - b1), wrap_line(a1 - b0)
+        straight0, straight1 = _wrap_line(a0 - b0), _wrap_line(a1 - b1)
+        crossed0, crossed1 = _wrap_line(a0 - b1), _wrap_line(a1 - b0)
         if max(abs(straight0), abs(straight1)) <= max(abs(crossed0), abs(crossed1)):
             return 0, 1, straight0, straight1
         return 1, 0, crossed0, crossed1
     both0, both1 = not (np.isnan(a0) or np.isnan(b0)), not (np.isnan(a1) or np.isnan(b1))
-    return (0 if both0 else -1, 1 if both1 else -1, wrap(a0 - b0) if both0 else 0.0, wrap(a1 - b1) if both1 else 0.0)
+    return (0 if both0 else -1, 1 if both1 else -1, _wrap(a0 - b0) if both0 else 0.0, _wrap(a1 - b1) if both1 else 0.0)

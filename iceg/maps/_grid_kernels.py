@@ -68,7 +68,7 @@ class Footprints(NamedTuple):
 
 
 @compiled
-def beam_outline(
+def _beam_outline(
     ranges: F32,
     bearings: F64,
     chords: F64,
@@ -84,7 +84,7 @@ def beam_outline(
     Args:
         ranges: (n,) [m], NaN without return.
         bearings: (n,) [rad], increasing.
-        chords: (n - 1, 5) of `chord_tables`.
+        chords: (n - 1, 5) of `_chord_tables`.
         cone: what a beam covers.
         surface: (n, 3) output, range at the right border, the axis and the left border [m].
         hits: (n,) output, whether the beam returned within max_range.
@@ -117,7 +117,7 @@ def beam_outline(
 
 
 @compiled
-def chord_tables(bearings: F64, half_widths: F64) -> F64:
+def _chord_tables(bearings: F64, half_widths: F64) -> F64:
     """What the chord between the returns of beams i and i + 1 needs at the borders of the two beams.
 
     A straight line in polar coordinates is r(θ) = sin(β - α) / (sin(β - θ) / r_α + sin(θ - α) / r_β).
@@ -135,7 +135,7 @@ def chord_tables(bearings: F64, half_widths: F64) -> F64:
 
 
 @compiled
-def cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64, at: int) -> int:
+def _cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64, at: int) -> int:
     """All cells a straight line passes through, in order, start and end included.
 
     Args:
@@ -183,7 +183,7 @@ def cast_cells(x0: float, y0: float, x1: float, y1: float, rows: I64, cols: I64,
 
 
 @compiled
-def fill_polygon(
+def _fill_polygon(
     log_odds: F32,
     xs: F64,
     ys: F64,
@@ -240,7 +240,7 @@ def fill_polygon(
 
 
 @compiled
-def collect_hits(
+def _collect_hits(
     xs: F64, ys: F64, evidence: float, n_cols: int, rows: I64, cols: I64, cells: I64, shares: F32, count: int
 ) -> int:
     """Add the cells below one beam's footprint to the hit cells of a scan.
@@ -261,8 +261,8 @@ def collect_hits(
     Returns:
         The new number of hit cells.
     """
-    n = cast_cells(xs[0], ys[0], xs[1], ys[1], rows, cols, ZERO)
-    n = cast_cells(xs[1], ys[1], xs[2], ys[2], rows, cols, n - 1)
+    n = _cast_cells(xs[0], ys[0], xs[1], ys[1], rows, cols, ZERO)
+    n = _cast_cells(xs[1], ys[1], xs[2], ys[2], rows, cols, n - 1)
     share = np.float32(evidence / n)
     for k in range(n):
         cells[count + k] = rows[k] * n_cols + cols[k]
@@ -271,7 +271,7 @@ def collect_hits(
 
 
 @compiled
-def footprint_cells(xs: F64, ys: F64) -> int:
+def _footprint_cells(xs: F64, ys: F64) -> int:
     """Upper bound of the cells below a footprint of three points."""
     length = abs(xs[1] - xs[0]) + abs(ys[1] - ys[0]) + abs(xs[2] - xs[1]) + abs(ys[2] - ys[1])
     return int(length) + 8
@@ -303,7 +303,7 @@ def extent(
 
 
 @compiled
-def border_directions(bearings: F64, half_widths: F64) -> tuple[F64, F64]:
+def _border_directions(bearings: F64, half_widths: F64) -> tuple[F64, F64]:
     """Cosine and sine, (n, 3) each, of every beam's right border, axis and left border in the laser frame."""
     n = len(bearings)
     cos, sin = np.empty((n, 3)), np.empty((n, 3))
@@ -343,8 +343,8 @@ def render(
         evidence: what a beam says.
     """
     n = len(bearings)
-    cos, sin = border_directions(bearings, half_widths)
-    chords = chord_tables(bearings, half_widths)
+    cos, sin = _border_directions(bearings, half_widths)
+    chords = _chord_tables(bearings, half_widths)
     prints = Footprints(np.empty((n, 3)), np.empty(n, np.bool_), np.empty((n, 3)), np.empty((n, 3)))
     xs, ys = np.empty(4 * n + 1), np.empty(4 * n + 1)
     farthest = cone.max_range / resolution + 2.0
@@ -355,19 +355,19 @@ def render(
     for k in range(len(T_map_laser)):
         x, y = (T_map_laser[k, 0] - origin_x) / resolution, (T_map_laser[k, 1] - origin_y) / resolution
         c, s = np.cos(T_map_laser[k, 2]) / resolution, np.sin(T_map_laser[k, 2]) / resolution
-        beam_outline(ranges[k], bearings, chords, cone, prints.surface, prints.hits)
+        _beam_outline(ranges[k], bearings, chords, cone, prints.surface, prints.hits)
         n_vertices, room = outline(x, y, c, s, cos, sin, cone, prints, xs, ys)
         if room > len(cells):
             cells, shares = np.empty(2 * room, np.int64), np.empty(2 * room, np.float32)
             before = np.empty(2 * room, np.float32)
-        n_hits = hit_cells(prints, evidence.hit, log_odds.shape[1], cells, shares)
+        n_hits = _hit_cells(prints, evidence.hit, log_odds.shape[1], cells, shares)
         # Misses first, then the hit cells restart from what they were: a cell hit in a scan is not missed by it too,
         # and of several hits in one scan the strongest counts.
         flat = log_odds.reshape(-1)
         for h in range(n_hits):
             before[h] = flat[cells[h]]
         base = int(np.floor(y - farthest))
-        fill_polygon(log_odds, xs, ys, n_vertices, np.float32(evidence.miss), low, base, crossings, counts)
+        _fill_polygon(log_odds, xs, ys, n_vertices, np.float32(evidence.miss), low, base, crossings, counts)
         for h in range(n_hits):
             flat[cells[h]] = before[h]
         for h in range(n_hits):
@@ -385,10 +385,10 @@ def outline(
         y: row coordinate of it.
         c: cosine of its heading, in cells per metre.
         s: sine of it.
-        cos: (n, 3) of `border_directions`.
+        cos: (n, 3) of `_border_directions`.
         sin: (n, 3).
         cone: what a beam covers.
-        prints: of `beam_outline`; `xs` and `ys` are filled in.
+        prints: of `_beam_outline`; `xs` and `ys` are filled in.
         xs: (≥ 4 n + 1,) output, column coordinates of the vertices.
         ys: (≥ 4 n + 1,) output, row coordinates.
 
@@ -413,21 +413,21 @@ def outline(
             xs[n], ys[n] = x + reach * dx, y + reach * dy
             n += 1
         if prints.hits[i]:
-            room += footprint_cells(prints.xs[i], prints.ys[i])
+            room += _footprint_cells(prints.xs[i], prints.ys[i])
     xs[n], ys[n] = x, y
     return n + 1, room
 
 
 @compiled
-def hit_cells(prints: Footprints, evidence: float, n_cols: int, cells: I64, shares: F32) -> int:
-    """The cells below the footprints of the beams that returned, see `collect_hits`; how many there are."""
+def _hit_cells(prints: Footprints, evidence: float, n_cols: int, cells: I64, shares: F32) -> int:
+    """The cells below the footprints of the beams that returned, see `_collect_hits`; how many there are."""
     n_hits = ZERO
     rows, cols = np.empty(64, np.int64), np.empty(64, np.int64)
     for i in range(len(prints.hits)):
         if not prints.hits[i] or prints.surface[i, 1] <= 0.0:
             continue
-        needed = footprint_cells(prints.xs[i], prints.ys[i])
+        needed = _footprint_cells(prints.xs[i], prints.ys[i])
         if needed > len(rows):
             rows, cols = np.empty(2 * needed, np.int64), np.empty(2 * needed, np.int64)
-        n_hits = collect_hits(prints.xs[i], prints.ys[i], evidence, n_cols, rows, cols, cells, shares, n_hits)
+        n_hits = _collect_hits(prints.xs[i], prints.ys[i], evidence, n_cols, rows, cols, cells, shares, n_hits)
     return n_hits

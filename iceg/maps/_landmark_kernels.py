@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from graph._assign_kernels import assign
 from graph.compiled import ZERO, compiled, compiled_aside
-from iceg.maps._association_kernels import associate, observation_noise, pair_directions, rotated, wrap
+from iceg.maps._association_kernels import _associate, _observation_noise, _pair_directions, _rotated, _wrap
 from iceg.maps.landmark_arrays import CORNER, END_OF_WALL, Observed, Settings, Store
 
 F32 = NDArray[np.float32]
@@ -60,13 +60,13 @@ def observe(
             features.T_robot_laser,
         )
         key = first_key + scan
-        near, near_p, near_turn = nearby(key, frames, observed, store, valid[:n_valid], settings)
-        noise = observation_noise(observed, settings)
-        landmark_of, taken, explained = associate(observed, noise, store, near, near_p, near_turn, settings)
-        fuse(key, observed, noise, store, near, near_p, near_turn, landmark_of, settings)
-        judge(key, observed, store, near, near_p, near_turn, taken | explained, settings)
-        more = add(key, observed, store, count, landmark_of, settings)
-        n_valid = drop_expired(valid, n_valid, store.expired_at)
+        near, near_p, near_turn = _nearby(key, frames, observed, store, valid[:n_valid], settings)
+        noise = _observation_noise(observed, settings)
+        landmark_of, taken, explained = _associate(observed, noise, store, near, near_p, near_turn, settings)
+        _fuse(key, observed, noise, store, near, near_p, near_turn, landmark_of, settings)
+        _judge(key, observed, store, near, near_p, near_turn, taken | explained, settings)
+        more = _add(key, observed, store, count, landmark_of, settings)
+        n_valid = _drop_expired(valid, n_valid, store.expired_at)
         for new in range(count, more):
             valid[n_valid] = new
             n_valid += 1
@@ -75,7 +75,7 @@ def observe(
 
 
 @compiled
-def drop_expired(valid: I64, n_valid: int, expired_at: I64) -> int:
+def _drop_expired(valid: I64, n_valid: int, expired_at: I64) -> int:
     """Close up over the landmarks that have expired: the cost depends on what is there, not on what ever was."""
     kept = ZERO
     for place in range(n_valid):
@@ -86,7 +86,7 @@ def drop_expired(valid: I64, n_valid: int, expired_at: I64) -> int:
 
 
 @compiled
-def nearby(
+def _nearby(
     key: int, frames: F64, observed: Observed, store: Store, valid: I64, settings: Settings
 ) -> tuple[I64, F64, F64]:
     """Valid landmarks within reach of a key pose.
@@ -119,7 +119,7 @@ def nearby(
 
 
 @compiled
-def fuse(
+def _fuse(
     key: int,
     observed: Observed,
     noise: F64,
@@ -137,21 +137,23 @@ def fuse(
             continue
         k = near[j]
         dx, dy = observed.positions[f, 0] - near_p[j, 0], observed.positions[f, 1] - near_p[j, 1]
-        fuse_position(store.positions[k], store.covariances[k], noise[f], dx, dy, near_turn[j], settings.drift_variance)
+        _fuse_position(
+            store.positions[k], store.covariances[k], noise[f], dx, dy, near_turn[j], settings.drift_variance
+        )
         turn = np.arctan2(near_turn[j, 1], near_turn[j, 0])
         a0, a1 = observed.directions[f, 0] - turn, observed.directions[f, 1] - turn
         known, variances = store.directions[k], store.direction_variances[k]
-        w0, w1, d0, d1 = pair_directions(observed.kinds[f], a0, a1, known[0], known[1])
+        w0, w1, d0, d1 = _pair_directions(observed.kinds[f], a0, a1, known[0], known[1])
         variance = observed.direction_variances[f] + settings.heading_variance
         if w0 >= 0:
-            fuse_direction(known, variances, w0, d0, variance)
+            _fuse_direction(known, variances, w0, d0, variance)
         if w1 >= 0:
-            fuse_direction(known, variances, w1, d1, variance)
+            _fuse_direction(known, variances, w1, d1, variance)
         if store.kinds[k] == END_OF_WALL and observed.kinds[f] == CORNER:
             # The second wall, hidden so far, has appeared.
             store.kinds[k] = CORNER
             hidden = 1 if w0 >= 0 else 0
-            known[hidden] = wrap(a1 if w0 >= 0 else a0)
+            known[hidden] = _wrap(a1 if w0 >= 0 else a0)
             variances[hidden] = variance
         store.distances[k] = min(store.distances[k], observed.distances[f])
         store.existence[k] = min(store.existence[k] + settings.seen_evidence, settings.highest_evidence)
@@ -160,12 +162,12 @@ def fuse(
 
 
 @compiled
-def fuse_position(
+def _fuse_position(
     position: F64, covariance: F64, noise: F64, dx: float, dy: float, turn: F64, drift_variance: float
 ) -> None:
     """Kalman update of a landmark, in the frame of its anchor, by an observation (dx, dy) off it in the robot frame."""
     cos, sin = turn[0], turn[1]
-    pxx, pxy, pyy = rotated(covariance[0, 0], covariance[0, 1], covariance[1, 1], cos, sin)
+    pxx, pxy, pyy = _rotated(covariance[0, 0], covariance[0, 1], covariance[1, 1], cos, sin)
     pxx, pyy = pxx + drift_variance, pyy + drift_variance
     sxx, sxy, syy = pxx + noise[0], pxy + noise[1], pyy + noise[2]
     det = sxx * syy - sxy * sxy
@@ -177,20 +179,20 @@ def fuse_position(
     qxx = (1.0 - gxx) * pxx - gxy * pxy
     qxy = 0.5 * ((1.0 - gxx) * pxy - gxy * pyy + (1.0 - gyy) * pxy - gyx * pxx)
     qyy = (1.0 - gyy) * pyy - gyx * pxy
-    qxx, qxy, qyy = rotated(qxx, qxy, qyy, cos, -sin)
+    qxx, qxy, qyy = _rotated(qxx, qxy, qyy, cos, -sin)
     covariance[0, 0], covariance[0, 1], covariance[1, 0], covariance[1, 1] = qxx, qxy, qxy, qyy
 
 
 @compiled
-def fuse_direction(directions: F64, variances: F64, wall: int, difference: float, variance: float) -> None:
+def _fuse_direction(directions: F64, variances: F64, wall: int, difference: float, variance: float) -> None:
     """Move one direction of a landmark towards an observation that differs by `difference`."""
     gain = variances[wall] / (variances[wall] + variance)
-    directions[wall] = wrap(directions[wall] + gain * difference)
+    directions[wall] = _wrap(directions[wall] + gain * difference)
     variances[wall] *= 1.0 - gain
 
 
 @compiled
-def judge(
+def _judge(
     key: int,
     observed: Observed,
     store: Store,
@@ -221,12 +223,12 @@ def judge(
         if not (is_left or is_right if is_wide else is_left and is_right):
             continue  # beside the field of view, as half of what is near
         slack = 2.0 * np.sqrt(settings.pose_variance + max(store.covariances[k, 0, 0], store.covariances[k, 1, 1]))
-        bearing = open_bearing(x, y, observed.ranges, bearings, reach, settings.occlusion_margin, slack)
+        bearing = _open_bearing(x, y, observed.ranges, bearings, reach, settings.occlusion_margin, slack)
         if np.isnan(bearing):
             continue
         to_laser = np.arctan2(near_turn[j, 1], near_turn[j, 0]) - laser[2]
         direction0, direction1 = store.directions[k, 0] + to_laser, store.directions[k, 1] + to_laser
-        if is_broadside(direction0 - bearing, direction1 - bearing, settings.sin_edge_on):
+        if _is_broadside(direction0 - bearing, direction1 - bearing, settings.sin_edge_on):
             store.missed[k] += 1
             store.existence[k] += settings.missed_evidence
             if store.existence[k] < settings.expiry_evidence:
@@ -234,7 +236,7 @@ def judge(
 
 
 @compiled
-def add(key: int, observed: Observed, store: Store, count: int, landmark_of: I64, settings: Settings) -> int:
+def _add(key: int, observed: Observed, store: Store, count: int, landmark_of: I64, settings: Settings) -> int:
     """Make landmarks, anchored to the key pose, of the features that have none; returns the number of landmarks."""
     for f in range(len(landmark_of)):
         covariance = observed.covariances[f]
@@ -261,7 +263,7 @@ def add(key: int, observed: Observed, store: Store, count: int, landmark_of: I64
 
 
 @compiled
-def open_bearing(
+def _open_bearing(
     x: float,
     y: float,
     ranges: F32,
@@ -302,7 +304,7 @@ def open_bearing(
 
 
 @compiled
-def is_broadside(direction0: float, direction1: float, sin_edge_on: float) -> bool:
+def _is_broadside(direction0: float, direction1: float, sin_edge_on: float) -> bool:
     """Whether a wall of a landmark, its directions seen from the line of sight, is not seen edge-on."""
     broadside = 0.0
     if not np.isnan(direction0):

@@ -12,7 +12,7 @@ F64 = NDArray[np.float64]
 
 
 @compiled
-def pose_within(velocity: F64, change: F64, tau: float) -> tuple[float, float, float]:
+def _pose_within(velocity: F64, change: F64, tau: float) -> tuple[float, float, float]:
     """exp(velocity τ + change τ² / 2), to second order in the angle: a sweep turns by less than a radian."""
     half = 0.5 * tau * tau
     x, y = velocity[0] * tau + change[0] * half, velocity[1] * tau + change[1] * half
@@ -71,7 +71,7 @@ def _seen_from_middle(
     """Bearing and inverse range of each beam from the middle of the sweep; 0 for the inverse range without return."""
     n_beams = len(bearings)
     for i in range(n_beams):
-        x, y, turn = pose_within(velocity, change, share * (i / (n_beams - 1) - 0.5))
+        x, y, turn = _pose_within(velocity, change, share * (i / (n_beams - 1) - 0.5))
         seen[i], inverse[i] = bearings[i] + turn, 0.0
         r = ranges[i]
         if not np.isnan(r):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.compiled import compiled
-from iceg.slam.sweep._deskew_kernels import _wrapped, pose_within
+from iceg.slam.sweep._deskew_kernels import _pose_within, _wrapped
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -74,9 +74,9 @@ def reduced_information(
     system = np.empty((4, 5))
     for m in range(len(pairs)):
         i, j = pairs[m]
-        bent_points(ranges[i], laser.bearings, laser.velocity[i], laser.change[i], share, one, d_one)
-        bent_points(ranges[j], laser.bearings, laser.velocity[j], laser.change[j], share, other, d_other)
-        surface_normals(one, fit.half, laser.full, normals)
+        _bent_points(ranges[i], laser.bearings, laser.velocity[i], laser.change[i], share, one, d_one)
+        _bent_points(ranges[j], laser.bearings, laser.velocity[j], laser.change[j], share, other, d_other)
+        _surface_normals(one, fit.half, laser.full, normals)
         shifted = abs(share) * (abs(laser.velocity[i, 2]) + abs(laser.velocity[j, 2]))
         about[m] = 0.0
         for step in range(fit.steps):
@@ -90,7 +90,7 @@ def reduced_information(
 
 
 @compiled
-def bent_points(
+def _bent_points(
     ranges: F32, bearings: F64, velocity: F64, change: F64, share: float, points: F64, derivative: F64
 ) -> None:
     """End points in the frame of the laser in the middle of the sweep, and their derivatives by the sweep.
@@ -108,7 +108,7 @@ def bent_points(
     for b in range(n_beams):
         phase = b / (n_beams - 1) - 0.5
         tau = share * phase
-        x, y, turn = pose_within(velocity, change, tau)
+        x, y, turn = _pose_within(velocity, change, tau)
         c, s = cos(bearings[b] + turn), sin(bearings[b] + turn)
         points[b, 0], points[b, 1] = x + ranges[b] * c, y + ranges[b] * s
         rate = phase * (velocity[2] + change[2] * tau)
@@ -117,7 +117,7 @@ def bent_points(
 
 
 @compiled
-def surface_normals(points: F64, half: int, full: bool, normals: F64) -> None:
+def _surface_normals(points: F64, half: int, full: bool, normals: F64) -> None:
     """Normals of the chord through the neighbours of each point; NaN where these are not on one line with it."""
     n = len(points)
     for i in range(n):
