@@ -195,7 +195,8 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             without={f"{_SLAM}.joint.refinement:believed_covariances": _first},
         ),
         "off the path": Rule(
-            what="closures five standard deviations off the path are refused", without={f"{_BACK_END}._judge": _second}
+            what="closures farther off the path than its covariance explains with `path_probability` are refused",
+            without={f"{_BACK_END}._judge": _second},
         ),
         "confirmations": Rule(
             what="closures far from the estimate wait for two more", config=_with_loops(confirmations=1)
