@@ -11,7 +11,7 @@ from graph.compiled import ZERO, compiled
 def _sort(values: NDArray[Any]) -> None:
     """Put the numbers (n,) in ascending order, in place; none is NaN.
 
-    Heapsort (Williams 1964): numba's own sort and median each take more than a second to compile.
+    Heapsort (Williams 1964): numba's own sort and median take longer to compile than most kernels.
     """
     for root in range(len(values) // 2 - 1, -1, -1):
         _sift(values, root, len(values))
