@@ -16,7 +16,24 @@ from iceg.ice.tracking import Followed, Limits, Standing
 from iceg.ice.verification import Agreement
 
 
-class ScriptedMatcher:
+class ScanByScan:
+    """What follows no scans at once: each is tracked by itself."""
+
+    def follow(
+        self,
+        reference: Any,
+        ranges: NDArray[np.float32],
+        steps: NDArray[np.float64],
+        geometry: ScanGeometry,
+        standing: Standing,
+        odometry: OdometryModel,
+        limits: Limits,
+    ) -> Followed:
+        del reference, ranges, steps, geometry, odometry, limits
+        return Followed(T_ref_robots=np.empty((0, 3)), motion=standing.motion, points=None)
+
+
+class ScriptedMatcher(ScanByScan):
     """Every pose agrees, a little; nothing else fits."""
 
     judge = IceMatcher()
@@ -49,18 +66,5 @@ class ScriptedMatcher:
         self, reference: Any, scan: Scan, T_ref_guess: NDArray[np.float64], covariance_guess: NDArray[np.float64]
     ) -> list[NDArray[np.float64]]:
         raise NotImplementedError
-
-    def follow(
-        self,
-        reference: Any,
-        ranges: NDArray[np.float32],
-        steps: NDArray[np.float64],
-        geometry: ScanGeometry,
-        standing: Standing,
-        odometry: OdometryModel,
-        limits: Limits,
-    ) -> Followed:
-        del reference, ranges, steps, geometry, odometry, limits
-        return Followed(T_ref_robots=np.empty((0, 3)), motion=standing.motion, points=None)
 
     def keep(self, scan: Scan, points: ScanPoints) -> None: ...

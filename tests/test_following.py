@@ -5,36 +5,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from frontends.scan import Log, ScanGeometry
+from frontends.scan import Log
 from frontends.simulator.simulation import simulate
 from graph.measurement import RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
-from iceg.ice.tracking import Followed, Limits, Standing
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.track import Track
 from iceg.slam.tracking.front_end import FrontEnd
 from iceg.slam.tracking.log_tracking import track_log
+from tests.scripted_matcher import ScanByScan
 
 
-class ScanByScan(IceMatcher):
+class IceScanByScan(ScanByScan, IceMatcher):
     """ICE without its way to follow many scans at once."""
-
-    def follow(
-        self,
-        reference: Any,
-        ranges: NDArray[np.float32],
-        steps: NDArray[np.float64],
-        geometry: ScanGeometry,
-        standing: Standing,
-        odometry: OdometryModel,
-        limits: Limits,
-    ) -> Followed:
-        del reference, ranges, steps, geometry, odometry, limits
-        return Followed(T_ref_robots=np.empty((0, 3)), motion=standing.motion, points=None)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +64,7 @@ def test_scans_followed_together_end_where_those_tracked_one_by_one_do(disturbed
     log = disturbed(office)
     noise = OdometryModel(along_per_metre=0.1, heading_per_radian=0.05)
     together = track_log(log, IceMatcher(), noise, FrontEndConfig())
-    one_by_one = track_log(log, ScanByScan(), noise, FrontEndConfig())
+    one_by_one = track_log(log, IceScanByScan(), noise, FrontEndConfig())
     _assert_same(together, one_by_one)
 
 
