@@ -1,4 +1,4 @@
-"""A matcher of two methods whose answers a test knows, with all else that the pipeline asks and no doubts."""
+"""A matcher of two methods whose answers a test knows, with all else that the pipeline asks and no objections."""
 
 from abc import abstractmethod
 from typing import Any
@@ -58,7 +58,7 @@ class ScriptedMatcher(ScanByScan):
         del reference, scan, T_ref_cur
         return Agreement(points=100, known=10, inliers=10)
 
-    def held(self, reference: Any, scan: Scan, T_ref_guess: NDArray[np.float64]) -> RelativePose | NoMatch:
+    def match_near(self, reference: Any, scan: Scan, T_ref_guess: NDArray[np.float64]) -> RelativePose | NoMatch:
         del reference, scan, T_ref_guess
         return NoMatch(reason="only where it is said to be")
 

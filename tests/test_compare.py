@@ -72,34 +72,34 @@ def shifted(first: int, last: int, by: float) -> F64:
 def test_a_run_is_like_itself() -> None:
     comparison = compare_runs(run(), run())
     assert comparison.largest_distance < 1e-12
-    assert not comparison.stretches
+    assert not comparison.intervals
     assert not comparison.lone_closures
     assert comparison.sigmas.max() < 1e-6
 
 
 def test_where_a_part_lies_elsewhere_and_by_how_many_sigmas() -> None:
     comparison = compare_runs(run(), run(shifted(100, 195, 0.1)))
-    (stretch,) = comparison.stretches
-    assert (stretch.first_scan, stretch.last_scan) == (100, 190)
-    assert stretch.distance == pytest.approx(0.1)
-    assert stretch.turn == pytest.approx(0.0, abs=1e-12)
-    assert stretch.sigmas == pytest.approx(0.1 / np.hypot(0.01, 0.01), rel=1e-6)
+    (interval,) = comparison.intervals
+    assert (interval.first_scan, interval.last_scan) == (100, 190)
+    assert interval.distance == pytest.approx(0.1)
+    assert interval.turn == pytest.approx(0.0, abs=1e-12)
+    assert interval.sigmas == pytest.approx(0.1 / np.hypot(0.01, 0.01), rel=1e-6)
     assert comparison.mean_distance == pytest.approx(0.1 * 96 / 300)
-    assert not compare_runs(run(deviation=0.05), run(shifted(100, 195, 0.1), deviation=0.05)).stretches
+    assert not compare_runs(run(deviation=0.05), run(shifted(100, 195, 0.1), deviation=0.05)).intervals
 
 
-def test_the_worst_stretch_comes_first() -> None:
+def test_the_worst_interval_comes_first() -> None:
     poses = shifted(50, 99, 0.1)
     poses[200:250, 1] -= 0.2
-    stretches = compare_runs(run(), run(poses)).stretches
-    assert [(stretch.first_scan, stretch.last_scan) for stretch in stretches] == [(200, 240), (50, 90)]
+    intervals = compare_runs(run(), run(poses)).intervals
+    assert [(interval.first_scan, interval.last_scan) for interval in intervals] == [(200, 240), (50, 90)]
 
 
 def test_a_map_that_was_turned_is_the_same_map() -> None:
     turned = compose(np.array([3.0, -2.0, np.pi / 2]), path())
     comparison = compare_runs(run(), run(turned))
     assert comparison.largest_distance < 1e-9
-    assert not comparison.stretches
+    assert not comparison.intervals
 
 
 def test_the_turned_map_is_drawn_on_the_other() -> None:
@@ -202,5 +202,5 @@ def test_figures_for_programs(folders: tuple[str, str], tmp_path: Path, capsys: 
     found = json.loads(capsys.readouterr().out)
     assert (found["a"], found["b"]) == ("a/out", "b/out")
     assert found["largest_distance_m"] == pytest.approx(0.1, abs=1e-6)
-    assert found["stretches"][0]["worst_scan"] in range(100, 191)
+    assert found["intervals"][0]["worst_scan"] in range(100, 191)
     assert found["lone_closures"] == [{"only_in": "A", "scan_i": 0, "scan_j": 250, "elsewhere": "removed: <b> & co"}]

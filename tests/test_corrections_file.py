@@ -67,7 +67,7 @@ def test_everything_it_may_say(tmp_path: Path) -> None:
     assert (found.distrusted[0].scans, found.distrusted[0].factor) == ((4000, 4100), 4.0)
     assert (found.frame.upright, found.frame.turn_degrees, found.frame.origin_scan) == (True, 90.0, 100)
     kept = found.check(10_000)
-    assert kept.stretches == ((50, 5999), (6101, 6999), (7001, 9500))
+    assert kept.intervals == ((50, 5999), (6101, 6999), (7001, 9500))
     assert found.forbidden[1].where.endswith("c.toml:5")
 
 

@@ -82,7 +82,7 @@ def _assert_same(track: Track, expected: Track) -> None:
             np.testing.assert_array_equal(key.match.covariance, same.match.covariance)
 
 
-def test_following_stops_at_each_key_scan_and_before_a_scan_in_doubt(office: Log) -> None:
+def test_following_stops_at_each_key_scan_and_before_a_scan_that_is_no_plain_match(office: Log) -> None:
     log = _covered(office)
     front_end = FrontEnd(IceMatcher(), OdometryModel(), FrontEndConfig())
     steps = np.vstack([np.zeros(3), between(log.odometry[:-1], log.odometry[1:])])

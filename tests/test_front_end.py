@@ -380,7 +380,7 @@ def test_a_sudden_step_is_believed_where_the_scan_matches(
 
 
 @pytest.mark.parametrize("turn", [np.pi / 2, -np.pi / 2])
-def test_a_turn_where_corridors_cross_is_believed_though_all_of_them_look_alike(turn: float) -> None:
+def test_a_turn_where_corridors_cross_is_believed_though_all_of_them_are_similar(turn: float) -> None:
     arm = np.array([[1.0, 1.0, 30.0, 1.0], [1.0, -1.0, 30.0, -1.0]])
     quarter = np.array([[0.0, 1.0], [-1.0, 0.0]])
     arms = [(arm.reshape(2, 2, 2) @ np.linalg.matrix_power(quarter, k)).reshape(2, 4) for k in range(4)]
@@ -406,13 +406,13 @@ def test_where_odometry_is_dead_the_velocity_goes_on_and_the_way_is_unknown() ->
     assert not front_end.breaks
 
 
-def test_a_robot_that_neither_odometry_nor_laser_follows_is_adrift() -> None:
+def test_a_motion_that_neither_odometry_nor_laser_sees_is_unknown() -> None:
     truth = _straight(60)
     fails = frozenset({*range(20, 23), *range(40, 50)})
     front_end = FrontEnd(TruthMatcher(np.vstack([np.zeros(3), truth]), fails), OdometryModel(), _CONFIG)
     for i in range(60):
         front_end.add(i, _scan(i + 1), None if i >= 14 else np.array([0.1, 0.0, 0.0]))
-    assert front_end.adrift == [48]
+    assert front_end.unknown_motion == [48]
 
 
 def test_a_robot_that_looks_once_in_two_metres_is_not_lost() -> None:

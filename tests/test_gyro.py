@@ -39,23 +39,23 @@ def turning() -> tuple[Log, NDArray[np.float64]]:
 
 
 @pytest.fixture(scope="module")
-def led(turning: tuple[Log, NDArray[np.float64]]) -> SlamResult:
+def by_gyro(turning: tuple[Log, NDArray[np.float64]]) -> SlamResult:
     return run(turning[0])
 
 
 def test_a_gyro_keeps_a_robot_that_matching_alone_loses(
-    turning: tuple[Log, NDArray[np.float64]], led: SlamResult
+    turning: tuple[Log, NDArray[np.float64]], by_gyro: SlamResult
 ) -> None:
     log, truth = turning
     alone = run(log, WITHOUT)
     assert alone.summary["lost_at_scans"]
     assert trajectory_errors(alone.trajectory, truth).ate_rmse > 0.5
-    assert not led.summary["lost_at_scans"]
-    assert trajectory_errors(led.trajectory, truth).ate_rmse < 0.02
+    assert not by_gyro.summary["lost_at_scans"]
+    assert trajectory_errors(by_gyro.trajectory, truth).ate_rmse < 0.02
 
 
-def test_unit_sign_and_bias_are_learned(led: SlamResult) -> None:
-    found = led.summary["gyro"]
+def test_unit_sign_and_bias_are_learned(by_gyro: SlamResult) -> None:
+    found = by_gyro.summary["gyro"]
     assert found["used"]
     np.testing.assert_allclose(found["rad_per_unit"], [0.0, 0.0, -math.radians(1.0)], rtol=0.005)
     assert found["bias_rad_per_s"] == pytest.approx(-math.radians(0.5), abs=0.001)

@@ -75,9 +75,9 @@ def test_several_measurements_of_a_step_are_fused_and_the_wider_direction_counts
     assert heading == pytest.approx(np.sqrt(1e-4))
 
 
-def test_the_covariance_of_a_stretch_is_that_of_its_steps_seen_from_its_end() -> None:
+def test_the_covariance_of_a_path_is_that_of_its_steps_seen_from_its_end() -> None:
     # A step that may turn by q, then 3 m straight on: the end is off by 3 m times the turn, across; a turn on the spot
-    # before the stretch has no part in it.
+    # before it has no part in it.
     drift = Drift()
     for key, step in enumerate((np.diag([0.0, 0.0, 1.0]), np.diag([1e-4, 2e-4, 1e-4]), np.zeros((3, 3))), 1):
         drift.add(key, (step,), (np.eye(3),))
@@ -147,7 +147,7 @@ def test_a_place_never_seen_is_not_closed(track: Track, true_poses: NDArray[np.f
         tried += 1
         wrong += closer.match(candidate, true_poses).accepted
     assert tried >= 8
-    assert wrong <= 0.3 * tried, "only corridors that look alike may pass, and the path must tell them apart"
+    assert wrong <= 0.3 * tried, "only similar corridors may pass, and the path must tell them apart"
 
 
 def _closing_match(track: Track, key_old: int, key_new: int, off: float) -> RelativePose:

@@ -49,10 +49,10 @@ def _chain(n: int) -> list[Factor]:
     return [prior, *steps, Factor(kind="ice", i=0, j=1, T_i_j=_STEP, covariance=1e-4 * np.eye(3))]
 
 
-def _without_lost_odometry(track: Track, key: int, outcome: Outcome = "apart", *, witnesses: int = 0) -> list[int]:
+def _without_lost_odometry(track: Track, key: int, outcome: Outcome = "apart", *, agreeing: int = 0) -> list[int]:
     """Second key poses of the steps of which odometry tells nothing."""
     factors = _chain(len(track.keys))
-    after = without_lost_odometry(factors, [Break(key=key, outcome=outcome, reason="", closures=witnesses)], track)
+    after = without_lost_odometry(factors, [Break(key=key, outcome=outcome, reason="", closures=agreeing)], track)
     changed = [now for was, now in zip(factors, after, strict=True) if now is not was]
     assert all(np.allclose(factor.covariance, UNKNOWN_STEP) for factor in changed)
     return [factor.j for factor in changed]
@@ -66,9 +66,9 @@ def test_one_that_has_a_single_scan_to_know_goes_on_as_odometry_says() -> None:
     assert _without_lost_odometry(_track(_NOTHING, _NOTHING, _match()), 1) == []
 
 
-@pytest.mark.parametrize(("witnesses", "torn"), [(0, [2]), (2, [2]), (3, [])])
-def test_so_does_one_whose_scans_agree_with_odometry_across_the_loss(witnesses: int, torn: list[int]) -> None:
-    assert _without_lost_odometry(_track(_NOTHING, _match(), _NOTHING, _match()), 2, witnesses=witnesses) == torn
+@pytest.mark.parametrize(("agreeing", "torn"), [(0, [2]), (2, [2]), (3, [])])
+def test_so_does_one_whose_scans_agree_with_odometry_across_the_loss(agreeing: int, torn: list[int]) -> None:
+    assert _without_lost_odometry(_track(_NOTHING, _match(), _NOTHING, _match()), 2, agreeing=agreeing) == torn
 
 
 @pytest.mark.parametrize("before", [_NOTHING, _match((1.0, 0.0, 0.0))])

@@ -123,7 +123,7 @@ def test_likeness_in_blocks_is_the_product_of_the_signatures() -> None:
         )
 
 
-def test_stretches_are_compared_both_ways(seen: tuple[Track, NDArray[np.float64]]) -> None:
+def test_sequences_are_compared_in_both_directions(seen: tuple[Track, NDArray[np.float64]]) -> None:
     signatures = place_signatures(seen[0].keys, IceMatcher(), 4)
     likeness = signatures.likeness(np.arange(len(signatures.keys)))
     one, other = 20, 60
@@ -133,7 +133,7 @@ def test_stretches_are_compared_both_ways(seen: tuple[Track, NDArray[np.float64]
     assert found[0] == pytest.approx(max(same, opposite), abs=1e-5)
 
 
-def test_places_driven_by_again_the_same_way_are_among_the_three_most_alike(
+def test_places_driven_by_again_the_same_way_are_among_the_three_most_similar(
     seen: tuple[Track, NDArray[np.float64]],
 ) -> None:
     track, truth = seen

@@ -1,4 +1,4 @@
-"""Places that look alike: which of them a row of key scans speaks for, and where nothing decides."""
+"""Perceptual aliasing: which of them a row of key scans speaks for, and where nothing decides."""
 
 from dataclasses import replace
 
@@ -77,8 +77,8 @@ def test_of_two_places_that_fit_as_well_none_is_believed() -> None:
 
 def test_a_search_that_finds_one_place_by_chance_is_overruled_by_its_neighbours() -> None:
     # All others fit one door on, too; of the last search the reference ended there.
-    alike = [{0.0: 0.02, 6.0: 0.02}] * 5
-    assert not _voted([*alike, {0.0: 0.02, 6.0: 0.03}]).is_clear
+    equal = [{0.0: 0.02, 6.0: 0.02}] * 5
+    assert not _voted([*equal, {0.0: 0.02, 6.0: 0.03}]).is_clear
     votes = PlaceVotes()
     for key in range(60, 72, 2):
         votes.add(_attempt(key, _PATH, {0.0: 0.02, 6.0: 0.02}))
@@ -196,7 +196,7 @@ def test_where_two_rows_of_places_are_about_as_strong_nothing_is_closed_and_it_i
     solution = _solved(track, _script(track, misfit_elsewhere=0.03)).solution()
     assert _closures(solution) == 0
     assert not any(attempt.accepted for attempt in solution.attempts)
-    assert all(attempt.reason.startswith("places look alike") for attempt in solution.attempts)
+    assert all(attempt.reason.startswith("perceptual aliasing") for attempt in solution.attempts)
     (vote,) = solution.ambiguous
     assert (vote.first, vote.last) == (_SEEN_AGAIN[0], _SEEN_AGAIN[-1])
     assert vote.rival == vote.count == len(_SEEN_AGAIN)
@@ -254,11 +254,11 @@ def test_after_much_drift_a_match_near_the_path_asks_what_else_fits(track: Track
     assert len(wide.places) >= 2, "what the wide search found"
 
 
-def test_the_finish_closes_nothing_across_what_is_alike(track: Track) -> None:
+def test_the_finish_closes_nothing_across_what_is_ambiguous(track: Track) -> None:
     back_end = _solved(track, {})
     plain = back_end.solution()
     middle = 200
-    alike = replace(plain, ambiguous=(Vote(first=middle, last=middle + 5, count=6, rival=6, apart=6.0),))
+    ambiguous = replace(plain, ambiguous=(Vote(first=middle, last=middle + 5, count=6, rival=6, apart=6.0),))
     matcher = IceMatcher()
 
     def across(solution: Solution) -> int:
@@ -267,7 +267,7 @@ def test_the_finish_closes_nothing_across_what_is_alike(track: Track) -> None:
         return sum(attempt.key_old < middle <= attempt.key_new for attempt in done.attempts)
 
     assert across(plain) > 0
-    assert across(alike) == 0
+    assert across(ambiguous) == 0
 
 
 def test_the_best_other_place_is_the_rival_of_a_closure() -> None:

@@ -57,7 +57,7 @@ def test_what_a_rule_does_is_not_done_without_it(log: Log) -> None:
     with switched_off("joint refinement") as changed:
         assert "joint" not in rounds(run(log, changed(_QUICK)))
     with switched_off("halves of scans"):
-        assert run(log, _QUICK).summary["match_doubt"] == 1.0
+        assert run(log, _QUICK).summary["match_covariance_scale"] == 1.0
 
 
 def test_a_rule_nobody_knows_is_refused() -> None:

@@ -67,10 +67,10 @@ def loop(i: int, j: int) -> Factor:
     return Factor(kind="closure", i=i, j=j, T_i_j=np.zeros(3), covariance=np.eye(3), kernel=kernel)
 
 
-def matched_again(track: Track, sure: list[Factor], doubtful: list[Factor], back: int = 50) -> list[tuple[int, int]]:
+def matched_again(track: Track, sure: list[Factor], outliers: list[Factor], back: int = 50) -> list[tuple[int, int]]:
     closer = Closer(searchable=np.ones(len(track.keys), dtype=np.bool_), back=back)
     poses = np.array([key.T_track_robot for key in track.keys])
-    attempts = match_again(cast("LoopCloser", closer), track, poses, sure, doubtful, FinishConfig())
+    attempts = match_again(cast("LoopCloser", closer), track, poses, sure, outliers, FinishConfig())
     assert sorted(closer.matched) == sorted((a.key_old, a.key_new) for a in attempts)
     assert [a.key_new for a in attempts] == sorted(a.key_new for a in attempts)
     return closer.matched
@@ -92,7 +92,7 @@ def test_what_a_sure_closure_ties_is_not_matched_again(track: Track) -> None:
     assert matched_again(track, [loop(i, j) for i, j in ((0, 100), (90, 105))], []) == matched_again(track, [], [])
 
 
-def test_closures_in_doubt_are_tried_again_and_tie_when_they_hold(track: Track) -> None:
+def test_outliers_are_tried_again_and_tie_when_they_hold(track: Track) -> None:
     reach = LoopClosureConfig().reference_half
     again = matched_again(track, [], [loop(40, 90)])
     assert again[0] == (40, 90)

@@ -96,7 +96,7 @@ def test_what_was_learned_of_the_gyro_is_told(result: SlamResult, has_times: boo
 
 
 def test_a_gyro_that_is_not_used_is_told_with_the_reason(result: SlamResult) -> None:
-    record = GyroFinding(doubt="they are all zero").record()
+    record = GyroFinding(rejection="they are all zero").record()
     told = learned_payload({**result.summary, "gyro": record}, has_odometry=False)
     assert {"name": "Gyro", "value": "not used: they are all zero"} in told
 

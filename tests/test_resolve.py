@@ -195,7 +195,7 @@ def test_closures_csv_handed_back(folder: Path, tmp_path: Path) -> None:
     after = verdicts_of(tmp_path / "edited" / "closures.csv")
     assert (after[off].verdict, after[off].reason[:17]) == ("rejected", "forbidden by hand")
     assert after[pinned].reason.startswith("pinned; ")
-    # Handed back once more, on top of the results that it led to, it asks for the same.
+    # Handed back once more, on top of the results that it gave, it asks for the same.
     again = rows_with(tmp_path / "edited", {pinned: "pinned"}, tmp_path / "again.csv")
     assert main(["resolve", str(tmp_path / "edited"), "--corrections", str(again)]) == 0
     assert verdicts_of(tmp_path / "edited" / "closures.csv")[off].verdict == "rejected"
@@ -233,7 +233,7 @@ def test_walls_upright_and_the_origin_at_a_scan(findings: Findings, as_found: Sl
     assert np.degrees(askew) == pytest.approx(30.0, abs=2.0)
 
 
-def test_a_stretch_that_is_distrusted_is_known_less(findings: Findings, as_found: SlamResult) -> None:
+def test_an_interval_that_is_distrusted_is_known_less(findings: Findings, as_found: SlamResult) -> None:
     result = conclude(findings, Corrections(distrusted=(Distrusted(scans=(300, 500)),)))
     inside = (as_found.key_scans >= 300) & (as_found.key_scans <= 500)
     before, after = (np.sqrt(each.covariances[inside, 0, 0]).mean() for each in (as_found, result))

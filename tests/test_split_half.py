@@ -23,7 +23,12 @@ from iceg.slam.pipeline import SlamResult, run
 from iceg.slam.stages import Stages
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
-from iceg.slam.tracking.split_half import halves, match_doubt, split_half_distances, with_measured_doubt
+from iceg.slam.tracking.split_half import (
+    halves,
+    match_covariance_scale,
+    split_half_distances,
+    with_measured_covariance_scale,
+)
 
 Array = NDArray[np.float64]
 
@@ -96,35 +101,35 @@ def test_usual_distances_leave_matches_as_they_are() -> None:
     rng = np.random.default_rng(0)
     for _ in range(20):
         usual = 0.55 * rng.chisquare(3, 400)
-        assert match_doubt(usual) == pytest.approx(1.0, abs=0.08)
-        assert match_doubt(0.1 * usual) == 1.0  # never surer than calibrated
+        assert match_covariance_scale(usual) == pytest.approx(1.0, abs=0.08)
+        assert match_covariance_scale(0.1 * usual) == 1.0  # never surer than calibrated
 
 
-def test_the_doubt_is_the_factor_by_which_halves_lie_too_far_apart() -> None:
+def test_the_scale_is_the_factor_by_which_halves_lie_too_far_apart() -> None:
     usual = 0.58 * np.random.default_rng(1).chisquare(3, 4000)
-    assert match_doubt(5.0 * usual) == pytest.approx(5.0, rel=0.06)
+    assert match_covariance_scale(5.0 * usual) == pytest.approx(5.0, rel=0.06)
     # It scales with the distances, whatever their spread.
-    assert match_doubt(20.0 * usual) == pytest.approx(4.0 * match_doubt(5.0 * usual), rel=1e-2)
+    assert match_covariance_scale(20.0 * usual) == pytest.approx(4.0 * match_covariance_scale(5.0 * usual), rel=1e-2)
 
 
 def test_what_few_scans_say_counts_for_less_and_one_says_nothing() -> None:
-    assert match_doubt(np.empty(0)) == 1.0
-    assert match_doubt(np.array([50.0])) == 1.0
+    assert match_covariance_scale(np.empty(0)) == 1.0
+    assert match_covariance_scale(np.array([50.0])) == 1.0
     distances2 = np.array([1.0, 4.0, 9.0, 4.0])
-    assert 1.0 < match_doubt(distances2) < match_doubt(np.tile(distances2, 20))
+    assert 1.0 < match_covariance_scale(distances2) < match_covariance_scale(np.tile(distances2, 20))
 
 
 def test_a_scan_that_matched_wrong_hardly_counts() -> None:
     usual = 2.0 * np.random.default_rng(2).chisquare(3, 40)
     wrong = np.append(usual, 1e4)
-    assert match_doubt(wrong) < 1.25 * match_doubt(usual)
+    assert match_covariance_scale(wrong) < 1.25 * match_covariance_scale(usual)
 
 
 def test_halves_of_simulated_scans_agree_as_usual() -> None:
     distances2 = split_half_distances(_track(), IceMatcher(), 200)
     assert len(distances2) > 50
     assert 0.7 < np.exp(np.log(np.maximum(distances2, 0.05)).mean()) < 1.7
-    assert with_measured_doubt(_track(), IceMatcher(), 40).match_doubt < 1.2
+    assert with_measured_covariance_scale(_track(), IceMatcher(), 40).match_covariance_scale < 1.2
 
 
 def test_the_distances_are_those_of_the_covariances() -> None:
@@ -135,25 +140,25 @@ def test_the_distances_are_those_of_the_covariances() -> None:
 
 def test_a_boast_is_taken_back() -> None:
     track = _track()
-    doubted = with_measured_doubt(track, _Boasting(), 60)
-    assert doubted.match_doubt == pytest.approx(_BOAST, rel=0.4)
-    np.testing.assert_allclose(_covariances(doubted), doubted.match_doubt * _covariances(track))
-    assert isinstance(doubted.keys[0].match, NoMatch)
-    np.testing.assert_array_equal(doubted.T_key_scan, track.T_key_scan)
+    inflated = with_measured_covariance_scale(track, _Boasting(), 60)
+    assert inflated.match_covariance_scale == pytest.approx(_BOAST, rel=0.4)
+    np.testing.assert_allclose(_covariances(inflated), inflated.match_covariance_scale * _covariances(track))
+    assert isinstance(inflated.keys[0].match, NoMatch)
+    np.testing.assert_array_equal(inflated.T_key_scan, track.T_key_scan)
 
 
 def test_without_tests_matches_are_believed() -> None:
-    assert with_measured_doubt(_track(), _Boasting(), 0) is _track()
+    assert with_measured_covariance_scale(_track(), _Boasting(), 0) is _track()
     with pytest.raises(SlamConfigError, match="found split_scans -1, expected 0 or more"):
         FrontEndConfig(split_scans=-1)
 
 
 def test_a_track_too_short_for_a_local_map_is_believed() -> None:
     short = replace(_track(), keys=_track().keys[:12])
-    assert with_measured_doubt(short, _Boasting(), 40) is short
+    assert with_measured_covariance_scale(short, _Boasting(), 40) is short
 
 
-def test_ranges_that_come_in_steps_are_doubted() -> None:
+def test_ranges_that_come_in_steps_inflate_the_covariances() -> None:
     # Neighbouring beams are off alike by up to half a step: the match moves with them.
     log = simulate("room", seed=4, laser=Laser(quantisation=0.16)).log
     stepped = track_log(log, IceMatcher(), OdometryModel(), FrontEndConfig())
@@ -161,7 +166,7 @@ def test_ranges_that_come_in_steps_are_doubted() -> None:
     assert np.log(far).mean() > np.log(usual).mean() + 0.2
 
 
-def test_closures_are_doubted_as_the_matches_are() -> None:
+def test_closures_are_inflated_as_the_matches_are() -> None:
     match = RelativePose(
         T_ref_cur=np.array([1.0, 0.0, 0.0]),
         covariance=np.diag([1e-4, 2e-4, 3e-5]),
@@ -189,8 +194,8 @@ def _width(matcher: type[Matcher], split_scans: int) -> float:
 
 def test_a_boasting_matcher_ends_with_nearly_honest_factors() -> None:
     honest, taken_back, believed = _result(IceMatcher, 0), _result(_Boasting, 60), _result(_Boasting, 0)
-    assert believed.summary["match_doubt"] == 1.0
-    assert taken_back.summary["match_doubt"] > 4.0
+    assert believed.summary["match_covariance_scale"] == 1.0
+    assert taken_back.summary["match_covariance_scale"] > 4.0
     for kind in ("ice", "closure"):
         sizes = [
             np.median([np.trace(factor.covariance) for factor in result.graph.factors if factor.kind == kind])
@@ -200,10 +205,10 @@ def test_a_boasting_matcher_ends_with_nearly_honest_factors() -> None:
         assert 0.5 * sizes[0] < sizes[1] < 1.5 * sizes[0], kind
 
 
-def test_what_is_doubted_of_ice_is_doubted_of_the_points_on_shared_walls() -> None:
+def test_the_scale_of_ice_is_that_of_the_points_on_shared_walls() -> None:
     assert _width(_Boasting, 60) > 2.0 * _width(_Boasting, 0)
 
 
-def test_what_is_doubted_of_another_matcher_is_not() -> None:
+def test_the_scale_of_another_matcher_is_not() -> None:
     assert _width(_Other, 60) == pytest.approx(_width(_Other, 0), rel=0.3)
-    assert _result(_Other, 60).summary["match_doubt"] > 4.0
+    assert _result(_Other, 60).summary["match_covariance_scale"] > 4.0

@@ -227,7 +227,7 @@ def test_add_drag_and_pin(server: ViewServer, folder: Path) -> None:
         found = json.loads(content)
     assert found["undo"] == 3
     (sentence,) = found["warnings"]
-    assert "is doubtful" in sentence
+    assert "is inconsistent" in sentence
     assert f"scans {scans[0]} and {scans[1]}" in sentence
     reasons = [c.reason for c in read_closures(folder / "closures.csv") if [c.scan_i, c.scan_j] == scans]
     assert [reason.partition(";")[0] for reason in reasons] == ["pinned", "by hand, matched", "by hand"]

@@ -102,7 +102,7 @@ def _corrected_run(
 
 
 def tell_result_warnings(result: "SlamResult") -> None:
-    """Print what a run has found doubtful."""
+    """Print what a run warns of."""
     _warn(in_short([*_tracking_warnings(result), *result.warnings], "warnings and lost_at_scans in summary.json"))
 
 

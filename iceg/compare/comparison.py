@@ -24,7 +24,7 @@ class CompareError(IcegError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stretch:
+class Interval:
     """Scans in a row at which two runs differ beyond what both claim.
 
     Attributes:
@@ -53,7 +53,7 @@ class Comparison:
         distances: (k,) between the positions [m].
         turns: (k,) absolute difference of the headings [rad].
         sigmas: (k,) Mahalanobis distance of the poses under the sum of both covariances.
-        stretches: where they differ beyond what both claim, the worst first.
+        intervals: where they differ beyond what both claim, the worst first.
         lone_closures: which only one has.
         shared_closures: how many both have.
         mean_distance: over all scans [m].
@@ -64,7 +64,7 @@ class Comparison:
     distances: NDArray[np.float64]
     turns: NDArray[np.float64]
     sigmas: NDArray[np.float64]
-    stretches: list[Stretch]
+    intervals: list[Interval]
     lone_closures: list[LoneClosure]
     shared_closures: int
     mean_distance: float
@@ -79,7 +79,7 @@ class Comparison:
             "largest_turn_rad": float(self.turns.max(initial=0.0)),
             "share_beyond_99": float((self.sigmas > BEYOND).mean()),
             "most_sigmas": float(self.sigmas.max(initial=0.0)),
-            "stretches": [asdict(stretch) for stretch in self.stretches],
+            "intervals": [asdict(interval) for interval in self.intervals],
             "shared_closures": self.shared_closures,
             "lone_closures": [asdict(closure) for closure in self.lone_closures],
         }
@@ -115,7 +115,7 @@ def compare_runs(a: RunFolder, b: RunFolder) -> Comparison:
         distances=distances,
         turns=turns,
         sigmas=sigmas,
-        stretches=_stretches(scans, distances, turns, sigmas),
+        intervals=_intervals(scans, distances, turns, sigmas),
         lone_closures=lone,
         shared_closures=shared,
         mean_distance=float(apart.mean()),
@@ -134,16 +134,16 @@ def _sigmas(difference: NDArray[np.float64], covariances: NDArray[np.float64]) -
     return np.sqrt(np.maximum(squares, 0.0))
 
 
-def _stretches(
+def _intervals(
     scans: NDArray[np.int64], distances: NDArray[np.float64], turns: NDArray[np.float64], sigmas: NDArray[np.float64]
-) -> list[Stretch]:
+) -> list[Interval]:
     beyond = np.concatenate([[0], (sigmas > BEYOND).astype(np.int64), [0]])
     borders = np.flatnonzero(np.diff(beyond)).tolist()
-    stretches = []
+    intervals = []
     for first, end in zip(borders[::2], borders[1::2], strict=True):
         worst = first + int(sigmas[first:end].argmax())
-        stretches.append(
-            Stretch(
+        intervals.append(
+            Interval(
                 first_scan=int(scans[first]),
                 last_scan=int(scans[end - 1]),
                 distance=float(distances[first:end].max()),
@@ -152,4 +152,4 @@ def _stretches(
                 worst_scan=int(scans[worst]),
             )
         )
-    return sorted(stretches, key=lambda stretch: (-stretch.sigmas, stretch.first_scan))
+    return sorted(intervals, key=lambda interval: (-interval.sigmas, interval.first_scan))

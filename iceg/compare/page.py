@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.atomic import write_atomically
-from iceg.compare.comparison import BEYOND, Comparison, Stretch
+from iceg.compare.comparison import BEYOND, Comparison, Interval
 from iceg.compare.map_pair import MapPair
 
 _WIDTH, _HEIGHT, _LEFT, _BELOW = 1000.0, 150.0, 56.0, 22.0
@@ -40,7 +40,7 @@ def write_page(comparison: Comparison, maps: MapPair, names: tuple[str, str], pa
         name_a=a,
         name_b=b,
         curves=_curves(comparison),
-        stretches=_stretches(comparison.stretches),
+        intervals=_intervals(comparison.intervals),
         closures=_closures(comparison),
     )
     write_atomically(path, text.encode())
@@ -59,19 +59,19 @@ def _figures(comparison: Comparison) -> str:
     return "".join(f"<div><dt>{name}</dt><dd>{value}</dd></div>" for name, value in figures.items())
 
 
-def _stretches(stretches: Sequence[Stretch]) -> str:
-    if not stretches:
+def _intervals(intervals: Sequence[Interval]) -> str:
+    if not intervals:
         return "<p>Nowhere.</p>"
     head = ("scans", "largest distance", "largest turn", "σ", "at scan")
     rows = [
         (
-            f"{stretch.first_scan}–{stretch.last_scan}",
-            _length(stretch.distance),
-            f"{math.degrees(stretch.turn):.2f}°",
-            f"{stretch.sigmas:.1f}",
-            f"{stretch.worst_scan}",
+            f"{interval.first_scan}–{interval.last_scan}",
+            _length(interval.distance),
+            f"{math.degrees(interval.turn):.2f}°",
+            f"{interval.sigmas:.1f}",
+            f"{interval.worst_scan}",
         )
-        for stretch in stretches
+        for interval in intervals
     ]
     return _table(head, rows, numbers=True) + (
         f"<p>More than {BEYOND:.2f} σ of both covariances together: 99 % of what independent runs would differ by.</p>"

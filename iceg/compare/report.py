@@ -8,7 +8,7 @@ _MOST = 10
 
 
 def format_comparison(comparison: Comparison, names: tuple[str, str]) -> str:
-    """Lines for a terminal: figures, the worst stretches, the first closures that only one run has.
+    """Lines for a terminal: figures, the worst intervals, the first closures that only one run has.
 
     Args:
         comparison: of the runs.
@@ -26,16 +26,16 @@ def format_comparison(comparison: Comparison, names: tuple[str, str]) -> str:
         f"  closures only in A                  {sum(closure.only_in == 'A' for closure in lone):10d}",
         f"  closures only in B                  {sum(closure.only_in == 'B' for closure in lone):10d}",
     ]
-    if comparison.stretches:
+    if comparison.intervals:
         lines.append(f"Where they differ by more than {BEYOND:.2f} σ:")
         lines.append("        scans          distance [m]  turn [°]      σ  at scan")
-        for stretch in comparison.stretches[:_MOST]:
-            scans = f"{stretch.first_scan}-{stretch.last_scan}"
+        for interval in comparison.intervals[:_MOST]:
+            scans = f"{interval.first_scan}-{interval.last_scan}"
             lines.append(
-                f"  {scans:>15}  {stretch.distance:16.4f}  {math.degrees(stretch.turn):8.2f}  {stretch.sigmas:5.1f}"
-                f"  {stretch.worst_scan:7d}"
+                f"  {scans:>15}  {interval.distance:16.4f}  {math.degrees(interval.turn):8.2f}  {interval.sigmas:5.1f}"
+                f"  {interval.worst_scan:7d}"
             )
-        lines += _and_more(len(comparison.stretches))
+        lines += _and_more(len(comparison.intervals))
     if lone:
         lines.append("Closures that only one has:")
         lines += [

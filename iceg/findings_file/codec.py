@@ -24,7 +24,7 @@ from iceg.slam.finish import Round
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.gyro import GyroFinding
 
-VERSION = 1
+VERSION = 2
 """Of the file; it changes with what is in it."""
 _WHAT = "the findings of a run"
 
@@ -111,8 +111,8 @@ def _config(table: Table, text: str) -> Config:
 
 def _kept(table: Table, found: Mapping[str, Any], n_scans: int) -> KeptScans:
     kept = KeptScans.from_record(dict(found))
-    if sum(last - first + 1 for first, last in kept.stretches) != n_scans:
-        raise table.error(f"it says to hold the scans {str(kept.stretches)[:80]}, and holds {n_scans}")
+    if sum(last - first + 1 for first, last in kept.intervals) != n_scans:
+        raise table.error(f"it says to hold the scans {str(kept.intervals)[:80]}, and holds {n_scans}")
     return kept
 
 
@@ -129,9 +129,9 @@ def _calibration(found: Mapping[str, Any]) -> OdometryCalibration:
 
 def _gyro(found: Mapping[str, Any]) -> GyroFinding:
     x, y, z = map(float, found["scale"])
-    others = {name: value for name, value in found.items() if name not in ("doubt", "scale", "has_times")}
+    others = {name: value for name, value in found.items() if name not in ("rejection", "scale", "has_times")}
     return GyroFinding(
-        **_numbers(others), doubt=str(found["doubt"]), scale=(x, y, z), has_times=found["has_times"] is True
+        **_numbers(others), rejection=str(found["rejection"]), scale=(x, y, z), has_times=found["has_times"] is True
     )
 
 

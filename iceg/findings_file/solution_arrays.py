@@ -52,7 +52,7 @@ def solution_facts(solution: Solution) -> dict[str, Any]:
         "closure_reasons": [attempt.reason for attempt in solution.attempts],
         "odometry_jumps": list(map(int, solution.odometry_jumps)),
         "breaks": [asdict(found) for found in solution.breaks],
-        "alike": [asdict(vote) for vote in solution.ambiguous],
+        "ambiguous": [asdict(vote) for vote in solution.ambiguous],
     }
 
 
@@ -67,8 +67,8 @@ def solution_of(table: Table, facts: Mapping[str, Any], n_keys: int, config: Pos
         raise table.error(f"'graph_poses' holds poses beyond {LIMITS.coordinate:g} m")
     jumps = [int(key) for key in facts["odometry_jumps"]]
     breaks = tuple(_break(found) for found in facts["breaks"])
-    alike = tuple(Vote(**vote) for vote in facts["alike"])
-    named = [*jumps, *(found.key for found in breaks), *(key for vote in alike for key in (vote.first, vote.last))]
+    ambiguous = tuple(Vote(**vote) for vote in facts["ambiguous"])
+    named = [*jumps, *(found.key for found in breaks), *(key for vote in ambiguous for key in (vote.first, vote.last))]
     if any(not 0 <= key < n_keys for key in named):
         raise table.error(f"found key poses {str(named)[:80]}, expected 0 to {n_keys - 1}")
     return Solution(
@@ -78,7 +78,7 @@ def solution_of(table: Table, facts: Mapping[str, Any], n_keys: int, config: Pos
         searchable=table.flags("graph_searchable", n_keys),
         odometry_jumps=tuple(jumps),
         breaks=breaks,
-        ambiguous=alike,
+        ambiguous=ambiguous,
     )
 
 
@@ -150,4 +150,5 @@ def _break(found: Mapping[str, Any]) -> Break:
         reason=str(found["reason"]),
         closures=int(found["closures"]),
         moved=float(found["moved"]),
+        across=int(found["across"]),
     )

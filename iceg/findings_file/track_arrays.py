@@ -37,9 +37,9 @@ def track_facts(track: Track) -> dict[str, Any]:
         "failures": track.failures,
         "lost": list(map(int, track.lost)),
         "breaks": list(map(int, track.breaks)),
-        "adrift": list(map(int, track.adrift)),
-        "dead": [list(map(int, stretch)) for stretch in track.dead],
-        "match_doubt": track.match_doubt,
+        "unknown_motion": list(map(int, track.unknown_motion)),
+        "dead": [list(map(int, interval)) for interval in track.dead],
+        "match_covariance_scale": track.match_covariance_scale,
     }
 
 
@@ -84,9 +84,9 @@ def track_of(table: Table, facts: Mapping[str, Any], log: Log) -> Track:
         failures=int(facts["failures"]),
         lost=_scans(table, facts["lost"], n_scans),
         breaks=_scans(table, facts["breaks"], n_scans),
-        adrift=_scans(table, facts["adrift"], n_scans),
+        unknown_motion=_scans(table, facts["unknown_motion"], n_scans),
         dead=[(first, last) for first, last in (_scans(table, each, n_scans) for each in facts["dead"])],
-        match_doubt=float(facts["match_doubt"]),
+        match_covariance_scale=float(facts["match_covariance_scale"]),
     )
 
 

@@ -1,4 +1,4 @@
-"""Compiled loops that compare scans with a local map both ways: points on the reference, and surfels the beams see."""
+"""Compiled loops that compare scans with a local map: points on the reference, and surfels the beams see."""
 
 from math import atan2, cos, floor, hypot, pi, sin
 

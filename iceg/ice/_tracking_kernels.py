@@ -1,4 +1,4 @@
-"""Compiled loop that follows scan after scan against one local map, for as long as nothing is in doubt."""
+"""Compiled loop that follows scan after scan against one local map, for as long as every match is plain."""
 
 from math import cos, hypot, pi, sin
 from typing import NamedTuple
@@ -87,7 +87,7 @@ class Polish(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """Where doubt begins, and where a scan becomes a key scan.
+    """Where a match is no longer plain, and where a scan becomes a key scan.
 
     Attributes:
         blind_range: beams that end within this see nothing [m].

@@ -164,7 +164,7 @@ class RefinementConfig:
     """Pull of odometry on a pose between two key scans, in points."""
     credible: float = 0.75
     """The guess is taken without further hypotheses when this share of the points agrees after its polish."""
-    doubtful: float = 0.6
+    wide_below: float = 0.6
     """Below this share the search is repeated in the wide window."""
     min_inliers: float = 0.45
     """A match needs at least this share of its points on the reference."""

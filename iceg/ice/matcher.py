@@ -35,7 +35,7 @@ _DENIED = 3.0
 _FEWEST_POINTS = 15
 """Fewest returns of a scan that is matched."""
 _NEW_GROUND, _OLD_GROUND = 0.3, 0.8
-"""A scan that sees much new needs this share of its beams on the map, which must agree to this share both ways."""
+"""A scan that sees much new needs this share of its beams on the map; beams and map must agree to this share."""
 _ROOM_TO_GROW = 4.0
 """A local map is made so much wider than its points reach, lest every scan that extends it widens it anew [m]."""
 _HYPOTHESIS_PRIOR = 1.0
@@ -124,7 +124,7 @@ class IceMatcher:
         return observation
 
     def forget(self) -> None:
-        """Let go of what was extracted from scans; it is extracted again when it is asked for."""
+        """Release what was extracted from scans; it is extracted again when it is asked for."""
         self._scan_points.clear()
         self._observations.clear()
 
@@ -241,7 +241,7 @@ class IceMatcher:
         refined = self._find(reference, scan, T_ref_guess, covariance_guess)
         return refined if isinstance(refined, NoMatch) else self._measured(reference, scan, refined)
 
-    def held(self, reference: LocalMap, scan: Scan, T_ref_guess: NDArray[np.float64]) -> RelativePose | NoMatch:
+    def match_near(self, reference: LocalMap, scan: Scan, T_ref_guess: NDArray[np.float64]) -> RelativePose | NoMatch:
         """The match nearest to a (3,) guess that is right but for centimetres: along what is weak it stays there."""
         scan_points = self._points(scan)
         if len(scan_points) < _FEWEST_POINTS:
@@ -269,13 +269,13 @@ class IceMatcher:
         return self._judge(reference, scan, T_ref_cur).used / max(1, len(self._points(scan)))
 
     def agreement(self, reference: LocalMap, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
-        """Compare a scan with a local map at a given (3,) pose, both ways."""
+        """Compare a scan with a local map at a given (3,) pose, in both directions."""
         return self.agreement_of_all(reference, [scan], T_ref_cur[None])
 
     def agreement_of_all(
         self, reference: LocalMap, scans: Sequence[Scan], T_ref_scans: NDArray[np.float64]
     ) -> Agreement:
-        """Compare scans with a local map at given poses, (n, 3), both ways, all counts together."""
+        """Compare scans with a local map at given poses, (n, 3), in both directions, all counts together."""
         points = [self._points(scan) for scan in scans]
         return agreement(scans, points, reference, T_ref_scans, self.config.refinement)
 
@@ -337,14 +337,14 @@ class IceMatcher:
                 return best
             best = best if trusted else None
         best = self._best_hypothesis(reference, scan, window, best)
-        is_doubtful = best is None or best.inliers < self.config.refinement.doubtful * n_points
-        if best is None or (is_doubtful and not self._explains(reference, scan, best)):
+        is_weak = best is None or best.inliers < self.config.refinement.wide_below * n_points
+        if best is None or (is_weak and not self._explains(reference, scan, best)):
             wide = widened(window, self.config.hypotheses)
             best = self._best_hypothesis(reference, scan, wide, best)
         return best or self._judge(reference, scan, window.T_ref_guess)
 
     def _explains(self, reference: LocalMap, scan: Scan, refined: Refined) -> bool:
-        """Whether beams and map agree both ways, though the scan sees much that is new."""
+        """Whether beams and map agree in both directions, though the scan sees much that is new."""
         if (
             refined.used < _NEW_GROUND * len(self._points(scan))
             or refined.inliers < self.config.refinement.credible * refined.used
@@ -356,7 +356,7 @@ class IceMatcher:
     def _polished_guess(self, reference: LocalMap, scan: Scan, window: SearchWindow) -> Refined | None:
         """The guess polished on points, None if that leaves the window.
 
-        Where the scan slides along a weak direction until something fits by chance, the guess holds it.
+        Where the scan slides along a weak direction until something fits by chance, the guess constrains it.
         """
         points, config = self._points(scan), self.config.refinement
         refined = refine_on_points(points, reference, window.T_ref_guess, config, wide=False)

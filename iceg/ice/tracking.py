@@ -1,4 +1,4 @@
-"""Scan after scan matched against one local map, from one key scan to the next, for as long as nothing is in doubt."""
+"""Scan after scan matched against one local map, from one key scan to the next, for as long as every match is plain."""
 
 from dataclasses import dataclass
 
@@ -59,7 +59,7 @@ def follow_scans(
     polish: Polish,
     limits: Limits,
 ) -> Followed:
-    """Follow scans until one is to become a key scan, or gives reason for doubt.
+    """Follow scans until one is to become a key scan, or is no plain match.
 
     Args:
         ranges: (n, n_beams) [m], NaN without return.
@@ -75,7 +75,7 @@ def follow_scans(
         limits: where it ends.
 
     Returns:
-        The scans followed; none if the first one gives reason for doubt.
+        The scans followed; none if the first one is no plain match.
     """
     poses = np.empty((len(steps) + 1, 3))
     poses[0] = standing.T_ref_robot

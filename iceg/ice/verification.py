@@ -114,7 +114,7 @@ def agreement(
     T_ref_scans: NDArray[np.float64],
     config: RefinementConfig,
 ) -> Agreement:
-    """Compare scans with a local map at given poses, both ways.
+    """Compare scans with a local map at given poses, in both directions.
 
     Args:
         scans: one at least.

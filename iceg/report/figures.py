@@ -63,7 +63,7 @@ def _judged(result: "SlamResult", held: HeldBy, shares: NDArray[np.float64]) -> 
         value=f"{lost}×",
         meaning="Places where a scan matched nothing known, so that a new local map was begun."
         if lost
-        else "Every stretch of the path hangs on the one before by a match.",
+        else "Every part of the path hangs on the one before by a match.",
         grade="good" if lost == 0 else "fair",
     )
     carried = summary["scans_carried_by_odometry"] / len(result.log)

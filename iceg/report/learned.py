@@ -17,7 +17,7 @@ def learned_payload(summary: Mapping[str, Any], *, has_odometry: bool) -> list[d
         pairs += _odometry(summary["odometry"])
     if "gyro" in summary:
         pairs += _gyro(summary["gyro"])
-    pairs.append(("Variances of matches", f"× {summary['match_doubt']:.2f}, as halves of scans agree"))
+    pairs.append(("Variances of matches", f"× {summary['match_covariance_scale']:.2f}, as halves of scans agree"))
     pairs += [(f"Chosen: {subject}", str(choice)) for subject, choice in summary["chosen"].items()]
     return [{"name": name, "value": value} for name, value in pairs]
 

@@ -16,11 +16,11 @@ from graph.odometry import OdometryModel, OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose, wrap_angle
 from iceg.slam.broken_path.estimate import Estimate
-from iceg.slam.broken_path.path_break import Break, Doubt, DoubtKind
+from iceg.slam.broken_path.path_break import Break, FailureKind, TrackingFailure
 from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, unsettled
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.closures.attempt import PARTNER_KEYS, Attempt, is_near, say_the_same
-from iceg.slam.closures.candidates import is_adrift
+from iceg.slam.closures.candidates import is_uncertain
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import Forbids, LoopCloser
@@ -34,11 +34,11 @@ _SMALL_MOVE, _SMALL_TURN, _MOST_WAITING = 0.05, 0.015, 15
 """Closures that move the newest pose by less [m, rad] leave all poses before the last search where they are, but not so
 many in a row."""
 _CONFIRMING_MOVE, _CONFIRMING_TURN, _CONFIRMED_AFTER = 0.1, 0.03, 3
-"""Ground is known where so many earlier passes confirm the newest pose this closely [m, rad]."""
+"""An area is confirmed where so many earlier passes confirm the newest pose this closely [m, rad]."""
 CONFIRMED_SPACING = 3.0
-"""On known ground loops are looked for so many times more seldom."""
+"""In a confirmed area loops are looked for so many times more seldom."""
 _CARRIED = 0.6
-"""A match so far from odometry [m, or metres per metre driven if that is more] makes one wonder."""
+"""A match so far from odometry [m, or metres per metre driven if that is more] is a tracking failure."""
 _JUMP_DISTANCE2, _USUAL_DISTANCE2 = 25.0, 3.0
 """Squared Mahalanobis distance from which on odometry contradicts a match, and the one it is then widened to."""
 
@@ -54,7 +54,7 @@ class Solution:
         graph: every factor once, solved by iSAM2.
         poses: (k, 3) T_map_robot of the key poses.
         attempts: every loop closure that was tried.
-        searchable: (k,) which key scans later ones are matched against; the others lie on known ground.
+        searchable: (k,) which key scans later ones are matched against; the others lie in confirmed areas.
         odometry_jumps: key poses whose match contradicted odometry, which was then given little weight.
         breaks: where the path from scan to scan does not hold.
         ambiguous: where no loop was closed, since several places fit as well.
@@ -85,7 +85,7 @@ class BackEnd:
         self._poses.append(np.zeros(3))
         self.attempts: list[Attempt] = []
         self.n_closed = 0
-        self.doubts = _front_end_doubts(track)
+        self.failures = _front_end_failures(track)
         self.odometry_jumps: list[int] = []
         self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
         self._votes = PlaceVotes()
@@ -121,7 +121,7 @@ class BackEnd:
             covariance = motion.covariance if match is None else self._believed(motion, match, key)
             self.graph.add_odometry(key - 1, key, motion.T_key_robot, covariance)
             known.append(covariance)
-            searched.append(covariance * self._config.odometry_doubt**2)
+            searched.append(covariance * self._config.odometry_inflation**2)
         if match is not None:
             self.graph.add_match(current.anchor, key, match)
             known.append(match.covariance)
@@ -137,12 +137,17 @@ class BackEnd:
         return self._poses.rows
 
     def _note_dead_reckoning(self, key: int, motion: OdometryMotion | None, match: RelativePose | None) -> None:
-        """Tell the doubts that arise where odometry alone has told the way for a while."""
+        """Mark the failure of a key pose that was reached by dead reckoning."""
         self._unmatched = 0 if match is not None else self._unmatched + 1
         self._is_dead_reckoned = match is not None or (self._is_dead_reckoned and motion is not None)
-        doubt = self.doubts.get(key)
-        if doubt is not None and doubt.kind < DoubtKind.ADRIFT and self._is_dead_reckoned and self._unmatched > 1:
-            self.doubts[key] = replace(doubt, is_dead_reckoned=True)
+        failure = self.failures.get(key)
+        if (
+            failure is not None
+            and failure.kind < FailureKind.UNKNOWN_MOTION
+            and self._is_dead_reckoned
+            and self._unmatched > 1
+        ):
+            self.failures[key] = replace(failure, is_dead_reckoned=True)
 
     def _believed(self, motion: OdometryMotion, match: RelativePose, key: int) -> NDArray[np.float64]:
         """Covariance of odometry; widened where the match contradicts it, as after a jump or a slip."""
@@ -153,7 +158,9 @@ class BackEnd:
         far = math.hypot(offset[0], offset[1])
         if distance2 > _JUMP_DISTANCE2 or far > _CARRIED * max(1.0, motion.distance):
             reason = f"the match lies {far:.2f} m and {np.degrees(abs(offset[2])):.0f}° from odometry"
-            self.doubts.setdefault(key, Doubt(kind=DoubtKind.CONTRADICTED, reason=reason, distance2=distance2))
+            self.failures.setdefault(
+                key, TrackingFailure(kind=FailureKind.INCONSISTENT, reason=reason, distance2=distance2)
+            )
         if distance2 <= _JUMP_DISTANCE2:
             return motion.covariance
         self.odometry_jumps.append(key)
@@ -164,7 +171,7 @@ class BackEnd:
         attempts = self.attempts.copy()
         for index in self._pending:
             attempt = attempts[index]
-            attempts[index] = replace(attempt, accepted=False, reason=f"{self._held_back(attempt)}; {attempt.reason}")
+            attempts[index] = replace(attempt, accepted=False, reason=f"{self._why_pending(attempt)}; {attempt.reason}")
         return Solution(
             graph=self.graph,
             poses=self.graph.all_poses(),
@@ -174,12 +181,12 @@ class BackEnd:
             ambiguous=unsettled(self._unclear, attempts),
         )
 
-    def _held_back(self, attempt: Attempt) -> str:
+    def _why_pending(self, attempt: Attempt) -> str:
         """Why an attempt that matched is not in the graph."""
         unclear = [vote for vote in self._unclear if vote.first <= attempt.key_new <= vote.last]
         if not unclear:
             return "alone and far off"
-        return f"places look alike, {unclear[0].count} key scans for one and {unclear[0].rival} for another"
+        return f"perceptual aliasing, {unclear[0].count} key scans fit one place and {unclear[0].rival} another"
 
     def _is_search_due(self) -> bool:
         config = self._config
@@ -203,7 +210,7 @@ class BackEnd:
         first = len(self.attempts)
         for candidate in self._closer.candidates(key, poses, self._drift):
             attempt = self._closer.match(candidate, poses)
-            if is_adrift(candidate):
+            if is_uncertain(candidate):
                 self._votes.add(attempt)
             self.attempts.append(self._judge(attempt, poses) if attempt.accepted else attempt)
             yield
@@ -223,8 +230,8 @@ class BackEnd:
     def _correct(self, key: int, offset: NDArray[np.float64]) -> None:
         """Bend the path since the last search by what closures say; where that is much, move all poses.
 
-        On known ground the others need not move: later searches look at the earlier passes. So the cost of a closure
-        does not grow with the run.
+        In a confirmed area the others need not move: later searches look at the earlier passes. So the cost of a
+        closure does not grow with the run.
         """
         if not self._is_confirmed:
             self._closures_waiting += 1
@@ -247,7 +254,7 @@ class BackEnd:
         poses[key + 1 :] = compose(poses[key], T_key_later)
 
     def _judge(self, attempt: Attempt, poses: NDArray[np.float64]) -> Attempt:
-        """Refuse a closure that the path cannot explain: most likely it is another place that looks alike.
+        """Refuse a closure that the path cannot explain: most likely it is a similar place (perceptual aliasing).
 
         The steps since the last closure bound the path's covariance from below; only what they do not explain asks the
         graph for all of it.
@@ -292,7 +299,7 @@ class BackEnd:
         return True
 
     def _note_unclear(self, vote: Vote) -> None:
-        """Keep the strongest of the votes that are not clear along one stretch of the path."""
+        """Keep the strongest of the votes that are not clear along one part of the path."""
         if self._unclear and vote.first <= self._unclear[-1].last + PARTNER_KEYS:
             last = self._unclear.pop()
             vote = replace(max(last, vote, key=lambda v: v.count), first=last.first, last=vote.last)
@@ -365,7 +372,7 @@ def solve_track(
         back_end.add(key, motion)
         if progress is not None:
             progress(track.keys[key].index + 1)
-    solution = _relocalised(back_end.solution(), back_end.doubts, closer, track, graph_config)
+    solution = _relocalised(back_end.solution(), back_end.failures, closer, track, graph_config)
     return _with_slips(solution, track, graph_config)
 
 
@@ -387,36 +394,44 @@ def _with_slips(solution: Solution, track: Track, graph_config: PoseGraphConfig)
 
 
 def _relocalised(
-    solution: Solution, doubts: dict[int, Doubt], closer: LoopCloser, track: Track, graph_config: PoseGraphConfig
+    solution: Solution,
+    failures: dict[int, TrackingFailure],
+    closer: LoopCloser,
+    track: Track,
+    graph_config: PoseGraphConfig,
 ) -> Solution:
-    """The same with the parts of the path joined that no loop closure on the way ties together."""
+    """The same with the parts of the path joined that no loop closure on the way joins."""
     before = Estimate(factors=list(solution.graph.factors), poses=solution.poses, attempts=solution.attempts)
-    after = relocalise(closer, track, before, doubts, closer.config)
+    after = relocalise(closer, track, before, failures, closer.config)
     if after is before:
         return solution
     graph = solution.graph
     if after.factors is not before.factors:
         graph = PoseGraph.from_factors(after.factors, after.poses, graph_config)
-    alike = (*unsettled(solution.ambiguous, after.attempts), *after.ambiguous)
+    ambiguous = (*unsettled(solution.ambiguous, after.attempts), *after.ambiguous)
     return replace(
-        solution, graph=graph, poses=after.poses, attempts=after.attempts, breaks=after.breaks, ambiguous=alike
+        solution, graph=graph, poses=after.poses, attempts=after.attempts, breaks=after.breaks, ambiguous=ambiguous
     )
 
 
-def _front_end_doubts(track: Track) -> dict[int, Doubt]:
+def _front_end_failures(track: Track) -> dict[int, TrackingFailure]:
     """Key poses whose scans matched nothing that was known."""
-    lost, adrift = set(track.lost), set(track.adrift)
+    lost, unknown_motion = set(track.lost), set(track.unknown_motion)
     jumps = np.searchsorted([scan.index for scan in track.keys], track.breaks).tolist()
-    doubts = {
-        key: Doubt(kind=DoubtKind.UNMATCHED, reason="the odometry jumped, and the laser did not see it")
+    failures = {
+        key: TrackingFailure(kind=FailureKind.NO_MATCH, reason="the odometry jumped, and the laser did not see it")
         for key in jumps
         if key < len(track.keys)
     }
     for key, scan in enumerate(track.keys):
         if scan.index in lost:
-            doubts[key] = Doubt(kind=DoubtKind.LOST, reason="nothing matched what was known before")
-        elif scan.index in adrift:
-            doubts[key] = Doubt(kind=DoubtKind.ADRIFT, reason="neither odometry nor laser told the way there")
-        elif key not in doubts and isinstance(scan.match, NoMatch):
-            doubts[key] = Doubt(kind=DoubtKind.UNMATCHED, reason=scan.match.reason)
-    return doubts
+            failures[key] = TrackingFailure(
+                kind=FailureKind.TRACKING_LOSS, reason="nothing matched what was known before"
+            )
+        elif scan.index in unknown_motion:
+            failures[key] = TrackingFailure(
+                kind=FailureKind.UNKNOWN_MOTION, reason="neither odometry nor laser told the way there"
+            )
+        elif key not in failures and isinstance(scan.match, NoMatch):
+            failures[key] = TrackingFailure(kind=FailureKind.NO_MATCH, reason=scan.match.reason)
+    return failures

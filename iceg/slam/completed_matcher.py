@@ -17,7 +17,7 @@ from iceg.ice.tracking import Followed, Limits, Standing
 from iceg.ice.verification import Agreement
 from iceg.slam.map_matcher import MapMatcher
 
-_HELD = np.diag([0.05, 0.05, 0.02]) ** 2
+_NEAR = np.diag([0.05, 0.05, 0.02]) ** 2
 """Covariance of a guess that a match must not leave far [m², m², rad²]."""
 
 
@@ -100,9 +100,11 @@ class CompletedMatcher:
         """What the judge says."""
         return self._judge.agreement(reference.local_map, scan, T_ref_cur)
 
-    def held(self, reference: JudgedReference, scan: Scan, T_ref_guess: NDArray[np.float64]) -> RelativePose | NoMatch:
+    def match_near(
+        self, reference: JudgedReference, scan: Scan, T_ref_guess: NDArray[np.float64]
+    ) -> RelativePose | NoMatch:
         """The match from a guess that is known to centimetres."""
-        return self.match(reference, scan, T_ref_guess, _HELD)
+        return self.match(reference, scan, T_ref_guess, _NEAR)
 
     def alternatives(
         self,

@@ -102,8 +102,8 @@ class LoopClosureConfig:
     """Largest standard deviation of the drift taken for such a revisit [m]."""
     drift_factor: float = 1.5
     """The path's covariance since the last closure is trusted only after this factor on its standard deviations."""
-    odometry_doubt: float = 2.0
-    """A search takes the odometry's standard deviations for so much larger: a chain of them may do worse than usual."""
+    odometry_inflation: float = 2.0
+    """Factor on the odometry's standard deviations in a search: a chain of them may do worse than usual."""
     drift_floor: float = 0.1
     """Smallest standard deviation of a search [m]."""
     max_drift: float = 8.0
@@ -116,16 +116,16 @@ class LoopClosureConfig:
     """A closure far from the estimate waits until so many say the same."""
     path_probability: float = 0.99999
     """A true closure lies no farther from the path than its covariance explains with this probability; one that does is
-    refused, for most likely another place looks alike."""
+    refused, for most likely it is a similar place (perceptual aliasing)."""
     relocalise: bool = True
-    """Where no closure ties what follows to what was before, look for places by what they look like, anywhere."""
+    """Where no closure joins what follows to what was before, look for similar places anywhere (place recognition)."""
     places: int = 120
-    """Most pairs of places that look alike and are matched; where nothing gives a break away, no more than there are
-    steps that no closure ties."""
+    """Most pairs of similar places that are matched; where nothing gives a break away, no more than there are bridge
+    edges, steps that no closure spans."""
     places_each: int = 3
     """Most such pairs for one place."""
     place_confirmations: int = 4
-    """Key scans that must agree before places found by their looks are believed."""
+    """Key scans that must agree before a recognised place is believed."""
     support_offsets: tuple[int, ...] = (-4, -2, 0, 2, 4)
     """Key scans asked to agree, relative to the one matched."""
 
@@ -167,7 +167,7 @@ class JointRefinementConfig:
     scale: float = 0.03
     """Width of the Cauchy weight of a point [m]."""
     independence: float = 0.165
-    """Share of the points that count as independent: neighbouring ones err alike. By simulated truth."""
+    """Share of the points that count as independent: errors of neighbouring ones are correlated. By simulated truth."""
     reach: float = 25.0
     """Points farther than this from the robot are left out [m]."""
     telling_reach: float = 15.0

@@ -38,7 +38,7 @@ from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
 from iceg.slam.tracking.open_ground import is_open_ground
 from iceg.slam.tracking.reassigned_scans import reassigned
-from iceg.slam.tracking.split_half import with_measured_doubt
+from iceg.slam.tracking.split_half import with_measured_covariance_scale
 
 
 def find(
@@ -76,7 +76,7 @@ def find(
     with clock.stage("sweep"):
         (log, track, first), sweep = track_with_sweep((log, track, first), matcher, config, progress, heading)
     with clock.stage("graph"):
-        track = with_measured_doubt(track, matcher, config.front_end.split_scans)
+        track = with_measured_covariance_scale(track, matcher, config.front_end.split_scans)
         calibration = _recalibrate(track, log, first, config)
         heading, gyro = learn_gyro(track, log) if config.front_end.gyro else (None, None)
         is_forbidden = forbids(corrections.forbidden, track)
@@ -94,7 +94,7 @@ def find(
                 config.loops,
                 config.finish,
                 config.graph,
-                kept=guided.held,
+                kept=guided.consistent,
                 is_forbidden=is_forbidden,
                 stages=stages,
             )
@@ -109,7 +109,7 @@ def find(
         gyro=gyro,
         track=track,
         calibration=calibration,
-        solution=without(solution, guided.held, config),
+        solution=without(solution, guided.consistent, config),
         rounds=tuple(rounds),
     )
     return findings, matcher
@@ -153,9 +153,9 @@ def _solve(
 
 def _with_factors(solution: Solution, guided: Corrected, config: Config) -> Solution:
     """The graph with closures by hand that fit it more, at the poses that they lead to."""
-    if not guided.held:
+    if not guided.consistent:
         return solution
-    together, poses = [*solution.graph.factors, *guided.held], guided.solution.poses
+    together, poses = [*solution.graph.factors, *guided.consistent], guided.solution.poses
     return replace(solution, graph=PoseGraph.from_factors(together, poses, config.graph), poses=poses)
 
 

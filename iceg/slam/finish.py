@@ -110,7 +110,7 @@ def matched_again(
         closures: what counts as a closure.
         config: rounds and tolerances.
         graph_config: of the graph.
-        kept: those of the factors that are closures beyond doubt, as those added by hand.
+        kept: those of the factors that are closures without a robust kernel, as those added by hand.
         is_forbidden: whether a closure between two key poses must not be.
         stages: verification and solver of the caller's own.
 
@@ -148,7 +148,7 @@ def refined(
     """The closures that the rest contradicts taken out, then poses and map refined together.
 
     Args:
-        solution: the graph at its optimum, each closure that is not beyond doubt under a robust kernel.
+        solution: the graph at its optimum, each closure that is not pinned under a robust kernel.
         rounds: what was done before.
         track: key scans.
         matcher: that matched them.
@@ -161,16 +161,16 @@ def refined(
         The final poses and factors.
     """
     clock, factors = _Clock(), solution.graph.factors
-    chain = [factor for factor in factors if not _is_in_doubt(factor)]
+    chain = [factor for factor in factors if not _is_robust(factor)]
     attempts, loops = without_contradicted(
-        solution.attempts, [factor for factor in factors if _is_in_doubt(factor)], solution.poses
+        solution.attempts, [factor for factor in factors if _is_robust(factor)], solution.poses
     )
     poses, done = solution.poses, list(rounds)
     covariances, information, walls = None, None, WallPieces.none()
     final = FinalFactors.of([*chain, *loops], solution.breaks, track)
     if config.joint.enabled:
         if matcher.judge is matcher:  # what halves of scans say of ICE they say of the points
-            config = _doubting(config, track.match_doubt)
+            config = _inflated(config, track.match_covariance_scale)
         clouds = key_clouds(track, scan_of, config.joint, noise).without(distrusted)
         joint, last = _joint(final, poses, clouds, config, _parts(solution), clock)
         poses, covariances = joint.poses, joint.covariances
@@ -188,7 +188,7 @@ def refined(
 
 
 def closure_kernel(config: FinishConfig) -> RobustKernel:
-    """The kernel of a closure that is not beyond doubt."""
+    """The robust kernel of a closure that is not pinned."""
     return RobustKernel(name="dcs", width=config.kernel_width)
 
 
@@ -213,7 +213,7 @@ class _Graph:
 
     Attributes:
         poses: (k, 3) T_map_robot of the key poses.
-        chain: the factors beyond doubt.
+        chain: the factors without a robust kernel.
         loops: the closures in force, each with its robust kernel.
         attempts: the record of all closures tried.
     """
@@ -236,7 +236,7 @@ class _Graph:
         return {(factor.i, factor.j) for factor in self.loops}
 
     def judged(self) -> tuple[list[Factor], list[Factor]]:
-        """The closures that agree with the poses, and those that their robust kernel doubts."""
+        """The closures that agree with the poses, and those that their robust kernel takes for outliers."""
         if not self.loops:
             return [], []
         weights = Problem.of(self.loops, len(self.poses)).evaluate(self.poses).weights.tolist()
@@ -250,7 +250,7 @@ class _Graph:
         return replace(self, loops=[*sure, *fresh], attempts=with_earlier(tried, self.attempts))
 
 
-def _is_in_doubt(factor: Factor) -> bool:
+def _is_robust(factor: Factor) -> bool:
     return factor.kind == "closure" and factor.kernel is not None
 
 
@@ -261,9 +261,9 @@ def _parts(solution: Solution) -> list[int]:
 
 
 def _rematched(graph: _Graph, closer: LoopCloser, track: Track, config: FinishConfig) -> _Graph:
-    """The graph with closures where none tied two passes, and with those in doubt tried again."""
-    sure, doubtful = graph.judged()
-    tried = match_again(closer, track, graph.poses, sure, doubtful, config)
+    """The graph with closures where none tied two passes, and with the outliers tried again."""
+    sure, outliers = graph.judged()
+    tried = match_again(closer, track, graph.poses, sure, outliers, config)
     return graph.with_tried(sure, tried, config)
 
 
@@ -294,9 +294,9 @@ def _moves(before: NDArray[np.float64], after: NDArray[np.float64]) -> tuple[flo
     return float(distances.max()), float(distances.mean())
 
 
-def _doubting(config: FinishConfig, doubt: float) -> FinishConfig:
+def _inflated(config: FinishConfig, scale: float) -> FinishConfig:
     """The same, the variances of points in the joint refinement larger by a factor."""
-    return replace(config, joint=replace(config.joint, independence=config.joint.independence / doubt))
+    return replace(config, joint=replace(config.joint, independence=config.joint.independence / scale))
 
 
 def _joint(

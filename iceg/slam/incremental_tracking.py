@@ -92,7 +92,7 @@ class IncrementalTracking:
             failures=front_end.failures,
             lost=list(front_end.lost),
             breaks=list(front_end.breaks),
-            adrift=list(front_end.adrift),
+            unknown_motion=list(front_end.unknown_motion),
         )
 
     def _step(self, index: int) -> tuple[NDArray[np.float64], bool]:

@@ -59,7 +59,7 @@ class LoopCloser:
 
     @property
     def searchable(self) -> NDArray[np.bool_]:
-        """(n_keys,) which key scans later ones are matched against: not those that only confirm a known place."""
+        """(n_keys,) which key scans later ones are matched against: not those that only confirm an area."""
         return self._passes.searchable
 
     @searchable.setter
@@ -128,7 +128,7 @@ class LoopCloser:
         return self._verified(self._verifier.match(candidate, poses), poses)
 
     def match_anywhere(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> Attempt:
-        """Match two key scans whose places look alike, whatever the poses say: metres off, any heading.
+        """Match two key scans of similar places, whatever the poses say: metres off, any heading.
 
         The pose must be the only one that fits there.
 

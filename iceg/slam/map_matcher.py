@@ -1,4 +1,4 @@
-"""What the pipeline asks of a matcher: maps that grow, scans followed quickly, places that can be doubted."""
+"""What the pipeline asks of a matcher: maps that grow, scans followed quickly, places that can be verified."""
 
 from typing import Any, Protocol, runtime_checkable
 
@@ -44,10 +44,10 @@ class MapMatcher(Matcher, Protocol):
         ...
 
     def agreement(self, reference: Any, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:  # noqa: ANN401
-        """Compare a scan with a reference at a given (3,) pose, both ways."""
+        """Compare a scan with a reference at a given (3,) pose, in both directions."""
         ...
 
-    def held(
+    def match_near(
         self,
         reference: Any,  # noqa: ANN401
         scan: Scan,

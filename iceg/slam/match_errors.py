@@ -38,7 +38,7 @@ def placement_covariance(track: Track, key: int) -> NDArray[np.float64]:
     return OWN * inv(information)
 
 
-def closure_covariance(match: RelativePose, placement: NDArray[np.float64], doubt: float = 1.0) -> NDArray[np.float64]:
+def closure_covariance(match: RelativePose, placement: NDArray[np.float64], scale: float = 1.0) -> NDArray[np.float64]:
     """Covariance of a match to an earlier pass as a factor between two key poses.
 
     The match says how a scan lies to the pass as a whole. How far the key pose that the pass hangs on is itself off the
@@ -47,9 +47,9 @@ def closure_covariance(match: RelativePose, placement: NDArray[np.float64], doub
     Args:
         match: of the later key scan, in the frame of the earlier one.
         placement: (3, 3) of the earlier one (`placement_covariance`).
-        doubt: factor of the variances of the match (`Track.match_doubt`).
+        scale: factor of the variances of the match (`Track.match_covariance_scale`).
 
     Returns:
         (3, 3) tangent space at the match.
     """
-    return compose_covariance(placement, match.T_ref_cur, doubt * match.covariance)
+    return compose_covariance(placement, match.T_ref_cur, scale * match.covariance)

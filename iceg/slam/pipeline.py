@@ -72,7 +72,7 @@ class SlamResult:
         grid: the occupancy grid.
         walls: short straight pieces of wall, none where poses and map were not refined together.
         closures: every loop closure tried.
-        warnings: what is doubtful about it, besides what is about the log.
+        warnings: what may be wrong with it, besides what is about the log.
         summary: counts, warnings, seconds per stage and calibration.
         findings: what the run found before it concluded, scans that were cut since included: `resolve` concludes anew
             from it.
@@ -259,12 +259,12 @@ def conclude(
     with clock.stage("feature_map"):
         landmarks = landmarks_of(track, solution.poses, matcher, config)
     clock.begin("grid")
-    grid, doubt, drawn = drawing.result()
+    grid, grid_warning, drawn = drawing.result()
     clock.add(drawn)
     _release(matcher, track)
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
     worst = least_known(key_scans, joint.marginals)
-    warnings = corrected.warnings + run_warnings(track, solution, finished.rounds, worst, doubt, findings.gyro)
+    warnings = corrected.warnings + run_warnings(track, solution, finished.rounds, worst, grid_warning, findings.gyro)
     counts = summarise(log, track, solution, findings.calibration, finished.rounds, worst, warnings)
     return SlamResult(
         log=log,
@@ -385,7 +385,7 @@ def _timed_grid(
 def grid_of(
     log: Log, trajectory: NDArray[np.float64], config: Config, stages: Stages
 ) -> tuple[OccupancyGrid, str | None]:
-    """The occupancy grid along a trajectory, (n, 3), and what is doubtful about it."""
+    """The occupancy grid along a trajectory, (n, 3), and what it warns of."""
     if stages.grid is not None:
         return stages.grid(trajectory, log.ranges, log.geometry, config.grid), None
     return render_grid_that_fits(trajectory, log.ranges, log.geometry, config.grid)

@@ -1,4 +1,4 @@
-"""Matching again between optimised poses: passes that no closure ties yet, and closures in doubt.
+"""Matching again between optimised poses: passes that no closure ties yet, and closures that are outliers.
 
 A closure that the optimum agrees with is not matched again: it would say the same. Nor is a pass that such a closure
 ties, a few key poses away: the joint refinement holds them together better than another match would.
@@ -23,7 +23,7 @@ def match_again(
     track: Track,
     poses: NDArray[np.float64],
     sure: Sequence[Factor],
-    doubtful: Sequence[Factor],
+    outliers: Sequence[Factor],
     config: FinishConfig,
 ) -> list[Attempt]:
     """Match key scans against earlier passes that no sure closure ties, close to where the optimum puts them.
@@ -33,14 +33,14 @@ def match_again(
         track: key scans.
         poses: (k, 3) the optimum.
         sure: closures that agree with it.
-        doubtful: those that do not, which are tried again.
+        outliers: those that do not, which are tried again.
         config: how densely, and how far around.
 
     Returns:
         What was tried, in the order of the path.
     """
     deviations = np.array([config.search_distance, config.search_distance, config.search_angle])
-    again = [Candidate.of(factor.i, factor.j, poses, deviations) for factor in doubtful if factor.i is not None]
+    again = [Candidate.of(factor.i, factor.j, poses, deviations) for factor in outliers if factor.i is not None]
     known = {(candidate.key_old, candidate.key_new) for candidate in again}
     around = [
         candidate
@@ -82,7 +82,7 @@ class _Ties:
 
 
 def _spaced_keys(track: Track, config: FinishConfig, searchable: NDArray[np.bool_]) -> list[int]:
-    """Key scans to match again: some distance apart, farther on known ground."""
+    """Key scans to match again: some distance apart, farther in confirmed areas."""
     since, keys = np.zeros(2), []
     for key in range(1, len(track.keys)):
         step = np.array([track.keys[key].motion.distance, track.keys[key].motion.turn])

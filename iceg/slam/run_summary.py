@@ -77,7 +77,7 @@ class RunCounts(TypedDict):
     breaks: list[BreakSummary]
     odometry_jumps: int
     odometry_breaks_at_scans: list[int]
-    match_doubt: float
+    match_covariance_scale: float
     weak_matches: int
     factors: dict[str, int]
     closures: ClosureCounts

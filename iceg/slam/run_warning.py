@@ -8,10 +8,10 @@ Kind = Literal[
     "lost",
     "found again",
     "cut off",
-    "odometry led on",
+    "dead reckoning",
     "drifted",
     "contradicted",
-    "look alike",
+    "perceptual aliasing",
     "odometry stands still",
     "uncertain path",
     "coarse grid",
@@ -28,9 +28,9 @@ _MANY: dict[Kind, str] = {
         "tracking was lost at {n} places, first at scan {scan}, and no loop closure ties what follows to what was "
         "before: those parts of the map may be displaced"
     ),
-    "odometry led on": (
-        "tracking may have been lost at {n} places, first at scan {scan}; the map follows odometry there, and scans "
-        "that agree with it"
+    "dead reckoning": (
+        "tracking may have been lost at {n} places, first at scan {scan}; the map follows dead reckoning by odometry, "
+        "with which scans agree"
     ),
     "drifted": (
         "the path drifted more than chance explains at {n} places, first at scan {scan}; the map follows the scans"
@@ -39,7 +39,9 @@ _MANY: dict[Kind, str] = {
         "at {n} places, first at scan {scan}, later scans put the robot elsewhere than the path does; the map follows "
         "the path and may be wrong there"
     ),
-    "look alike": "places look alike {n} times, first from scan {scan} on; no loop is closed there",
+    "perceptual aliasing": (
+        "several places fit {n} times (perceptual aliasing), first from scan {scan} on; no loop is closed there"
+    ),
     "odometry stands still": (
         "the odometry stands still at {n} places while the scans change, first at scan {scan}; it is not believed there"
     ),
@@ -76,11 +78,11 @@ def in_short(warnings: Iterable[RunWarning], details: str) -> list[str]:
     kinds: dict[Kind, list[RunWarning]] = {}
     for warning in warnings:
         kinds.setdefault(warning.kind, []).append(warning)
-    return [line for kind, alike in kinds.items() for line in _lines(kind, alike, details)]
+    return [line for kind, same in kinds.items() for line in _lines(kind, same, details)]
 
 
-def _lines(kind: Kind, alike: Sequence[RunWarning], details: str) -> list[str]:
-    if len(alike) == 1 or kind not in _MANY:
-        return [warning.sentence for warning in alike]
-    first = min(warning.scan for warning in alike if warning.scan is not None)
-    return [f"{_MANY[kind].format(n=len(alike), scan=first)}; see {details}"]
+def _lines(kind: Kind, same: Sequence[RunWarning], details: str) -> list[str]:
+    if len(same) == 1 or kind not in _MANY:
+        return [warning.sentence for warning in same]
+    first = min(warning.scan for warning in same if warning.scan is not None)
+    return [f"{_MANY[kind].format(n=len(same), scan=first)}; see {details}"]

@@ -1,4 +1,4 @@
-"""What a run tells of itself: counts, warnings, what became of each doubt, and the calibration of the odometry."""
+"""What a run tells of itself: counts, warnings, what became of each break, and the calibration of the odometry."""
 
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -65,7 +65,7 @@ def summarise(
         ],
         "odometry_jumps": len(solution.odometry_jumps),
         "odometry_breaks_at_scans": track.breaks,
-        "match_doubt": round(track.match_doubt, 3),
+        "match_covariance_scale": round(track.match_covariance_scale, 3),
         "weak_matches": sum(not match.is_fully_observed for match in matches),
         "factors": {kind: sum(1 for factor in factors if factor.kind == kind) for kind in kinds},
         "closures": {
@@ -90,27 +90,27 @@ def run_warnings(
     solution: Solution,
     rounds: list[Round],
     worst: LeastKnown,
-    grid_doubt: str | None,
+    grid_warning: str | None,
     gyro: GyroFinding | None,
 ) -> tuple[RunWarning, ...]:
-    """What the run itself found doubtful.
+    """What the run itself warns of.
 
     Args:
         track: what the front end made of the log.
         solution: the graph at the end, its record of breaks.
         rounds: what the offline finish did.
         worst: the key pose known least.
-        grid_doubt: what the occupancy grid warns of, None for nothing.
+        grid_warning: what the occupancy grid warns of, None for nothing.
         gyro: what the matches say of the log's gyro, None where they were not asked.
     """
-    warnings = [] if grid_doubt is None else [RunWarning(kind="coarse grid", sentence=grid_doubt)]
+    warnings = [] if grid_warning is None else [RunWarning(kind="coarse grid", sentence=grid_warning)]
     uncertain = worst.warning()
     if uncertain is not None:
         warnings.append(RunWarning(kind="uncertain path", sentence=uncertain, scan=worst.scan))
     unused = None if gyro is None else gyro.warning()
     if unused is not None:
         warnings.append(unused)
-    warnings += [describe_dead(*stretch) for stretch in track.dead]
+    warnings += [describe_dead(*interval) for interval in track.dead]
     if rounds and rounds[-1].covariances_from == "graph":
         warnings.append(RunWarning(kind="covariances", sentence=_COVARIANCES_OF_GRAPH))
     warnings += [describe_break(found, track) for found in solution.breaks]

@@ -52,9 +52,9 @@ class Track:
         failures: scans without a credible match, carried by odometry.
         lost: scans from which on nothing matched what was known, so that a new local reference was begun.
         breaks: scans before which the odometry jumped, and the robot did not.
-        adrift: key scans that neither odometry nor a match ties to what was before.
-        dead: first and last scans of the stretches over which the odometry stood still, and the robot did not.
-        match_doubt: factor of the matcher's variances that this log asks for; the matches of `keys` have it already.
+        unknown_motion: key scans reached by a motion that neither odometry nor a match has seen.
+        dead: first and last scans of the intervals over which the odometry stood still, and the robot did not.
+        match_covariance_scale: factor of the matcher's variances that this log asks for; the matches of `keys` have it.
     """
 
     keys: list[KeyScan]
@@ -63,9 +63,9 @@ class Track:
     failures: int
     lost: list[int]
     breaks: list[int] = field(default_factory=list)
-    adrift: list[int] = field(default_factory=list)
+    unknown_motion: list[int] = field(default_factory=list)
     dead: list[tuple[int, int]] = field(default_factory=list)
-    match_doubt: float = 1.0
+    match_covariance_scale: float = 1.0
 
     def trajectory(self, key_poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n_scans, 3) pose of every scan, given the (k, 3) poses of the key scans."""

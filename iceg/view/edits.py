@@ -18,7 +18,7 @@ def edit_block(kind: str, asked: Mapping[str, Any]) -> str:
 
     Args:
         kind: "forbid", "add", "drag" or "pin".
-        asked: by the page: `scans`, two numbers; of "forbid" instead `between`, two stretches; of "add" and "drag" also
+        asked: by the page: `scans`, two numbers; of "forbid" instead `between`, two intervals; of "add" and "drag" also
             `pose`, x [m], y [m] and heading [rad] of the second scan in the frame of the first.
 
     Raises:
@@ -42,10 +42,10 @@ def withdrawn_scans(asked: Mapping[str, Any]) -> tuple[int, int]:
 
 def _forbid(asked: Mapping[str, Any]) -> str:
     if "between" in asked:
-        stretches = asked["between"]
-        if not isinstance(stretches, list) or len(stretches) != _MOST_SCANS:
-            raise CorrectionsError(f"between: found {shown_value(stretches)}, expected two stretches of scans")
-        one, other = (_scans(stretch, "between") for stretch in stretches)
+        intervals = asked["between"]
+        if not isinstance(intervals, list) or len(intervals) != _MOST_SCANS:
+            raise CorrectionsError(f"between: found {shown_value(intervals)}, expected two intervals of scans")
+        one, other = (_scans(interval, "between") for interval in intervals)
         return f"[[forbid]]\nbetween = [{one}, {other}]\n"
     return f"[[forbid]]\nscans = {_scans(asked.get('scans'))}\n"
 

@@ -49,7 +49,7 @@ class Session:
             self._conclude(self._texts[-1])
 
     def state(self) -> dict[str, Any]:
-        """For the page: which state it is, how many edits can be taken back, the corrections and what is doubtful."""
+        """For the page: which state it is, how many edits can be taken back, the corrections and their conflicts."""
         with self._lock:
             return self._state()
 

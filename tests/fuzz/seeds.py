@@ -298,7 +298,7 @@ def findings() -> bytes:
         is_open_ground=False,
         laser=None,
         sweep={"source": "nothing", "applied": False},
-        gyro=GyroFinding(doubt="they are all zero"),
+        gyro=GyroFinding(rejection="they are all zero"),
         track=track,
         calibration=OdometryCalibration(noise=OdometryModel()),
         solution=solution,

@@ -19,7 +19,7 @@ import numpy as np
 from iceg.config import Config
 from iceg.evaluation.errors import EvaluationError
 from iceg.slam.broken_path.estimate import Estimate
-from iceg.slam.broken_path.path_break import Doubt
+from iceg.slam.broken_path.path_break import TrackingFailure
 from iceg.slam.broken_path.place_votes import Vote
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.config import LoopClosureConfig
@@ -72,11 +72,15 @@ def _second(_self: object, second: Any, *_args: object, **_named: object) -> Any
 
 
 def _only_after_a_loss(
-    closer: LoopCloser, track: Track, estimate: Estimate, doubts: Mapping[int, Doubt], config: LoopClosureConfig
+    closer: LoopCloser,
+    track: Track,
+    estimate: Estimate,
+    failures: Mapping[int, TrackingFailure],
+    config: LoopClosureConfig,
 ) -> Estimate:
-    if not any(doubt.is_lost for doubt in doubts.values()):
+    if not any(failure.is_lost for failure in failures.values()):
         return estimate
-    return relocalise(closer, track, estimate, doubts, config)
+    return relocalise(closer, track, estimate, failures, config)
 
 
 def _with_loops(**settings: Any) -> Change:  # noqa: ANN401
@@ -97,7 +101,7 @@ _RELOCALISATION: dict[str, Any] = {f"{_SLAM}.back_end:relocalise": lambda _close
 
 RULES: Mapping[str, Rule] = MappingProxyType(
     {
-        "relocalisation": Rule(what="joins parts of a broken path by places that look alike", without=_RELOCALISATION),
+        "relocalisation": Rule(what="joins parts of a broken path by similar places", without=_RELOCALISATION),
         "relocalisation without a loss": Rule(
             what="the same where something always matched: against drift, and matches that lead astray",
             without={f"{_SLAM}.back_end:relocalise": _only_after_a_loss},
@@ -133,7 +137,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             without={f"{_SLAM}.back_end:_with_slips": _first},
         ),
         "clearer": Rule(
-            what="the reference on trial may win against a glimpse of the known one",
+            what="the tentative map may win against a glimpse of the known one",
             without={f"{_FRONT_END}._is_clearer": _no},
         ),
         "fused": Rule(
@@ -145,7 +149,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "halves of scans": Rule(
             what="matches count less where halves of scans disagree",
-            without={f"{_SLAM}.finding:with_measured_doubt": _first},
+            without={f"{_SLAM}.finding:with_measured_covariance_scale": _first},
         ),
         "joint refinement": Rule(what="poses and walls refined together", config=_without_joint_refinement),
         "calibration": Rule(
@@ -157,7 +161,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             without={f"{_SLAM}.odometry.calibration:whole_delay": lambda *_: 0},
         ),
         "lasting noise": Rule(
-            what="odometry errs alike for a while",
+            what="errors of odometry persist for a while",
             without={f"{_SLAM}.odometry.calibration:lasting_noise": _first},
         ),
         "mount": Rule(
@@ -176,7 +180,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             without={f"{_SLAM}.tracking.log_tracking:dead_intervals": _empty},
         ),
         "sudden steps": Rule(
-            what="steps no robot makes are doubted",
+            what="steps no robot makes are checked",
             without={
                 f"{_SLAM}.tracking.log_tracking:sudden_steps": lambda odometry, _stamps: np.zeros(
                     max(len(odometry) - 1, 0), dtype=np.bool_
@@ -217,7 +221,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             without={f"{_SLAM}.finish:closure_kernel": _nothing, f"{_SLAM}.finding:closure_kernel": _nothing},
         ),
         "confirmed passes": Rule(
-            what="passes over known ground are searched more seldom",
+            what="passes over confirmed areas are searched more seldom",
             without={f"{_SLAM}.back_end:_CONFIRMED_AFTER": 1_000_000},
         ),
     }

@@ -65,7 +65,7 @@ function inRecordedScans(edit) {
   };
   const found = { ...edit };
   if (edit.scans) found.scans = edit.scans.map(recorded);
-  if (edit.between) found.between = edit.between.map((stretch) => stretch.map(recorded));
+  if (edit.between) found.between = edit.between.map((interval) => interval.map(recorded));
   return found;
 }
 

@@ -66,14 +66,14 @@ function chosen(edit, at) {
   if (edit === "lay") return layOnAnother(run.keys.scans[at]);
   const scans = [...run.closures.scans.subarray(2 * at, 2 * at + 2)];
   if (edit === "forbid") apply({ kind: "forbid", scans });
-  else if (edit === "around") apply({ kind: "forbid", between: scans.map(stretchAround) });
+  else if (edit === "around") apply({ kind: "forbid", between: scans.map(intervalAround) });
   else if (edit === "withdraw") apply({ kind: "withdraw", scans });
   else if (edit === "pin") apply({ kind: "pin", scans });
   else if (edit === "accept") apply({ kind: "add", scans, pose: [...run.closures.matched.subarray(3 * at, 3 * at + 3)] });
   else if (edit === "drag") startDragging(panel, scans[0], scans[1], finish);
 }
 
-function stretchAround(scan) {
+function intervalAround(scan) {
   const key = keyOfScan(scan);
   return [run.keys.scans[Math.max(0, key - AROUND)], run.keys.scans[Math.min(nKeys - 1, key + AROUND)]];
 }

@@ -28,7 +28,7 @@ function colours() {
   const palette = new Uint32Array(16);
   const bytes = new Uint8Array(palette.buffer);
   for (let shade = 1; shade < 16; shade++) {
-    // Free cells look alike, however often they were seen; walls darken with what speaks for them.
+    // Free cells have one colour, however often they were seen; walls darken with what speaks for them.
     const share = Math.max(0, (shade - 8) / 7);
     for (let i = 0; i < 3; i++) bytes[4 * shade + i] = free[i] + share * (wall[i] - free[i]);
     bytes[4 * shade + 3] = shade === 8 ? 150 : 255;

@@ -80,7 +80,7 @@ function ofMeasurement() {
   const seen = state.measured.map(({ scan, reach, x, y }, i) => [`Point ${i + 1}`, `${reach === null ? "free space" : "wall"} at ${x.toFixed(2)}, ${y.toFixed(2)}, scan ${scan}`]);
   const value = found === null ? "–" : `<span id="measured-length">${metres(found.length)}</span> <small>± <span id="measured-deviation">${length(found.deviation)}</span></small>`;
   return `${head("Distance")}<p class="big">${value}</p><dl class="facts">${facts(seen)}</dl>
-    <p class="soft">One standard deviation, from the joint covariance of the two poses that saw the points: what moves both alike does not count. On walls, the noise of the laser is in it.</p>`;
+    <p class="soft">One standard deviation, from the joint covariance of the two poses that saw the points: what moves both together does not count. On walls, the noise of the laser is in it.</p>`;
 }
 
 function ofPose(key) {

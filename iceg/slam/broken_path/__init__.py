@@ -1,1 +1,1 @@
-"""Where the path may be broken, and finding the place again by its looks alone."""
+"""Where the path may be broken, and recognising the place again without the path."""

@@ -45,7 +45,7 @@ class ChangingEstimate:
     def close(self, closures: Sequence[Attempt]) -> None:
         """Let closures into the graph and solve it."""
         self.attempts += [
-            replace(c, reason=f"by its looks, with {len(closures) - 1} others; {c.reason}") for c in closures
+            replace(c, reason=f"place recognition, with {len(closures) - 1} others; {c.reason}") for c in closures
         ]
         self.factors = [*self.factors, *(closure_factor(closure) for closure in closures)]
         self._solve()
@@ -53,7 +53,7 @@ class ChangingEstimate:
     def move(
         self, key: int, closures: Sequence[Attempt], correction: NDArray[np.float64], moving: NDArray[np.bool_]
     ) -> None:
-        """Let a step go, move what follows to where closures put it, and take out what contradicts them.
+        """Remove an edge of the path, move what follows to where closures put it, and take out what contradicts them.
 
         Args:
             key: the key pose that the step leads to.

@@ -1,7 +1,7 @@
-"""The examination that a hypothesis must pass, and the present estimate with it.
+"""Geometric verification of a hypothesis, and of the present estimate by the same scans.
 
 Put as it says, do the scans after the break agree with what was seen there before it? They would hardly do so by
-chance all along a stretch, and where they do at both places, nothing is decided.
+chance one after the other, and where they do at both places, nothing is decided.
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,7 @@ _FEWEST_CREDIBLE = 3
 _BELIEF = 2.0
 """… and so many times what speaks for the path …"""
 _DISSENT = 2
-"""… but to contradict a path in which nothing else is doubtful, the least number must be left when each one against it
+"""… but to contradict a path in which nothing else has failed, the least number must be left when each one against it
 has taken so many with it."""
 
 
@@ -52,7 +52,7 @@ class FitCount:
 
     @property
     def is_sure(self) -> bool:
-        """Whether so few do not agree that a path may be contradicted in which nothing else is doubtful."""
+        """Whether so few do not agree that a path may be contradicted in which nothing else has failed."""
         return len(self.agreeing) - _DISSENT * self.against >= _FEWEST_VOTES
 
     def beats(self, other: "FitCount") -> bool:
@@ -65,7 +65,7 @@ _DEVIATIONS = np.array([0.3, 0.3, 0.1])
 _OVERLAP = 0.5
 """From here on a scan that does not agree contradicts what was seen there."""
 _REACH = 8.0
-"""Key scans within so much path of a closure are examined [m] …"""
+"""Key scans within so much path of a closure are verified [m] …"""
 _PASS = 16.0
 """… against the pass of the closure, within so much path [m] …"""
 _SPACING = 1.4
@@ -86,7 +86,7 @@ class HypothesisVerifier:
         self._spacing = int(np.clip(round(_SPACING / usual), 1, ANCHOR_SPACING))
 
     def of_hypothesis(self, hypothesis: Hypothesis, poses: NDArray[np.float64]) -> FitCount:
-        """Examine scans where a hypothesis puts them.
+        """Verify scans where a hypothesis puts them.
 
         Args:
             hypothesis: what is claimed.
@@ -104,7 +104,7 @@ class HypothesisVerifier:
     def of_estimate(
         self, hypothesis: Hypothesis, poses: NDArray[np.float64], among: NDArray[np.bool_] | None = None
     ) -> FitCount:
-        """Examine the same scans where the poses put them.
+        """Verify the same scans where the poses put them.
 
         Args:
             hypothesis: what is claimed.

@@ -1,4 +1,4 @@
-"""Where the path from scan to scan may be broken, and what became of the suspicion."""
+"""Where the path from scan to scan may be broken, and what became of the failure there."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,42 +16,42 @@ Outcome = Literal["joined", "apart", "contradicted", "credible", "drifted"]
 
 _BEYOND_CHANCE = 100.0
 """Squared Mahalanobis distance of a match from odometry that no chance explains."""
-_WITNESSES = 3
+_FEWEST_AGREEING = 3
 """So many scans that agree with odometry make it credible that the robot was not carried, even where as many do not."""
 UNKNOWN_STEP = np.diag([100.0, 100.0, np.pi]) ** 2
 """Covariance of a step on which the robot was carried [m², rad²]."""
 
 
-class DoubtKind(IntEnum):
+class FailureKind(IntEnum):
     """What speaks against a step of the path, the worst last."""
 
-    WEAK_MATCH = 0
+    LOW_INLIER_RATIO = 0
     """The match explains little of its scan."""
-    CONTRADICTED = 1
+    INCONSISTENT = 1
     """Match and odometry contradict each other."""
-    UNMATCHED = 2
+    NO_MATCH = 2
     """The scan matched nothing, or odometry made a step that no robot can make."""
-    LOST = 3
-    """Nothing that was known matched any more, and the robot went on."""
-    ADRIFT = 4
+    TRACKING_LOSS = 3
+    """Nothing that was known matched any more, and the robot went on by dead reckoning."""
+    UNKNOWN_MOTION = 4
     """The same, and not even odometry told the way."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Doubt:
+class TrackingFailure:
     """Why the path may be broken just before a key pose.
 
     Attributes:
         kind: what speaks against it.
         reason: what was noticed there, for a person.
-        unexplained: share of the scan that a weak match does not explain.
-        distance2: squared Mahalanobis distance of a contradicted match from odometry.
+        unexplained: share of the scan that the match does not explain.
+        distance2: squared Mahalanobis distance of an inconsistent match from odometry.
         is_dead_reckoned: whether the laser saw nothing it knew at the key pose before either, and odometry told the
             way: on ground where little is in reach that is what losing it looks like. Who is carried is lost at once,
             for odometry does not drive on meanwhile.
     """
 
-    kind: DoubtKind
+    kind: FailureKind
     reason: str
     unexplained: float = 0.0
     distance2: float = 0.0
@@ -60,22 +60,22 @@ class Doubt:
     @property
     def is_lost(self) -> bool:
         """Whether nothing was known when the robot went on."""
-        return self.kind >= DoubtKind.LOST
+        return self.kind >= FailureKind.TRACKING_LOSS
 
     @property
     def is_beyond_chance(self) -> bool:
         """Whether nothing matched, or match and odometry contradict each other by more than chance explains."""
-        if self.kind is DoubtKind.CONTRADICTED:
+        if self.kind is FailureKind.INCONSISTENT:
             return self.distance2 >= _BEYOND_CHANCE - 1.0
-        return self.kind > DoubtKind.CONTRADICTED
+        return self.kind > FailureKind.INCONSISTENT
 
     @property
     def rank(self) -> float:
-        """Compares doubts: the highest is where a break is put."""
-        if self.kind is DoubtKind.WEAK_MATCH:
+        """Orders failures: the highest is where a break is put."""
+        if self.kind is FailureKind.LOW_INLIER_RATIO:
             return self.unexplained
-        if self.kind is DoubtKind.CONTRADICTED:
-            return DoubtKind.UNMATCHED - 1.0 / (1.0 + self.distance2)
+        if self.kind is FailureKind.INCONSISTENT:
+            return FailureKind.NO_MATCH - 1.0 / (1.0 + self.distance2)
         return float(self.kind)
 
 
@@ -87,11 +87,11 @@ class Break:
         key: the first key pose after it.
         outcome: "joined" by loop closures on both sides; "apart": nothing ties what follows to what was before, and
             odometry alone says where it is; "contradicted": closures disagree with the path, but nothing else speaks
-            against it or they are few, and the map follows the path; "credible": closures agree with where odometry led
-            on, though not so many that chance is out of the question; "drifted": closures put it where only errors at
-            every step, all alike, would explain, and the map follows them.
+            against it or they are few, and the map follows the path; "credible": closures agree with dead
+            reckoning, though not so many that chance is out of the question; "drifted": closures put it where only a
+            systematic error of every step would explain, and the map follows them.
         reason: what was noticed there.
-        closures: how many agree about it; of one that is "apart", how many agree with where odometry led on.
+        closures: how many agree about it; of one that is "apart", how many agree with dead reckoning.
         moved: how far they say that the robot is from where the path puts it [m].
         across: how many closures span one that is "apart", too few or too uncertain to join it.
     """
@@ -108,10 +108,10 @@ def without_lost_odometry(factors: Sequence[Factor], breaks: Sequence[Break], tr
     """The factors of a graph, odometry telling nothing where it alone holds what a sudden loss has torn apart.
 
     Where the laser knew its way until the key scan before, and nothing fits the next one, the robot may have been
-    carried anywhere. Where it saw little before, too, odometry has led for a while: on logs made worse on purpose it
-    told the truth in each of thirty such places, but not in four of fifteen sudden losses. It did, too, where the loss
-    came before there was anything but the first scan to know, and where scans agreed with what odometry says, if not
-    enough of them to hold the path together.
+    carried anywhere. Where it saw little before, too, the robot went by dead reckoning: on logs made worse on purpose
+    odometry told the truth in each of thirty such places, but not in four of fifteen sudden losses. It did, too, where
+    the loss came before there was anything but the first scan to know, and where scans agreed with what odometry says,
+    if not enough of them to hold the path together.
 
     Args:
         factors: of the graph.
@@ -121,7 +121,7 @@ def without_lost_odometry(factors: Sequence[Factor], breaks: Sequence[Break], tr
     torn = {
         found.key
         for found in breaks
-        if found.outcome == "apart" and found.closures < _WITNESSES and _is_sudden(track, found.key)
+        if found.outcome == "apart" and found.closures < _FEWEST_AGREEING and _is_sudden(track, found.key)
     }
     return [
         replace(factor, covariance=UNKNOWN_STEP)
@@ -156,15 +156,15 @@ def _told(found: Break, where: str) -> tuple[Kind, str]:
         )
         return "cut off", f"tracking was lost {where}: {ties} the rest to what was before, it may be displaced"
     if found.outcome == "credible":
-        return "odometry led on", (
-            f"tracking may have been lost {where}: odometry led on, and {found.closures} scans agree with it there, "
-            "but not all; the map follows them"
+        return "dead reckoning", (
+            f"tracking may have been lost {where}: {found.closures} scans agree with dead reckoning by odometry there, "
+            "but not all; the map follows it"
         )
     if found.outcome == "drifted":
         return "drifted", (
             f"the path may have drifted {where}: {elsewhere}, more than chance explains; the map follows them"
         )
     return "contradicted", (
-        f"the path may be wrong {where}: {elsewhere}; the robot was carried, or two places look alike; the map follows "
-        "the path"
+        f"the path may be wrong {where}: {elsewhere}; the robot was carried (kidnapped), or two places are "
+        "ambiguous (perceptual aliasing); the map follows the path"
     )

@@ -1,7 +1,7 @@
 """Closures that agree about how what follows a step of the path lies to what was before.
 
-One pair of places that look alike says nothing. Several that agree pairwise along the path as the front end saw it
-are a hypothesis, to be examined.
+One pair of similar places says nothing (perceptual aliasing). Several that agree pairwise along the path as the front
+end saw it are a hypothesis, to be verified.
 """
 
 from collections.abc import Collection, Sequence
@@ -14,8 +14,8 @@ from graph.consistency import cumulative_covariances, maximum_clique, pairwise_c
 from graph.factors import Factor
 from graph.noise import squared_norm
 from graph.se2 import compose, inverse, logmap
+from iceg.slam.broken_path.bridge_edges import BridgeEdges
 from iceg.slam.broken_path.path_parts import PathParts
-from iceg.slam.broken_path.untied_steps import UntiedSteps
 from iceg.slam.closures.attempt import Attempt, closed_pose, closure_factor
 
 _MOST = 0.75
@@ -24,10 +24,10 @@ them spans it: not all need to, the reference of one may hold key scans from bot
 be spanned by as many as any is."""
 _CHANCE_SIGMAS2 = 25.0
 """Chance explains an offset up to this squared Mahalanobis distance."""
-_TIED = 0.01
+_SPANNED = 0.01
 """Of the covariance of a step that closures span, so much is left."""
 _BIAS_SIGMAS2 = 9.0
-"""The path explains an offset if errors of up to three standard deviations at every step, all alike, do."""
+"""The path explains an offset if a bias of up to three standard deviations at every step does."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,7 +35,7 @@ class Hypothesis:
     """Closures that agree about how what follows a key pose lies to what was before.
 
     Attributes:
-        key: the first key pose after the break, or after the stretch whose drift they end.
+        key: the first key pose after the break, or after the part whose drift they end.
         closures: they.
     """
 
@@ -49,12 +49,12 @@ class Hypothesis:
 
     @property
     def breadth(self) -> int:
-        """How many places say so, of the side where fewer do: a short stretch that fits many places knows little."""
+        """How many places say so, of the side where fewer do: a few scans that fit many places know little."""
         return min(self.support, len({closure.key_old for closure in self.closures}))
 
     @property
     def ends(self) -> set[tuple[int, int]]:
-        """The pairs of key poses that its closures tie."""
+        """The pairs of key poses that its closures join."""
         return {(closure.key_old, closure.key_new) for closure in self.closures}
 
     def spanning(self, key: int) -> int:
@@ -62,7 +62,7 @@ class Hypothesis:
         return sum(closure.key_old < key <= closure.key_new for closure in self.closures)
 
     def without(self, ends: Collection[tuple[int, int]]) -> "Hypothesis":
-        """The same without the closures that tie some pairs of key poses."""
+        """The same without the closures that join some pairs of key poses."""
         closures = [closure for closure in self.closures if (closure.key_old, closure.key_new) not in ends]
         return Hypothesis(key=self.key, closures=closures)
 
@@ -88,28 +88,28 @@ class Hypothesis:
         return float(np.hypot(x - x_other, y - y_other))
 
     def is_chance(self, factors: Sequence[Factor], poses: NDArray[np.float64]) -> bool:
-        """Whether the path explains it by chance, without errors that are all alike; arguments as of `is_drift`."""
+        """Whether the path explains it by chance, without a bias; arguments as of `is_drift`."""
         return self.is_drift(factors, poses, np.ones(len(poses), dtype=np.bool_))
 
     def is_drift(
-        self, factors: Sequence[Factor], poses: NDArray[np.float64], untied: NDArray[np.bool_] | None = None
+        self, factors: Sequence[Factor], poses: NDArray[np.float64], is_bridge: NDArray[np.bool_] | None = None
     ) -> bool:
         """Whether the errors of the path explain it, step by step.
 
         Args:
             factors: of the graph.
             poses: (k, 3) T_map_robot.
-            untied: (k,) the steps to key poses that no closure holds, where something else speaks against the path: it
-                drifts along them, hardly elsewhere. If left out, errors may be larger than it claims, and all alike.
+            is_bridge: (k,) the steps to key poses that no closure spans, where something else speaks against the path:
+                it drifts along them, hardly elsewhere. If left out, errors may be larger than it claims, and a bias.
         """
         cumulative = cumulative_covariances(_path(factors), poses)
-        if untied is not None:
+        if is_bridge is not None:
             steps = np.diff(cumulative, axis=0, prepend=np.zeros((1, 3, 3)))
-            cumulative = np.cumsum(np.where(untied[:, None, None], 1.0, _TIED) * steps, axis=0)
+            cumulative = np.cumsum(np.where(is_bridge[:, None, None], 1.0, _SPANNED) * steps, axis=0)
         for closure in self.closures:
             error = logmap(_correction(closure, poses))
             covariance = cumulative[closure.key_new] - cumulative[closure.key_old]
-            most = _BIAS_SIGMAS2 * (closure.key_new - closure.key_old) if untied is None else _CHANCE_SIGMAS2
+            most = _BIAS_SIGMAS2 * (closure.key_new - closure.key_old) if is_bridge is None else _CHANCE_SIGMAS2
             if squared_norm(error, covariance) > most:
                 return False
         return True
@@ -136,7 +136,7 @@ def agreeing_sets(
     return sorted(sets, key=len, reverse=True)
 
 
-def about_single_steps(closures: Sequence[Attempt], steps: UntiedSteps) -> list[Hypothesis]:
+def about_single_steps(closures: Sequence[Attempt], steps: BridgeEdges) -> list[Hypothesis]:
     """What closures that agree say about single steps, that about the one that most of them span first."""
     found, left = [], list(closures)
     while (hypothesis := about_one_step(left, steps)) is not None:
@@ -163,13 +163,13 @@ def about_parts(closures: Sequence[Attempt], parts: PathParts) -> list[Hypothesi
     return sorted(found, key=lambda hypothesis: -hypothesis.support)
 
 
-def about_one_step(closures: Sequence[Attempt], steps: UntiedSteps) -> Hypothesis | None:
-    """Those that span the same untied step: the most doubtful of the steps that most of them span."""
-    change = np.zeros(len(steps.untied) + 1, dtype=np.int64)
+def about_one_step(closures: Sequence[Attempt], steps: BridgeEdges) -> Hypothesis | None:
+    """Those that span the same bridge edge: the least certain of the edges that most of them span."""
+    change = np.zeros(len(steps.is_bridge) + 1, dtype=np.int64)
     for closure in closures:
         change[closure.key_old + 1] += 1
         change[closure.key_new + 1] -= 1
-    spans = np.where(steps.untied, np.cumsum(change)[:-1], 0)
+    spans = np.where(steps.is_bridge, np.cumsum(change)[:-1], 0)
     if not spans.any():
         return None
     most = spans.max()

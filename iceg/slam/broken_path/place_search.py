@@ -1,4 +1,4 @@
-"""Pairs of places that look alike, matched metres and half turns wide, and the sets of them that agree."""
+"""Similar places, matched metres and half turns wide, and the sets of them that agree."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -16,7 +16,7 @@ from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 
 _MOST_PLACES = 3
-"""Of a pair of places that look alike and fit several ways, so many are kept."""
+"""Of a pair of similar places that fit several ways, so many are kept."""
 _EXACT = np.array([0.1, 0.1, 0.03])
 """How well a place that a search found is known [m, m, rad]."""
 
@@ -43,7 +43,7 @@ class PlaceSearch:
     def agreeing(
         self, parts: NDArray[np.int64], poses: NDArray[np.float64], along: NDArray[np.float64], most: int
     ) -> list[list[Attempt]]:
-        """Sets of closures that agree, of places that look alike, the largest first; none if there are no new ones.
+        """Sets of closures that agree, of similar places, the largest first; none if there are no new ones.
 
         Args:
             parts: (k,) which part each key pose belongs to; places of two are compared.
@@ -92,7 +92,7 @@ class PlaceSearch:
         """What was tried and is not among the pairs of key poses that closures tie, with the reason."""
         return [
             replace(
-                attempt, accepted=False, reason=f"looks alike{', too few agree' * attempt.accepted}; {attempt.reason}"
+                attempt, accepted=False, reason=f"similar place{', too few agree' * attempt.accepted}; {attempt.reason}"
             )
             for attempt in self._tried
             if (attempt.key_old, attempt.key_new) not in closed

@@ -1,9 +1,9 @@
 """Places that several key scans in a row fit: how many speak for one, and how many for another just as well.
 
 One wide search may find a single place by chance, as where a reference ends before the next door. Along a corridor
-whose doors are all alike the searches before and after fit elsewhere, too. So all places that fit are kept, and after
-much drift a closure is believed where hardly anything speaks for another place, or where many key scans fit this one
-better (pairwise consistency of Mangelson et al. 2018, over the alternatives of each measurement).
+of evenly spaced doors (perceptual aliasing) the searches before and after fit elsewhere, too. So all places that fit
+are kept, and after much drift a closure is believed where hardly anything speaks for another place, or where many key
+scans fit this one better (pairwise consistency of Mangelson et al. 2018, over the alternatives of each measurement).
 """
 
 from collections.abc import Iterable, Sequence
@@ -151,8 +151,8 @@ def describe_vote(vote: Vote, track: Track) -> RunWarning:
     """A vote that is not clear, in a sentence for a person."""
     first, last = track.keys[vote.first].index, track.keys[vote.last].index
     sentence = (
-        f"places look alike: from scan {first} to {last}, {vote.count} scans fit one place seen before and "
+        f"perceptual aliasing: from scan {first} to {last}, {vote.count} scans fit one place seen before and "
         f"{vote.rival} another, {vote.apart:.1f} m away, about as well; no loop is closed there, so that how what "
         "follows lies to what was before is known by the path alone"
     )
-    return RunWarning(kind="look alike", sentence=sentence, scan=first)
+    return RunWarning(kind="perceptual aliasing", sentence=sentence, scan=first)

@@ -1,10 +1,10 @@
-"""Places found again by their looks alone, where the path cannot say where they are.
+"""Relocalisation: places recognised again where the path cannot say where they are (kidnapped robot).
 
 Most of a trajectory is held together by loop closures that span it. Where none spans it (the robot was carried, nothing
 matched for a while, or the loop is so long that the drift left the search behind) the parts before and after are
-compared by the signatures of their places. What looks alike is matched metres and half turns wide; only a set of
-closures that agree pairwise is a hypothesis, and every hypothesis must pass an examination that the present estimate
-takes, too: placed as it says, do the scans agree with what else was seen there?
+compared by the signatures of their places. Similar places are matched metres and half turns wide; only a set of
+closures that agree pairwise is a hypothesis, and every hypothesis must pass a geometric verification that the present
+estimate must pass, too: placed as it says, do the scans agree with what else was seen there?
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.se2 import compose, inverse
+from iceg.slam.broken_path.bridge_edges import BridgeEdges, closures_across
 from iceg.slam.broken_path.estimate import ChangingEstimate, Estimate
 from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
-from iceg.slam.broken_path.path_break import Break, Doubt, DoubtKind, Outcome
+from iceg.slam.broken_path.path_break import Break, FailureKind, Outcome, TrackingFailure
 from iceg.slam.broken_path.path_parts import PathParts
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_parts, about_single_steps
 from iceg.slam.broken_path.place_search import PlaceSearch
 from iceg.slam.broken_path.place_votes import Vote
-from iceg.slam.broken_path.untied_steps import UntiedSteps, closures_across
 from iceg.slam.closures.attempt import Attempt, is_near
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
@@ -36,7 +36,7 @@ _AS_STRONG = 0.5
 """Another is weighed that has this share of the key scans of a hypothesis."""
 _EXPLAINED = 0.8
 """A step whose match explains this share of its scan is believed, if nothing else speaks against it: those who walk
-past even doors, or rooms alike, find many key scans that agree about another place."""
+past evenly spaced doors, or similar rooms, find many key scans that agree about another place."""
 
 _Outcome = Literal["open", "closed", "joined", "contradicted"]
 """What became of a hypothesis: nothing yet, drift ended, two parts joined, or a path that it only contradicts."""
@@ -46,7 +46,7 @@ def relocalise(
     closer: LoopCloser,
     track: Track,
     estimate: Estimate,
-    doubts: Mapping[int, Doubt],
+    failures: Mapping[int, TrackingFailure],
     config: LoopClosureConfig,
 ) -> Estimate:
     """Join the parts of a path that no loop closure ties together, and say where it is broken.
@@ -55,7 +55,7 @@ def relocalise(
         closer: matches and verifies.
         track: key scans.
         estimate: the graph as the path and the closures on the way made it.
-        doubts: by key pose, where the path may be broken.
+        failures: by key pose, where the path may be broken.
         config: how much is tried, and how much must agree.
 
     Returns:
@@ -63,7 +63,7 @@ def relocalise(
     """
     if not (config.enabled and config.relocalise):
         return estimate
-    search = _Relocalisation(closer, track, estimate, doubts, config)
+    search = _Relocalisation(closer, track, estimate, failures, config)
     search.run()
     return search.estimate()
 
@@ -76,13 +76,13 @@ class _Relocalisation:
         closer: LoopCloser,
         track: Track,
         estimate: Estimate,
-        doubts: Mapping[int, Doubt],
+        failures: Mapping[int, TrackingFailure],
         config: LoopClosureConfig,
     ) -> None:
         self._track = track
         self._config = config
         self._now = ChangingEstimate(estimate)
-        self._steps = UntiedSteps(track, estimate.factors, doubts, config)
+        self._steps = BridgeEdges(track, estimate.factors, failures, config)
         self._places = PlaceSearch(closer, track, estimate.factors, config)
         self._verifier = HypothesisVerifier(closer, track)
         self._breaks: dict[int, Break] = {}
@@ -92,18 +92,18 @@ class _Relocalisation:
 
     def run(self) -> None:
         """Try the hypotheses with the most support; what nothing ties after a loss is told apart."""
-        if not self._steps.untied.any():
+        if not self._steps.is_bridge.any():
             return
         T_track_keys = np.array([key.T_track_robot for key in self._track.keys])
-        self._join(self._agreeing(np.cumsum(self._steps.untied, dtype=np.int64), T_track_keys))
+        self._join(self._agreeing(np.cumsum(self._steps.is_bridge, dtype=np.int64), T_track_keys))
         self._looks_again = True
         while self._lost() and self._join(self._agreeing(self._parts().whole, self._now.poses)):
             pass  # as long as what was found tells more of where to look
         for key in self._lost():
-            self._part(key, self._steps.doubts[key])
+            self._part(key, self._steps.failures[key])
 
     def estimate(self) -> Estimate:
-        """What was found, with a record of what looked alike in vain."""
+        """What was found, with a record of the similar places tried in vain."""
         now = self._now
         closed = {(attempt.key_old, attempt.key_new) for attempt in now.attempts if attempt.accepted}
         return Estimate(
@@ -119,10 +119,10 @@ class _Relocalisation:
     # What is looked for, and in which order it is tried.
 
     def _agreeing(self, parts: NDArray[np.int64], along: NDArray[np.float64]) -> list[list[Attempt]]:
-        """Sets of closures that agree along a path; where nothing gives a break away, a pair for each untied step."""
+        """Sets of closures that agree along a path; where nothing gives a break away, a pair for each bridge edge."""
         most = self._config.places
-        if not self._steps.doubts:
-            most = min(most, int(np.count_nonzero(self._steps.untied)))
+        if not self._steps.failures:
+            most = min(most, int(np.count_nonzero(self._steps.is_bridge)))
         return self._places.agreeing(parts, self._now.poses, along, most)
 
     def _join(self, found: Sequence[Sequence[Attempt]]) -> bool:
@@ -149,7 +149,7 @@ class _Relocalisation:
         for claimed in sorted(self._hypotheses(sets), key=self._refuted_within):
             hypothesis = claimed.without(gone)
             if hypothesis.key in self._ambiguous or not self._is_supported(hypothesis):
-                continue  # where stronger ones are in doubt none decides
+                continue  # where stronger ones are ambiguous none decides
             outcome = self._try(hypothesis, self._others(hypothesis, sets))
             if outcome != "open":
                 gone |= hypothesis.ends
@@ -178,8 +178,8 @@ class _Relocalisation:
             return int(whole[closure.key_old]), int(whole[closure.key_new])
 
         asked = ends(hypothesis.closures[0])
-        alike = [[closure for closure in closures if ends(closure) == asked] for closures in sets]
-        return [Hypothesis(key=hypothesis.key, closures=closures) for closures in alike if closures]
+        same = [[closure for closure in closures if ends(closure) == asked] for closures in sets]
+        return [Hypothesis(key=hypothesis.key, closures=closures) for closures in same if closures]
 
     def _is_supported(self, hypothesis: Hypothesis) -> bool:
         """Whether enough key scans fit one place only, or where the robot was lost anyway, this one among others."""
@@ -191,30 +191,30 @@ class _Relocalisation:
     # What is believed.
 
     def _try(self, hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> _Outcome:
-        """Examine a hypothesis, and where they differ the present estimate and others; act on what holds."""
+        """Verify a hypothesis, and where they differ the present estimate and others; act on what holds."""
         poses = self._now.poses
-        exam = self._verifier.of_hypothesis(hypothesis, poses)
-        closures = _distinct([*exam.agreeing, *hypothesis.closures])
+        fit = self._verifier.of_hypothesis(hypothesis, poses)
+        closures = _distinct([*fit.agreeing, *hypothesis.closures])
         is_confirmed = self._is_confirmed(closures)
-        if not exam.is_passed:
+        if not fit.is_passed:
             return "open"
         whole, first = self._parts().whole, hypothesis.closures[0]
         among = whole == whole[first.key_old]
-        if not (is_confirmed or exam.beats(self._verifier.of_estimate(hypothesis, poses, among))):
+        if not (is_confirmed or fit.beats(self._verifier.of_estimate(hypothesis, poses, among))):
             return "open"
-        if not is_confirmed and (rival := self._rival(hypothesis, exam, others)) is not None:
+        if not is_confirmed and (rival := self._rival(hypothesis, fit, others)) is not None:
             self._ambiguous[hypothesis.key] = rival
             return "open"
         key = hypothesis.key if among[first.key_new] else int(max(whole[first.key_old], whole[first.key_new]))
-        path, untied = self._places.path, self._steps.untied if key in self._steps.refuted() else None
-        if is_confirmed or hypothesis.is_drift(path, poses, untied):
+        path, is_bridge = self._places.path, self._steps.is_bridge if key in self._steps.refuted() else None
+        if is_confirmed or hypothesis.is_drift(path, poses, is_bridge):
             if not is_confirmed and not hypothesis.is_chance(path, poses):
                 self._note(key, "drifted", closures, hypothesis.correction(poses))
-            self._steps.doubts.pop(key, None)
+            self._steps.failures.pop(key, None)
             self._now.close(closures)
-            self._steps.tie(self._now.factors)
+            self._steps.update(self._now.factors)
             return "closed"
-        return self._break(key, hypothesis, exam, closures)
+        return self._break(key, hypothesis, fit, closures)
 
     def _is_confirmed(self, closures: Sequence[Attempt]) -> bool:
         """Whether most of them say what the present estimate says."""
@@ -222,9 +222,9 @@ class _Relocalisation:
 
     def _lost(self) -> list[int]:
         """The key poses before which the robot was lost, and nothing says yet how they lie to what was before."""
-        return [key for key, doubt in self._steps.doubts.items() if doubt.is_lost]
+        return [key for key, failure in self._steps.failures.items() if failure.is_lost]
 
-    def _rival(self, hypothesis: Hypothesis, exam: FitCount, others: Sequence[Hypothesis]) -> Vote | None:
+    def _rival(self, hypothesis: Hypothesis, fit: FitCount, others: Sequence[Hypothesis]) -> Vote | None:
         """What speaks for another place of the same scans, if a hypothesis does not clearly beat it."""
         poses = self._now.poses
         for other in others:
@@ -232,21 +232,21 @@ class _Relocalisation:
             if apart < _OTHER_PLACE or other.support < _AS_STRONG * hypothesis.support:
                 continue
             there = self._verifier.of_hypothesis(other, poses)
-            if there.is_passed and not exam.beats(there):
+            if there.is_passed and not fit.beats(there):
                 ends = [closure.key_new for closure in hypothesis.closures]
                 return Vote(
                     first=min(ends),
                     last=max(ends),
-                    count=len(exam.agreeing),
+                    count=len(fit.agreeing),
                     rival=len(there.agreeing),
                     apart=apart,
                 )
         return None
 
-    def _against_the_path(self, key: int, exam: FitCount) -> FitCount:
-        """An examination in which the closures that hold the path together before a key pose speak against it, too."""
-        held = closures_across(self._now.factors, len(self._now.poses), self._config)[key]
-        return replace(exam, against=exam.against + int(held))
+    def _against_the_path(self, key: int, fit: FitCount) -> FitCount:
+        """The same count, the closures that span the step to a key pose speaking against it, too."""
+        spanning = closures_across(self._now.factors, len(self._now.poses), self._config)[key]
+        return replace(fit, against=fit.against + int(spanning))
 
     def _tell(self, hypothesis: Hypothesis) -> None:
         """Say what is too little to act on, where odometry and match contradict each other and nothing else agrees."""
@@ -255,46 +255,46 @@ class _Relocalisation:
             return
         if self._places.sure_support(hypothesis) < self._config.confirmations:
             return
-        exam = self._against_the_path(key, self._verifier.of_hypothesis(hypothesis, poses))
-        closures = _distinct([*exam.agreeing, *hypothesis.closures])
-        if not exam.is_credible or self._is_confirmed(closures):
+        fit = self._against_the_path(key, self._verifier.of_hypothesis(hypothesis, poses))
+        closures = _distinct([*fit.agreeing, *hypothesis.closures])
+        if not fit.is_credible or self._is_confirmed(closures):
             return
-        if exam.beats(self._verifier.of_estimate(hypothesis, poses)):
+        if fit.beats(self._verifier.of_estimate(hypothesis, poses)):
             self._note(key, "contradicted", closures, hypothesis.correction(poses))
 
     # What becomes of a break.
 
-    def _break(self, key: int, hypothesis: Hypothesis, exam: FitCount, closures: list[Attempt]) -> _Outcome:
+    def _break(self, key: int, hypothesis: Hypothesis, fit: FitCount, closures: list[Attempt]) -> _Outcome:
         """Record a break; the parts are joined only where something else spoke against the path, too.
 
-        Where odometry led the way into a loss nothing did: farther off than its errors explain, only what looks alike
-        puts the robot elsewhere.
+        Where the robot went into a loss by dead reckoning nothing did: farther off than its errors explain, only
+        perceptual aliasing puts the robot elsewhere.
 
-        It needs to be sure where nothing did, where places are compared anew, and where a short stretch is all there
-        is to compare: the three metres before a loss fit many places along a corridor of even doors.
+        It needs to be sure where nothing did, where places are compared anew, and where a few scans are all there
+        is to compare: the three metres before a loss fit many places along a corridor of evenly spaced doors.
         """
-        doubt = self._steps.doubts.get(key)
-        is_known = doubt is not None and not doubt.is_dead_reckoned
+        failure = self._steps.failures.get(key)
+        is_known = failure is not None and not failure.is_dead_reckoned
         if not is_known:
-            if self._steps.doubt(key).rank <= 1.0 - _EXPLAINED:
+            if self._steps.failure(key).rank <= 1.0 - _EXPLAINED:
                 return "open"
-            exam = self._against_the_path(key, exam)
+            fit = self._against_the_path(key, fit)
         is_broad = hypothesis.breadth >= self._config.place_confirmations
-        if not (exam.is_sure or (is_known and is_broad and not self._looks_again)):
+        if not (fit.is_sure or (is_known and is_broad and not self._looks_again)):
             return "open"
         correction = hypothesis.correction(self._now.poses)
         moving = self._moving(key, hypothesis)
         if not moving[min(closure.key_new for closure in hypothesis.closures)]:
             correction = inverse(correction)
         self._note(key, "joined" if is_known else "contradicted", closures, correction)
-        self._steps.doubts.pop(key, None)
-        self._steps.untied[key] = False
+        self._steps.failures.pop(key, None)
+        self._steps.is_bridge[key] = False
         if not is_known:
             return "contradicted"
         first = hypothesis.closures[0]
         self._ties[key] = first.key_old if moving[first.key_new] else first.key_new
         self._now.move(key, closures, correction, moving)
-        self._steps.tie(self._now.factors)
+        self._steps.update(self._now.factors)
         return "joined"
 
     def _note(self, key: int, outcome: Outcome, closures: Sequence[Attempt], correction: NDArray[np.float64]) -> None:
@@ -303,7 +303,7 @@ class _Relocalisation:
         self._breaks[key] = Break(
             key=key,
             outcome=outcome,
-            reason=self._steps.doubt(key).reason,
+            reason=self._steps.failure(key).reason,
             closures=len({closure.key_new for closure in closures}),
             moved=float(np.hypot(*(compose(correction, pose) - pose)[:2])),
         )
@@ -324,25 +324,27 @@ class _Relocalisation:
                     moving[start : parts.end_of(start)] = True
         return parts.moving_with(moving)
 
-    def _part(self, key: int, doubt: Doubt) -> None:
-        """Nothing sure ties what follows a break to what was before, unless the closures across stand an examination.
+    def _part(self, key: int, failure: TrackingFailure) -> None:
+        """Nothing sure ties what follows a break to what was before, unless the closures across pass verification.
 
-        Where odometry told the way it is one witness more: a robot that was carried does not happen to come where
+        Where odometry told the way it speaks, too: a robot that was carried does not happen to come where
         several closures agree with the odometry that knows nothing of it.
         """
         end = min((other for other in self._breaks if other > key), default=len(self._now.poses))
         across = [a for a in self._now.attempts if a.accepted and a.key_old < key <= a.key_new < end]
         claimed, agreeing = Hypothesis(key=key, closures=across), 0
         if claimed.support >= self._config.confirmations:
-            exam = self._verifier.of_estimate(claimed, self._now.poses)
-            if exam.is_passed:
+            fit = self._verifier.of_estimate(claimed, self._now.poses)
+            if fit.is_passed:
                 return
-            if doubt.kind < DoubtKind.ADRIFT:
-                agreeing = len(exam.agreeing)
-                if exam.is_credible:
-                    self._breaks[key] = Break(key=key, outcome="credible", reason=doubt.reason, closures=agreeing)
+            if failure.kind < FailureKind.UNKNOWN_MOTION:
+                agreeing = len(fit.agreeing)
+                if fit.is_credible:
+                    self._breaks[key] = Break(key=key, outcome="credible", reason=failure.reason, closures=agreeing)
                     return
-        self._breaks[key] = Break(key=key, outcome="apart", reason=doubt.reason, closures=agreeing, across=len(across))
+        self._breaks[key] = Break(
+            key=key, outcome="apart", reason=failure.reason, closures=agreeing, across=len(across)
+        )
 
 
 def _distinct(closures: Sequence[Attempt]) -> list[Attempt]:

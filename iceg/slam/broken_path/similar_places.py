@@ -1,4 +1,4 @@
-"""Pairs of places that look alike: where to look for loop closures when the path cannot say."""
+"""Pairs of similar places: where to look for loop closures when the path cannot say."""
 
 from typing import Any
 
@@ -12,7 +12,7 @@ from iceg.slam.config import LoopClosureConfig
 from iceg.slam.track import Track
 
 _PLACES_AT_ONCE = 512
-"""Rows of the matrix of likeness that are held in memory."""
+"""Rows of the matrix of likeness in memory at a time."""
 _SAME_PASS = 3
 """Places so few rows apart are one pass."""
 
@@ -20,10 +20,10 @@ _SAME_PASS = 3
 def similar_places(
     track: Track, judge: IceMatcher, parts: NDArray[np.int64], config: LoopClosureConfig
 ) -> list[tuple[int, int]]:
-    """Pairs of key poses of parts that nothing ties together whose places look alike.
+    """Pairs of key poses of parts that nothing joins whose places are similar.
 
-    Half of them where the place itself does, half where the stretches around do: among hundreds of places that look
-    alike anyway, as along the doors of a corridor, only a stretch tells.
+    Half of them where the place itself is, half where the neighbouring places are, too: among hundreds of similar
+    places, as along the doors of a corridor (perceptual aliasing), only a sequence tells.
 
     Args:
         track: key scans.
@@ -32,12 +32,12 @@ def similar_places(
         config: how many are wanted, and how much path must lie between the two.
 
     Returns:
-        The earlier and the later key pose of each pair, the most alike first.
+        The earlier and the later key pose of each pair, the most similar first.
     """
     signatures = place_signatures(track.keys, judge, ANCHOR_SPACING)
     places = signatures.keys
     path = np.cumsum([key.motion.distance for key in track.keys])[places]
-    likeness_of, pairs = _most_alike(signatures, path, parts[places], config)
+    likeness_of, pairs = _most_similar(signatures, path, parts[places], config)
     if not len(pairs):
         return []
     along = signatures.likeness_along(pairs[:, 1], pairs[:, 0])
@@ -45,7 +45,7 @@ def similar_places(
     return [(int(places[old]), int(places[new])) for old, new in pairs[order].tolist()]
 
 
-def _most_alike(
+def _most_similar(
     signatures: PlaceSignatures, path: NDArray[np.float64], parts: NDArray[np.int64], config: LoopClosureConfig
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Likeness (n,) and rows (n, 2) of the pairs of an earlier and a later place, a few for each later one."""
@@ -64,7 +64,7 @@ def _most_alike(
 
 
 def _best(likeness: NDArray[np.float32], wanted: int) -> list[tuple[float, int]]:
-    """The places most alike and how much, the best of each pass."""
+    """The most similar places and how much, the best of each pass."""
     found = []
     for _ in range(wanted):
         best = int(likeness.argmax())

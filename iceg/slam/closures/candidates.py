@@ -1,6 +1,6 @@
 """Where loop closures are looked for: earlier passes that look at what a key scan sees.
 
-A pass is a stretch of the path through the surroundings. Each offers the one key pose whose view lies nearest: its
+A pass is a part of the path through the surroundings. Each proposes the one key pose whose view lies nearest: its
 neighbours are in the same reference and would only say the same again.
 """
 
@@ -20,7 +20,7 @@ from iceg.slam.track import Track
 
 TRUSTED_DEVIATIONS = np.array([0.3, 0.3, 0.1])
 """Up to here a search trusts the estimate [m, m, rad]."""
-_ADRIFT = 1.0
+_UNCERTAIN = 1.0
 """A match that leaves a direction open says so with this standard deviation [m]."""
 ANCHOR_SPACING = 4
 """Key poses from one reference to the next."""
@@ -49,16 +49,16 @@ class Candidate:
         return cls(key_old=key_old, key_new=key_new, T_old_new=T_old_new, deviations=deviations)
 
 
-def is_adrift(candidate: Candidate) -> bool:
+def is_uncertain(candidate: Candidate) -> bool:
     """Whether so little is known that no match is believed without asking what else fits, however close it is."""
-    return bool(candidate.deviations[0] > _ADRIFT)
+    return bool(candidate.deviations[0] > _UNCERTAIN)
 
 
 class EarlierPasses:
     """Finds the passes around a key pose, by what is known of where it is."""
 
     def __init__(self, track: Track, config: LoopClosureConfig, parts: Sequence[int]) -> None:
-        """Start with every key scan on offer.
+        """Start with every key scan as a candidate.
 
         Args:
             track: key scans.
@@ -74,7 +74,7 @@ class EarlierPasses:
         self.extend()
 
     def extend(self) -> None:
-        """Offer the key scans, too, that the track has gained since."""
+        """Add the key scans that the track has gained since."""
         for index in range(len(self._path), len(self._keys)):
             before = self._path.rows[-1] if index else 0.0
             self._path.append(before + self._keys[index].motion.distance)
@@ -83,7 +83,7 @@ class EarlierPasses:
 
     @property
     def searchable(self) -> NDArray[np.bool_]:
-        """(n_keys,) which key scans later ones are matched against: not those that only confirm a known place."""
+        """(n_keys,) which key scans later ones are matched against: not those that only confirm an area."""
         return self._searchable.rows
 
     @searchable.setter
@@ -93,7 +93,7 @@ class EarlierPasses:
     def within_drift(self, key_new: int, poses: NDArray[np.float64], drift: Drift) -> list[Candidate]:
         """Those that the drift since the last closure leaves possible, nearest first.
 
-        After much drift the nearest need not be the right one, so that each piece of every pass is offered.
+        After much drift the nearest need not be the right one, so that each piece of every pass is proposed.
 
         Args:
             key_new: of the key scan.
@@ -105,15 +105,15 @@ class EarlierPasses:
             return []
         spread = drift.spread(key_new, poses)
         widest = float(self._search_deviations(spread.since(0))[0])
-        is_adrift = widest > 2 * TRUSTED_DEVIATIONS[0]
-        piece = 2 * config.reference_half if is_adrift else len(poses)
+        is_uncertain = widest > 2 * TRUSTED_DEVIATIONS[0]
+        piece = 2 * config.reference_half if is_uncertain else len(poses)
         near = self._nearest(key_new, poses, config.radius + 2.0 * widest, piece)
         found = []
         for distance, key in near:
             deviations = self._search_deviations(spread.since(key))
             if distance < config.radius + 2.0 * deviations[0]:
                 found.append(Candidate.of(key, key_new, poses, deviations))
-        return found[: config.max_pieces if is_adrift else config.max_passes]
+        return found[: config.max_pieces if is_uncertain else config.max_passes]
 
     def within(
         self, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64], before: int | None = None

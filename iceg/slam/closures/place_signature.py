@@ -39,8 +39,8 @@ _DISTANCES, _DISTANCE_CELL = 40, 0.25
 """… in so many bins of distance between two points, each this wide [m]."""
 _SHAPE_WEIGHT = 0.3
 """What the distances count beside the words."""
-_STRETCH = 2
-"""Places on either side that make up a stretch."""
+_SEQUENCE = 2
+"""Places on either side that are compared along with a place."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,9 +60,9 @@ class PlaceSignatures:
         return kernels.likeness(self.rows[queries], self.rows)
 
     def likeness_along(self, ones: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.float32]:
-        """(n,) how much stretches around pairs of places look alike, driven the same way or the opposite way."""
+        """(n,) how similar the places around pairs are, driven the same way or the opposite way."""
         last = len(self.rows) - 1
-        steps = np.arange(-_STRETCH, _STRETCH + 1)
+        steps = np.arange(-_SEQUENCE, _SEQUENCE + 1)
         means = [
             np.mean(
                 [

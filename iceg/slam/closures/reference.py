@@ -52,13 +52,13 @@ class References:
 
     def is_one_pass(self, key: int, other: int) -> bool:
         """Whether the robot was never lost between two key poses, so that the track says how they lie."""
-        one, another = self._stretches([key, other]).tolist()
+        one, another = self._parts([key, other]).tolist()
         return bool(one == another)
 
     def around(self, base: int, poses: NDArray[np.float64]) -> Reference:
-        """Local map of the key scans of one stretch around `base`, in its frame, placed as (n, 3) poses say."""
+        """Local map of the key scans of one part of the path at `base`, in its frame, placed as (n, 3) poses say."""
         members = np.arange(max(0, base - self._half), min(len(poses), base + self._half + 1))
-        members = members[self._stretches(members) == self._stretches([base])]
+        members = members[self._parts(members) == self._parts([base])]
         placed = between(poses[base], poses[members])
         kept = self._kept.get(base)
         if kept is not None and len(kept.placed) == len(placed) and np.abs(kept.placed - placed).max() < _STILL:
@@ -68,7 +68,7 @@ class References:
         self._kept[base] = self._built(base, members, placed)
         return self._kept[base]
 
-    def _stretches(self, members: Iterable[int]) -> NDArray[np.int64]:
+    def _parts(self, members: Iterable[int]) -> NDArray[np.int64]:
         """How often the robot was lost until each of these key poses."""
         return np.searchsorted(self._lost, [self._keys[member].index for member in members], side="right")
 

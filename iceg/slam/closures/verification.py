@@ -15,7 +15,7 @@ from graph.measurement import NoMatch
 from graph.se2 import between, compose
 from iceg.ice.verification import Agreement, JoinedScans
 from iceg.slam.closures.attempt import Attempt, Place
-from iceg.slam.closures.candidates import TRUSTED_DEVIATIONS, Candidate, is_adrift
+from iceg.slam.closures.candidates import TRUSTED_DEVIATIONS, Candidate, is_uncertain
 from iceg.slam.closures.reference import Reference, References
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.map_matcher import MapMatcher
@@ -28,7 +28,7 @@ estimate puts it, is not matched: on four public logs none was accepted that ove
 _EXACT_DEVIATIONS = np.array([0.03, 0.03, 0.01])
 """Of a pose that a wide search has found already [m, m, rad]."""
 _ANYWHERE_DEVIATIONS = np.array([1.0, 1.0, np.pi / 3.0])
-"""Two places that look alike are searched within three times this [m, m, rad]."""
+"""Two similar places are searched within three times this [m, m, rad]."""
 
 _REMEMBERED = 50
 """Key scans whose neighbours are kept joined."""
@@ -78,7 +78,7 @@ class ClosureVerifier:
             poses: (n, 3) T_map_robot, good between neighbours.
         """
         reference = self.references.around(candidate.key_old, poses)
-        if is_adrift(candidate):
+        if is_uncertain(candidate):
             return self._nearest(reference, candidate, self._match_wide(reference, candidate))
         near = np.minimum(candidate.deviations, TRUSTED_DEVIATIONS)
         is_near = candidate.deviations[0] <= TRUSTED_DEVIATIONS[0]
@@ -137,7 +137,7 @@ class ClosureVerifier:
         placement = placement_covariance(self._track, candidate.key_old)
         return replace(
             attempt,
-            match=replace(found, covariance=closure_covariance(found, placement, self._track.match_doubt)),
+            match=replace(found, covariance=closure_covariance(found, placement, self._track.match_covariance_scale)),
             accepted=self._is_supported(support),
             reason=_describe(support),
             overlap=support.overlap,
@@ -188,11 +188,11 @@ class ClosureVerifier:
             least_overlap: see `IceMatcher.agreements` …
             least_fit: ….
         """
-        witnesses = self._neighbours_of(key_new)
-        if witnesses is None:
+        neighbours = self._neighbours_of(key_new)
+        if neighbours is None:
             return [Agreement()] * len(T_ref_news)
-        placements = compose(T_ref_news[:, None], witnesses.T_new_scans)
-        return self.judge.agreements(reference.judged, witnesses.scans, placements, least_overlap, least_fit)
+        placements = compose(T_ref_news[:, None], neighbours.T_new_scans)
+        return self.judge.agreements(reference.judged, neighbours.scans, placements, least_overlap, least_fit)
 
     def _neighbours_of(self, key_new: int) -> _Neighbours | None:
         """A key scan and its neighbours, None where none is asked; joined once, since several passes are tried."""

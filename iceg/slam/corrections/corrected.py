@@ -31,14 +31,14 @@ class Corrected:
     Attributes:
         solution: the graph at its optimum, each closure that is not pinned under a robust kernel.
         by_hand: the record of closures by hand.
-        held: factors of closures by hand that the rest follows without being torn.
+        consistent: factors of closures by hand that the rest agrees with.
         distrusted: key poses whose points are not to be believed.
         warnings: what contradicts what, and corrections that had no effect.
     """
 
     solution: Solution
     by_hand: tuple[Closure, ...] = ()
-    held: tuple[Factor, ...] = ()
+    consistent: tuple[Factor, ...] = ()
     distrusted: frozenset[int] = frozenset()
     warnings: tuple[RunWarning, ...] = ()
 
@@ -77,7 +77,7 @@ def corrected(
     added = [each.factor for each in there if each.factor is not None]
     here = settled([*found.chain, *found.loops, *added], [f for f in added if f.kernel is not None], solution.poses)
     against = {id(factor): contradiction(here, factor, solution.poses) for factor in (*found.pinned, *added)}
-    doubts = {id(each): None if each.factor is None else against[id(each.factor)] for each in by_hand}
+    conflicts = {id(each): None if each.factor is None else against[id(each.factor)] for each in by_hand}
     lost = [f for f in added if f.kernel is not None and here.weight_of(f) < CONTRADICTED]
     in_force = [factor for factor in here.factors if not any(factor is other for other in lost)]
     after = replace(
@@ -89,14 +89,14 @@ def corrected(
     )
     return Corrected(
         solution=after,
-        by_hand=tuple(_record(each, doubts[id(each)], lost, track) for each in by_hand),
-        held=tuple(factor for factor in added if _is_held(factor, here, against[id(factor)])),
+        by_hand=tuple(_record(each, conflicts[id(each)], lost, track) for each in by_hand),
+        consistent=tuple(factor for factor in added if _is_consistent(factor, here, against[id(factor)])),
         distrusted=frozenset(distrusted),
         warnings=(
             *warnings,
             *unknown,
             *_pin_warnings(found, against, track),
-            *(warning for each in by_hand if (warning := _warning(each, doubts[id(each)], lost)) is not None),
+            *(warning for each in by_hand if (warning := _warning(each, conflicts[id(each)], lost)) is not None),
         ),
     )
 
@@ -106,7 +106,7 @@ class _Found:
     """What the program has found, as far as it is corrected.
 
     Attributes:
-        chain: the factors beyond doubt, pinned closures among them.
+        chain: the factors without a robust kernel, pinned closures among them.
         loops: the closures under robust kernels.
         pinned: the pinned of the program's own closures.
         attempts: the record of closures tried.
@@ -186,13 +186,13 @@ def _ends(scan_i: int, scan_j: int, track: Track) -> set[tuple[int, int]]:
     return {(i, j), (j, i)}
 
 
-def _distrusted_keys(stretches: Sequence[Distrusted], track: Track) -> dict[int, float]:
-    """The key poses of stretches that are not to be trusted, each with its factor."""
+def _distrusted_keys(intervals: Sequence[Distrusted], track: Track) -> dict[int, float]:
+    """The key poses of intervals that are not to be trusted, each with its factor."""
     found: dict[int, float] = {}
-    for stretch in stretches:
-        first, last = stretch.scans
+    for interval in intervals:
+        first, last = interval.scans
         for key in np.unique(track.key_of_scan[first : last + 1]).tolist():
-            found[key] = max(stretch.factor, found.get(key, 1.0))
+            found[key] = max(interval.factor, found.get(key, 1.0))
     return found
 
 
@@ -221,33 +221,37 @@ def _moved(before: NDArray[np.float64], after: NDArray[np.float64], key: int) ->
     return float(np.hypot(*(after[key] - before[key])[:2]))
 
 
-def _is_held(factor: Factor, here: Settled, doubt: Contradiction | None) -> bool:
-    return doubt is None or (not doubt.closures and here.weight_of(factor) >= 1.0 and factor.kernel is not None)
+def _is_consistent(factor: Factor, here: Settled, conflict: Contradiction | None) -> bool:
+    return conflict is None or (not conflict.closures and here.weight_of(factor) >= 1.0 and factor.kernel is not None)
 
 
-def _record(each: ByHand, doubt: Contradiction | None, lost: Sequence[Factor], track: Track) -> Closure:
+def _record(each: ByHand, conflict: Contradiction | None, lost: Sequence[Factor], track: Track) -> Closure:
     if each.factor is None:
         return each.record("rejected", track)
-    if doubt is None:
+    if conflict is None:
         return each.record("accepted", track)
     is_lost = any(each.factor is factor for factor in lost)
-    told = replace(each, reason=f"{each.reason}; {_contradicts(doubt)}")
+    told = replace(each, reason=f"{each.reason}; {_contradicts(conflict)}")
     return told.record("removed" if is_lost else "accepted", track)
 
 
-def _contradicts(doubt: Contradiction) -> str:
-    off = f"{doubt.sigmas:.0f} standard deviations off"
-    if not doubt.closures:
+def _contradicts(conflict: Contradiction) -> str:
+    off = f"{conflict.sigmas:.0f} standard deviations off"
+    if not conflict.closures:
         return (
-            f"the path, bent for it, contradicts it, {off}" if doubt.is_followed else f"the path contradicts it, {off}"
+            f"the path, bent for it, contradicts it, {off}"
+            if conflict.is_followed
+            else f"the path contradicts it, {off}"
         )
-    others = "another closure contradicts" if doubt.closures == 1 else f"{doubt.closures} other closures contradict"
+    others = (
+        "another closure contradicts" if conflict.closures == 1 else f"{conflict.closures} other closures contradict"
+    )
     return f"{others} it, {off}"
 
 
-def _warning(each: ByHand, doubt: Contradiction | None, lost: Sequence[Factor]) -> RunWarning | None:
+def _warning(each: ByHand, conflict: Contradiction | None, lost: Sequence[Factor]) -> RunWarning | None:
     closure, end = each.closure, ""
-    if each.factor is not None and doubt is None:
+    if each.factor is not None and conflict is None:
         return None
     if each.factor is None:
         what = "takes no part: " + each.reason
@@ -256,8 +260,8 @@ def _warning(each: ByHand, doubt: Contradiction | None, lost: Sequence[Factor]) 
             end = "; it is believed all the same, for it is pinned"
         elif any(each.factor is factor for factor in lost):
             end = "; it takes no part unless it is pinned"
-        assert doubt is not None
-        what = f"is doubtful: {_contradicts(doubt)}{end}"
+        assert conflict is not None
+        what = f"is inconsistent: {_contradicts(conflict)}{end}"
     sentence = f"{closure.where}: the closure by hand between scans {closure.scan_i} and {closure.scan_j} {what}"
     return RunWarning(kind="corrections", sentence=sentence, scan=closure.scan_i)
 
@@ -265,9 +269,11 @@ def _warning(each: ByHand, doubt: Contradiction | None, lost: Sequence[Factor]) 
 def _pin_warnings(found: _Found, against: dict[int, Contradiction | None], track: Track) -> list[RunWarning]:
     warnings = []
     for factor in found.pinned:
-        doubt = against[id(factor)]
-        if doubt is not None and factor.i is not None:
+        conflict = against[id(factor)]
+        if conflict is not None and factor.i is not None:
             scan_i, scan_j = track.keys[factor.i].index, track.keys[factor.j].index
-            sentence = f"the closure pinned between scans {scan_i} and {scan_j} is doubtful: {_contradicts(doubt)}"
+            sentence = (
+                f"the closure pinned between scans {scan_i} and {scan_j} is inconsistent: {_contradicts(conflict)}"
+            )
             warnings.append(RunWarning(kind="corrections", sentence=sentence, scan=scan_i))
     return warnings

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from iceg.slam.corrections.cut import Cut, KeptScans, Stretch
+from iceg.slam.corrections.cut import Cut, Interval, KeptScans
 from iceg.slam.corrections.errors import CorrectionsError
 from iceg.slam.manual_closures import ManualClosure
 
@@ -21,14 +21,14 @@ class Forbidden:
     """Closures that must not be.
 
     Attributes:
-        one: no closure joins a scan of this stretch …
+        one: no closure joins a scan of this interval …
         other: … with one of this.
-        is_single: whether it is about the closure between two scans, each stretch being one of them.
+        is_single: whether it is about the closure between two scans, each interval being one of them.
         where: file and line it is from, for messages.
     """
 
-    one: Stretch
-    other: Stretch
+    one: Interval
+    other: Interval
     is_single: bool = False
     where: str = "a closure forbidden"
 
@@ -50,7 +50,7 @@ class Pinned:
 
 @dataclass(frozen=True, kw_only=True)
 class Distrusted:
-    """A stretch whose matches and odometry are not to be trusted.
+    """An interval whose matches and odometry are not to be trusted.
 
     Attributes:
         scans: first and last of them.
@@ -58,9 +58,9 @@ class Distrusted:
         where: file and line it is from, for messages.
     """
 
-    scans: Stretch
+    scans: Interval
     factor: float = 10.0
-    where: str = "a stretch distrusted"
+    where: str = "an interval distrusted"
 
     def __post_init__(self) -> None:
         if not _LEAST_FACTOR <= self.factor <= _MOST_FACTOR:
@@ -126,7 +126,7 @@ class Corrections:
         forbidden: closures that must not be.
         added: closures by hand.
         pinned: closures of the program that are believed whatever happens.
-        distrusted: stretches whose matches and odometry are not to be trusted.
+        distrusted: intervals whose matches and odometry are not to be trusted.
         cut: what is cut from the log.
         frame: where the map's axes lie.
         verdicts: rows of `closures.csv` handed back, those that were changed and those that were not.
@@ -246,8 +246,8 @@ class Corrections:
         yield from self._single_scans()
         for each in self.forbidden:
             yield from ((each.where, scan) for scan in (*each.one, *each.other))
-        for stretch in self.distrusted:
-            yield from ((stretch.where, scan) for scan in stretch.scans)
+        for interval in self.distrusted:
+            yield from ((interval.where, scan) for scan in interval.scans)
         yield from ((self.cut.where, last) for _, last in (*self.cut.keep, *self.cut.drop))
 
     def _single_scans(self) -> Iterator[tuple[str, int]]:

@@ -11,7 +11,7 @@ from frontends.scan import Log
 from graph.limits import LIMITS
 from iceg.slam.corrections.errors import CorrectionsError
 
-Stretch = tuple[int, int]
+Interval = tuple[int, int]
 """First and last of scans in a row, both counted in, as recorded."""
 
 
@@ -20,13 +20,13 @@ class Cut:
     """What is cut from a log.
 
     Attributes:
-        keep: only these stretches take part; all scans if there are none.
-        drop: stretches that take no part.
+        keep: only these intervals take part; all scans if there are none.
+        drop: intervals that take no part.
         where: file and line it is from, for messages.
     """
 
-    keep: tuple[Stretch, ...] = ()
-    drop: tuple[Stretch, ...] = ()
+    keep: tuple[Interval, ...] = ()
+    drop: tuple[Interval, ...] = ()
     where: str = "a cut"
 
     def kept(self, n_scans: int) -> "KeptScans":
@@ -44,7 +44,7 @@ class Cut:
             raise CorrectionsError(f"{self.where}: nothing is left of {n_scans} scans, expected at least one")
         edges = np.diff(np.concatenate([[False], is_kept, [False]]).astype(np.int8))
         firsts, lasts = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1) - 1
-        return KeptScans(recorded=n_scans, stretches=tuple(zip(firsts.tolist(), lasts.tolist(), strict=True)))
+        return KeptScans(recorded=n_scans, intervals=tuple(zip(firsts.tolist(), lasts.tolist(), strict=True)))
 
 
 @dataclass(frozen=True)
@@ -53,11 +53,11 @@ class KeptScans:
 
     Attributes:
         recorded: how many scans the log has.
-        stretches: of those that take part, in order.
+        intervals: of those that take part, in order.
     """
 
     recorded: int
-    stretches: tuple[Stretch, ...]
+    intervals: tuple[Interval, ...]
 
     @classmethod
     def all_of(cls, n_scans: int) -> "KeptScans":
@@ -72,31 +72,31 @@ class KeptScans:
             CorrectionsError: it is no record of scans in order.
         """
         try:
-            stretches = tuple((int(first), int(last)) for first, last in record["kept"])
-            kept = cls(int(record["recorded_scans"]), stretches)
+            intervals = tuple((int(first), int(last)) for first, last in record["kept"])
+            kept = cls(int(record["recorded_scans"]), intervals)
         except (KeyError, ValueError, TypeError, OverflowError) as err:
             raise CorrectionsError(f"found the scans {str(record)[:80]}, expected recorded_scans and kept") from err
-        flat = [scan for stretch in stretches for scan in stretch]
+        flat = [scan for interval in intervals for scan in interval]
         if not flat or flat != sorted(flat) or flat[0] < 0 or not flat[-1] < kept.recorded <= LIMITS.scans:
-            raise CorrectionsError(f"found the scans {str(stretches)[:80]} of {kept.recorded}, expected some in order")
+            raise CorrectionsError(f"found the scans {str(intervals)[:80]} of {kept.recorded}, expected some in order")
         return kept
 
     @property
     def is_all(self) -> bool:
         """Whether nothing was cut."""
-        return self.stretches == ((0, self.recorded - 1),)
+        return self.intervals == ((0, self.recorded - 1),)
 
     @cached_property
     def indices(self) -> NDArray[np.int64]:
         """(n,) the scans that take part, as recorded."""
-        return np.concatenate([np.arange(first, last + 1) for first, last in self.stretches])
+        return np.concatenate([np.arange(first, last + 1) for first, last in self.intervals])
 
     def of(self, log: Log) -> Log:
         """The log of the scans that take part."""
         if self.is_all:
             return log
-        if len(self.stretches) == 1:
-            ((first, last),) = self.stretches
+        if len(self.intervals) == 1:
+            ((first, last),) = self.intervals
             return log.select(slice(first, last + 1))
         return log.select(self.indices)
 
@@ -105,11 +105,11 @@ class KeptScans:
         at = int(np.searchsorted(self.indices, scan))
         return at if at < len(self.indices) and self.indices[at] == scan else None
 
-    def positions(self, stretch: Stretch) -> Stretch:
-        """First and last of those that take part of a stretch; the last before the first where none does."""
-        first, last = np.searchsorted(self.indices, [stretch[0], stretch[1] + 1]).tolist()
+    def positions(self, interval: Interval) -> Interval:
+        """First and last of those that take part of an interval; the last before the first where none does."""
+        first, last = np.searchsorted(self.indices, [interval[0], interval[1] + 1]).tolist()
         return first, last - 1
 
     def record(self) -> dict[str, Any]:
         """For `summary.json`."""
-        return {"recorded_scans": self.recorded, "kept": [list(stretch) for stretch in self.stretches]}
+        return {"recorded_scans": self.recorded, "kept": [list(interval) for interval in self.intervals]}

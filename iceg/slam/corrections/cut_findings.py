@@ -59,8 +59,10 @@ def cut_findings(findings: Findings, kept: KeptScans, where: str) -> Findings:
         failures=min(findings.track.failures, len(at)),
         lost=_left(findings.track.lost, at),
         breaks=_left(findings.track.breaks, at),
-        adrift=_left(findings.track.adrift, at),
-        dead=[(first, last) for first, last in (_span(stretch, at) for stretch in findings.track.dead) if first < last],
+        unknown_motion=_left(findings.track.unknown_motion, at),
+        dead=[
+            (first, last) for first, last in (_span(interval, at) for interval in findings.track.dead) if first < last
+        ],
     )
     return replace(findings, log=log, kept=kept, track=track, solution=_solution(findings, cut, track, at))
 
@@ -188,7 +190,7 @@ def _left(scans: Sequence[int], at: NDArray[np.int64]) -> list[int]:
     return np.flatnonzero(np.isin(at, scans)).tolist()
 
 
-def _span(stretch: tuple[int, int], at: NDArray[np.int64]) -> tuple[int, int]:
-    """First and last of the scans of a stretch that are left, counted among them."""
-    first, last = np.searchsorted(at, [stretch[0], stretch[1] + 1]).tolist()
+def _span(interval: tuple[int, int], at: NDArray[np.int64]) -> tuple[int, int]:
+    """First and last of the scans of an interval that are left, counted among them."""
+    first, last = np.searchsorted(at, [interval[0], interval[1] + 1]).tolist()
     return first, last - 1

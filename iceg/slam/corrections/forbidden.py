@@ -12,14 +12,14 @@ from iceg.slam.track import Track
 def forbids(forbidden: Sequence[Forbidden], track: Track) -> Forbids:
     """Whether a closure between an earlier and a later key pose is forbidden.
 
-    The closure between two scans is the one of the key poses they are tied to; one between stretches joins key scans
+    The closure between two scans is the one of the key poses they are tied to; one between intervals joins key scans
     of both.
 
     Args:
         forbidden: by a person; scans counted as the track counts them.
         track: key scans.
     """
-    pairs, stretches = set(), []
+    pairs, intervals = set(), []
     scans = np.array([key.index for key in track.keys])
     for each in forbidden:
         if each.is_single:
@@ -27,11 +27,11 @@ def forbids(forbidden: Sequence[Forbidden], track: Track) -> Forbids:
             pairs |= {(i, j), (j, i)}
         else:
             one, other = ((scans >= first) & (scans <= last) for first, last in (each.one, each.other))
-            stretches.append((one, other))
+            intervals.append((one, other))
 
     def is_forbidden(key_old: int, key_new: int) -> bool:
         if (key_old, key_new) in pairs:
             return True
-        return any((one[key_old] and other[key_new]) or (other[key_old] and one[key_new]) for one, other in stretches)
+        return any((one[key_old] and other[key_new]) or (other[key_old] and one[key_new]) for one, other in intervals)
 
     return is_forbidden

@@ -1,6 +1,6 @@
 """Where a graph settles with closures by hand in it, and what they contradict.
 
-A closure by hand may lie far from the estimate, where its robust kernel lets go of it although it is right: so it is
+A closure by hand may lie far from the estimate, where its robust kernel rejects it although it is right: so it is
 also tried with the graph pulled there first. That is kept where it costs less; and where it costs no other closure, for
 then a person's word stands against the path alone, which drifts by more than it claims.
 """
@@ -20,7 +20,7 @@ _GAIN = 1e-6
 """Costs that differ by less are equal."""
 _PATH_SIGMAS = 10.0
 """By so many of its standard deviations the path is bent for a closure by hand that costs no other one: successive
-matches and wheels err alike, so that a long path is off by several times what it claims."""
+matches and wheels have a bias, so that a long path is off by several times what it claims."""
 _TOLD_SIGMAS = 5.0
 """From so many on it is told."""
 
@@ -60,7 +60,7 @@ class Settled:
 
     @property
     def holding(self) -> set[int]:
-        """Identities of the closures that their kernels do not doubt."""
+        """Identities of the closures that their kernels do not reject."""
         pairs = zip(self.factors, self.weights.tolist(), strict=True)
         return {id(factor) for factor, weight in pairs if factor.kind == "closure" and weight >= 1.0}
 
@@ -85,9 +85,9 @@ def settled(factors: Sequence[Factor], added: Sequence[Factor], poses: NDArray[n
         poses: (k, 3) first guesses.
     """
     best = _solved(factors, poses)
-    doubted = [factor for factor in added if best.weight_of(factor) < 1.0]
-    trials = [doubted] if len(doubted) < 2 else [doubted, *([factor] for factor in doubted)]
-    for trial in trials if doubted else []:
+    rejected = [factor for factor in added if best.weight_of(factor) < 1.0]
+    trials = [rejected] if len(rejected) < 2 else [rejected, *([factor] for factor in rejected)]
+    for trial in trials if rejected else []:
         if all(best.weight_of(factor) >= 1.0 for factor in trial):
             continue
         found = _solved(factors, _pulled(factors, trial, best.poses))

@@ -7,7 +7,7 @@ import numpy as np
 
 from graph.limits import LIMITS
 from iceg.slam.corrections.corrections import Distrusted, Forbidden, MapFrame, Pinned
-from iceg.slam.corrections.cut import Cut, Stretch
+from iceg.slam.corrections.cut import Cut, Interval
 from iceg.slam.corrections.errors import CorrectionsError
 from iceg.slam.manual_closures import SIGMA_M, SIGMA_RAD, ManualClosure
 
@@ -16,17 +16,17 @@ Pair = tuple[int, int]
 
 @dataclass(frozen=True, kw_only=True)
 class ForbidEntry:
-    """`[[forbid]]`: the closure between two `scans`, or all `between` two stretches."""
+    """`[[forbid]]`: the closure between two `scans`, or all `between` two intervals."""
 
     scans: Pair | None = None
-    between: tuple[Stretch, Stretch] | None = None
+    between: tuple[Interval, Interval] | None = None
 
     def built(self, where: str) -> Forbidden:
         """What it asks for."""
         if (self.scans is None) == (self.between is None):
             raise CorrectionsError(f"{where}: expected either scans = [i, j] or between = [[a, b], [c, d]]")
         if self.between is not None:
-            one, other = (_stretch(stretch, f"{where}: between") for stretch in self.between)
+            one, other = (_interval(interval, f"{where}: between") for interval in self.between)
             return Forbidden(one=one, other=other, where=where)
         i, j = _pair(self.scans, where)
         return Forbidden(one=(i, i), other=(j, j), is_single=True, where=where)
@@ -73,29 +73,29 @@ class PinEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class DistrustEntry:
-    """`[[distrust]]`: the stretch from the first to the last of `scans`; `factor` on standard deviations there."""
+    """`[[distrust]]`: the interval from the first to the last of `scans`; `factor` on standard deviations there."""
 
-    scans: Stretch | None = None
+    scans: Interval | None = None
     factor: float = 10.0
 
     def built(self, where: str) -> Distrusted:
         """What it asks for."""
         if self.scans is None:
             raise CorrectionsError(f"{where}: found no scans, expected scans = [first, last]")
-        return Distrusted(scans=_stretch(self.scans, f"{where}: scans"), factor=self.factor, where=where)
+        return Distrusted(scans=_interval(self.scans, f"{where}: scans"), factor=self.factor, where=where)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CutEntry:
-    """`[cut]`: only the stretches that `keep` names take part, but none of those that `drop` does."""
+    """`[cut]`: only the intervals that `keep` names take part, but none of those that `drop` does."""
 
-    keep: tuple[Stretch, ...] = ()
-    drop: tuple[Stretch, ...] = ()
+    keep: tuple[Interval, ...] = ()
+    drop: tuple[Interval, ...] = ()
 
     def built(self, where: str) -> Cut:
         """What it asks for."""
-        keep = tuple(_stretch(stretch, f"{where}: keep") for stretch in self.keep)
-        return Cut(keep=keep, drop=tuple(_stretch(stretch, f"{where}: drop") for stretch in self.drop), where=where)
+        keep = tuple(_interval(interval, f"{where}: keep") for interval in self.keep)
+        return Cut(keep=keep, drop=tuple(_interval(interval, f"{where}: drop") for interval in self.drop), where=where)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +134,7 @@ def _pair(scans: Pair | None, where: str) -> Pair:
     return scans
 
 
-def _stretch(scans: Stretch, where: str) -> Stretch:
+def _interval(scans: Interval, where: str) -> Interval:
     if not 0 <= scans[0] <= scans[1]:
         raise CorrectionsError(f"{where}: found {list(scans)}, expected [first, last] of scans counted from 0")
     return scans

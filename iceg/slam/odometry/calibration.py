@@ -41,7 +41,7 @@ class OdometryCalibration:
         heading_scale: turned radians per radian claimed, minus 1.
         heading_per_metre: heading drift [rad/m].
         heading_shift: odometry is read this many scan periods later (earlier if negative) for its heading …
-        translation_shift: … and for its translation: the two clocks differ in both, but not always alike.
+        translation_shift: … and for its translation: the two clocks differ in both, but not always by the same.
         T_odometry_laser: (3,) where the laser really sits relative to where the log puts it: x, y [m], heading [rad].
         noise: what is left, from one key scan to the next.
         lasting_noise: the same for a graph, which takes the errors of successive motions for independent: widened by
@@ -59,7 +59,7 @@ class OdometryCalibration:
 
     @property
     def is_late(self) -> bool:
-        """Whether odometry is so late, or early, that what it predicted may have led matches astray."""
+        """Whether odometry is so late, or early, that what it predicted may have misled matches."""
         return abs(self.heading_shift) > _LATE
 
     def apply(self, odometry: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -283,16 +283,16 @@ def _robust_fit(
 
 
 def _unseen(track: Track) -> float:
-    """Longest stretch without a match that observes all directions [m of odometry]."""
-    longest = stretch = 0.0
+    """Longest part without a match that observes all directions [m of odometry]."""
+    longest = unseen = 0.0
     for key in track.keys[1:]:
-        stretch = 0.0 if _is_seen(key) else stretch + key.motion.distance
-        longest = max(longest, stretch)
+        unseen = 0.0 if _is_seen(key) else unseen + key.motion.distance
+        longest = max(longest, unseen)
     return longest
 
 
 def _shifted(values: NDArray[np.float64], shift: float, fixed: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """A sequence read `shift` places later, linearly interpolated, held at its ends; the fixed values stay in place."""
+    """A sequence read `shift` places later, interpolated, constant beyond its ends; fixed values stay in place."""
     places = np.arange(len(values), dtype=np.float64)
     moving = places[~fixed]
     shifted = np.interp(places + shift, moving, values[~fixed]) if len(moving) else values

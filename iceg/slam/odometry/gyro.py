@@ -38,7 +38,7 @@ class GyroFinding:
     """What the matches of a log say of its gyro.
 
     Attributes:
-        doubt: why it is not used; empty where it is.
+        rejection: why it is not used; empty where it is.
         chance: how probable it is that it explains as much by chance.
         scale: (3,) radians that the robot turns per unit reported about each axis.
         bias: turn rate of the robot where the gyro reports none [rad/s], [rad/scan] in a log without times.
@@ -48,7 +48,7 @@ class GyroFinding:
         has_times: whether the log has times.
     """
 
-    doubt: str = ""
+    rejection: str = ""
     chance: float = 1.0
     scale: tuple[float, float, float] = (0.0, 0.0, 0.0)
     bias: float = 0.0
@@ -60,11 +60,11 @@ class GyroFinding:
     def record(self) -> dict[str, Any]:
         """For `summary.json`."""
         if math.isnan(self.deviation):
-            return {"used": False, "reason": self.doubt}
+            return {"used": False, "reason": self.rejection}
         time = "s" if self.has_times else "scans"
         return {
-            "used": not self.doubt,
-            **({"reason": self.doubt} if self.doubt else {}),
+            "used": not self.rejection,
+            **({"reason": self.rejection} if self.rejection else {}),
             "chance": float(f"{self.chance:.2g}"),
             "rad_per_unit": [float(f"{scale:.6g}") for scale in self.scale],
             f"bias_rad_per_{time.removesuffix('s') or 's'}": round(self.bias, 6),
@@ -75,9 +75,9 @@ class GyroFinding:
 
     def warning(self) -> RunWarning | None:
         """A sentence where it is not used."""
-        if not self.doubt:
+        if not self.rejection:
             return None
-        return RunWarning(kind="gyro", sentence=f"the turn rates of the gyro are not used: {self.doubt}")
+        return RunWarning(kind="gyro", sentence=f"the turn rates of the gyro are not used: {self.rejection}")
 
 
 def learn_gyro(track: Track, log: Log) -> tuple[HeadingOdometry | None, GyroFinding | None]:
@@ -95,13 +95,15 @@ def learn_gyro(track: Track, log: Log) -> tuple[HeadingOdometry | None, GyroFind
         return None, None
     turns = _Turns.of(track)
     if len(turns.seen) < _FEWEST:
-        return None, GyroFinding(doubt=f"only {len(turns.seen)} turns were seen by matches, expected {_FEWEST} or more")
+        return None, GyroFinding(
+            rejection=f"only {len(turns.seen)} turns were seen by matches, expected {_FEWEST} or more"
+        )
     if not log.gyro.any():
-        return None, GyroFinding(doubt="they are all zero")
+        return None, GyroFinding(rejection="they are all zero")
     fit, headings = _fitted(turns, log.gyro, *_clock(log))
     finding = replace(fit, deviation_without=robust_deviation(_unforeseen_turns(track, turns)))
-    finding = replace(finding, doubt=_doubt(finding))
-    if finding.doubt:
+    finding = replace(finding, rejection=_rejection(finding))
+    if finding.rejection:
         return None, finding
     noise, lasting = _noise(track, turns, headings)
     steps = unforeseen_steps(track, headings)
@@ -140,7 +142,7 @@ class _Turns:
         )
 
 
-def _doubt(finding: GyroFinding) -> str:
+def _rejection(finding: GyroFinding) -> str:
     if finding.chance > _LEVEL:
         return (
             "they may have nothing to do with the turns that the scans show, which chance would explain as well with a "

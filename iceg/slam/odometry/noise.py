@@ -150,13 +150,13 @@ def lasting_noise(noise: OdometryModel, persistence: NDArray[np.float64], scale:
     """Noise for a graph, which takes the errors of successive motions for independent.
 
     Each axis is widened by its persistence. A scale error s is off by (sl)² after l metres: in the mean over all ways
-    within a stretch of L metres as much as independent errors of ½ s²L a metre.
+    within a path of L metres as much as independent errors of ½ s²L a metre.
 
     Args:
         noise: of single motions.
         persistence: (3,) factors on the variances in x, y and heading.
         scale: standard deviation of what is left of the scale of the translation.
-        unseen: longest stretch over which nothing measures it [m].
+        unseen: longest part over which nothing measures it [m].
     """
     along, across, heading = np.sqrt(persistence).tolist()
     return replace(
@@ -268,7 +268,7 @@ def _shares(
         (n,) variances that are the matches', and the factor on the variance of odometry's own.
     """
     usual = robust_deviation(errors) ** 2
-    certain = usual / (usual + claimed)  # how much of a difference is not the doubt of its match
+    certain = usual / (usual + claimed)  # how much of a difference is not the uncertainty of its match
     limit = _OUTLIER * robust_deviation(errors * certain)
     e, after = np.clip(errors * certain, -limit, limit), np.clip(following * certain[1:], -limit, limit)
     last = min(_LAGS, len(e) - 1)

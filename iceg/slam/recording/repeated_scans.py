@@ -16,7 +16,7 @@ def is_repeated(ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
 
 
 def frozen_intervals(log: Log) -> list[tuple[int, int]]:
-    """First and last of the repeated scans of each stretch over which the laser repeats itself, but the odometry moves.
+    """First and last scan of each interval over which the laser repeats itself, but the odometry moves.
 
     A scan without any return says nothing anyway.
     """
@@ -30,15 +30,15 @@ def frozen_intervals(log: Log) -> list[tuple[int, int]]:
 
 def without_frozen_scans(log: Log) -> Log:
     """The same log; where its laser is frozen while the odometry moves, with nothing seen and a warning."""
-    stretches = frozen_intervals(log)
-    if not stretches:
+    intervals = frozen_intervals(log)
+    if not intervals:
         return log
     ranges = log.ranges.copy()
-    for first, last in stretches:
+    for first, last in intervals:
         ranges[first : last + 1] = np.nan
-    n_scans = sum(last + 1 - first for first, last in stretches)
+    n_scans = sum(last + 1 - first for first, last in intervals)
     warning = (
-        f"the laser repeats itself in {n_scans} scans while the odometry moves, first from scan {stretches[0][0]} to "
-        f"scan {stretches[0][1]}: they are not believed"
+        f"the laser repeats itself in {n_scans} scans while the odometry moves, first from scan {intervals[0][0]} to "
+        f"scan {intervals[0][1]}: they are not believed"
     )
     return replace(log, ranges=ranges, warnings=(*log.warnings, warning))

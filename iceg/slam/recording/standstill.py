@@ -80,7 +80,7 @@ def between_readings(odometry: NDArray[np.float64], period: int) -> NDArray[np.f
 
 
 def dead_intervals(odometry: NDArray[np.float64], ranges: NDArray[np.float32]) -> list[tuple[int, int]]:
-    """Stretches of a log over which the odometry stands still while the scans say that the robot moves.
+    """Intervals of a log over which the odometry stands still while the scans say that the robot moves.
 
     Args:
         odometry: (n, 3) at each scan.
@@ -93,7 +93,7 @@ def dead_intervals(odometry: NDArray[np.float64], ranges: NDArray[np.float32]) -
 
 
 def describe_dead(first: int, last: int) -> RunWarning:
-    """A stretch without odometry in a sentence for a person."""
+    """An interval without odometry in a sentence for a person."""
     sentence = (
         f"the odometry stands still from scan {first} to scan {last} while the scans change: it is not believed there"
     )

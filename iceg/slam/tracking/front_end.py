@@ -44,16 +44,17 @@ _ODOMETRY_SPEAKS = 4.0
 _TURNING_STEP = 2.0
 """A step that is no longer than so many of the one before is sudden, if it is, for its turn."""
 _KNOWN, _AGREED = 0.3, 0.8
-"""A scan is explained if this share of its beams is on known ground and agrees with it to this share, both ways."""
+"""A scan is explained if this share of its beams is on the map and agrees with it to this share, in both directions."""
 _ALONG = 0.5
-"""Key scans on trial come along to what was known if together they explain this share of what the newest does there."""
+"""The key scans of a tentative map come along to the known one if together they explain this share of what the newest
+does there."""
 _REFUTED = 200.0
 """Squared Mahalanobis distance from which on odometry is no longer imprecise but wrong: the match stands alone."""
 _SAME_OPTIMUM = (4.0, 5.0)
 """Poses no farther apart than so many standard deviations of a tracked one do not contradict each other."""
 _LOST_AFTER = 3
 """So many key scans that match only each other take over as the local reference."""
-_ADRIFT_AFTER = 5
+_UNKNOWN_AFTER = 5
 """After so many scans that neither odometry nor a match speaks for, a robot may be anywhere."""
 _UNKNOWN_ODOMETRY = OdometryModel(
     along_per_metre=0.3,
@@ -100,19 +101,19 @@ class FrontEnd:
         self.keys: list[KeyScan] = []
         self._reference: Any = None
         self._in_reference: list[int] = []
-        self._trial: Any = None
-        self._trial_keys: list[int] = []
-        self._on_trial = False
+        self._tentative: Any = None
+        self._tentative_keys: list[int] = []
+        self._is_tentative = False
         self.is_blind = False
         self.motion = self._odometry.start()
         self._knows_motion = self._has_odometry
-        self._adrift = 0
+        self._unknown_scans = 0
         self._T_track_robot = np.zeros(3)
         self._newest_step = (np.zeros(3), np.zeros(3))
         self.failures = 0
         self.lost: list[int] = []
         self.breaks: list[int] = []
-        self.adrift: list[int] = []
+        self.unknown_motion: list[int] = []
 
     def trust(self, odometry: OdometryModel) -> None:
         """Believe the odometry so much from the next step on."""
@@ -170,7 +171,7 @@ class FrontEnd:
             geometry: the laser.
 
         Returns:
-            (m, 3) the poses of those tracked; the next one, the first perhaps, gives reason for doubt and is for `add`.
+            (m, 3) the poses of those tracked; the next one, the first perhaps, may be no plain step and is for `add`.
         """
         if not self.keys or not len(steps):
             return np.empty((0, 3))
@@ -180,7 +181,7 @@ class FrontEnd:
         if not len(poses):
             return poses
         before = poses[-2] if len(poses) > 1 else self._T_track_robot
-        self.is_blind, self._on_trial, self.motion = False, False, found.motion
+        self.is_blind, self._is_tentative, self.motion = False, False, found.motion
         self._T_track_robot, self._newest_step = poses[-1].copy(), (before, poses[-1].copy())
         if found.points is not None:
             scan = Scan(ranges=ranges[len(poses) - 1], geometry=geometry)
@@ -193,7 +194,7 @@ class FrontEnd:
         """Whether a scan does not say that the robot made the step odometry claims, rather than going on as before.
 
         It says so by where it matches best, from either guess; if it matches nowhere it says nothing. A turn that
-        explains the scan is believed though going on explains more: where corridors cross, all of them look alike.
+        explains the scan is believed though going on explains more: where corridors cross, all of them are similar.
         """
         usual = between(*self._newest_step)
         guesses = [compose(self._T_track_robot, T) for T in (usual, step)]
@@ -222,7 +223,7 @@ class FrontEnd:
         )
 
     def _explains(self, scan: Scan, found: NDArray[np.float64]) -> bool:
-        """Whether scan and reference agree both ways at a pose, though much may be new."""
+        """Whether scan and reference agree in both directions at a pose, though much may be new."""
         support = self._matcher.agreement(self._reference, scan, found)
         return support.overlap >= _KNOWN and min(support.fit, support.view) >= _AGREED
 
@@ -252,16 +253,16 @@ class FrontEnd:
     def _follow(self, scan: Scan, guess: NDArray[np.float64]) -> None:
         """Pose of a scan in the track frame; odometry carries it where nothing credible is found."""
         found = self._find(self._reference, scan, guess, self._expected())
-        self._on_trial = False
-        if self._trial is not None and (isinstance(found, NoMatch) or self._is_off(found)):
-            on_trial = self._find(self._trial, scan, guess, self._expected())
-            self._on_trial = isinstance(found, NoMatch) or self._is_clearer(scan, on_trial, found)
-            if self._on_trial:
-                found = on_trial
+        self._is_tentative = False
+        if self._tentative is not None and (isinstance(found, NoMatch) or self._is_off(found)):
+            tentative = self._find(self._tentative, scan, guess, self._expected())
+            self._is_tentative = isinstance(found, NoMatch) or self._is_clearer(scan, tentative, found)
+            if self._is_tentative:
+                found = tentative
         before = self._T_track_robot
         if isinstance(found, NoMatch):
             self.failures += 1
-            self._adrift += not self._knows_motion
+            self._unknown_scans += not self._knows_motion
             straight_on = np.array([before[0], before[1], guess[2]])  # a robot drives on, it does not spin on
             self._T_track_robot, self._newest_step = guess, (straight_on, guess)
         else:
@@ -271,19 +272,19 @@ class FrontEnd:
         """Whether a tracked pose contradicts odometry since the key scan."""
         return self._expected().contradicts(found, self._tracking_covariance)
 
-    def _is_clearer(self, scan: Scan, on_trial: NDArray[np.float64] | NoMatch, found: NDArray[np.float64]) -> bool:
-        """Whether a scan speaks for where the reference on trial has it, and against a pose on the other one.
+    def _is_clearer(self, scan: Scan, tentative: NDArray[np.float64] | NoMatch, found: NDArray[np.float64]) -> bool:
+        """Whether a scan speaks for where the tentative map has it, and against a pose on the other one.
 
-        After a scan that matched nothing, a glimpse of what was known before may look alike elsewhere. Where it is
-        true, the key scans on trial were misplaced, and moved along with this one they lie on what was known, too.
+        After a scan that matched nothing, a glimpse of what was known before may fit elsewhere, too. Where it is
+        true, the key scans of the tentative map were misplaced, and moved along with this one they fit what was known.
         """
-        if isinstance(on_trial, NoMatch) or self._is_off(on_trial):
+        if isinstance(tentative, NoMatch) or self._is_off(tentative):
             return False
         known = self._matcher.agreement(self._reference, scan, found).evidence
-        if known >= LEAST_SHARE * self._matcher.agreement(self._trial, scan, on_trial).evidence:
+        if known >= LEAST_SHARE * self._matcher.agreement(self._tentative, scan, tentative).evidence:
             return False
-        moved = compose(found, inverse(on_trial))
-        keys = [self.keys[key] for key in self._trial_keys]
+        moved = compose(found, inverse(tentative))
+        keys = [self.keys[key] for key in self._tentative_keys]
         places = [compose(moved, key.T_track_robot) for key in keys]
         along = [
             self._matcher.agreement(self._reference, key.scan, T).evidence for key, T in zip(keys, places, strict=True)
@@ -312,7 +313,7 @@ class FrontEnd:
         """Match with covariance from the tracked pose, expressed in the track frame."""
         if self.is_blind:
             return COVERED
-        reference = self._trial if self._on_trial else self._reference
+        reference = self._tentative if self._is_tentative else self._reference
         match = self._matcher.match(reference, scan, self._T_track_robot, self.motion.covariance)
         if isinstance(match, NoMatch):
             return match
@@ -329,7 +330,7 @@ class FrontEnd:
 
     def _anchor(self) -> int:
         """The key scan that stands for the reference: the newest in it."""
-        return (self._trial_keys if self._on_trial else self._in_reference)[-1]
+        return (self._tentative_keys if self._is_tentative else self._in_reference)[-1]
 
     def _fuse(self, match: RelativePose, T_track_key: NDArray[np.float64]) -> NDArray[np.float64]:
         """Where the match is weaker than odometry since the key scan, odometry speaks, and only there.
@@ -379,30 +380,30 @@ class FrontEnd:
                 T_track_robot=self._T_track_robot,
             )
         )
-        if self._adrift >= _ADRIFT_AFTER:
-            self.adrift.append(index)
-        self.motion, self._knows_motion, self._adrift = self._odometry.start(), self._has_odometry, 0
+        if self._unknown_scans >= _UNKNOWN_AFTER:
+            self.unknown_motion.append(index)
+        self.motion, self._knows_motion, self._unknown_scans = self._odometry.start(), self._has_odometry, 0
         # A scan of few returns lies where odometry has it, and not on new ground.
         self._extend_reference(isinstance(match, NoMatch) and match is not FEW_SEE)
 
     def _extend_reference(self, is_unmatched: bool) -> None:
-        """Let the newest key scan join the reference it matched; an unmatched one begins a reference on trial.
+        """Let the newest key scan join the reference it matched; an unmatched one begins a tentative map.
 
-        The one on trial takes over once nothing but it has matched for a while: the robot came upon new ground, or was
+        The tentative map takes over once nothing but it has matched for a while: the robot came upon new ground, or was
         carried away. A scan that sees next to nothing does not tell.
         """
-        newest, is_new = len(self.keys) - 1, is_unmatched or self._on_trial
+        newest, is_new = len(self.keys) - 1, is_unmatched or self._is_tentative
         if self.is_blind or (is_new and sees_next_to_nothing(self.keys[-1].scan)):
             return
         if is_new:
-            self._trial_keys.append(newest)
-            self._trial = self._prepared(self._trial_keys)
-            if len(self._trial_keys) >= _LOST_AFTER:
-                self.lost.append(self.keys[self._trial_keys[0]].index)
-                self._reference, self._in_reference = self._trial, self._trial_keys
-                self._trial, self._trial_keys = None, []
+            self._tentative_keys.append(newest)
+            self._tentative = self._prepared(self._tentative_keys)
+            if len(self._tentative_keys) >= _LOST_AFTER:
+                self.lost.append(self.keys[self._tentative_keys[0]].index)
+                self._reference, self._in_reference = self._tentative, self._tentative_keys
+                self._tentative, self._tentative_keys = None, []
             return
-        self._trial, self._trial_keys = None, []
+        self._tentative, self._tentative_keys = None, []
         self._in_reference.append(newest)
         if newest % self._config.key_scans.rebuild == 0:
             self._in_reference = self._in_reference[-self._config.key_scans.window :]

@@ -117,7 +117,7 @@ class _Journey:
         self._dead = dead_intervals(log.odometry, log.ranges) if log.has_odometry else []
         self._is_known = _known_steps(self._dead, len(log))
         is_plain = self._is_known & ~self._sudden & log.has_odometry
-        self._doubtful = np.flatnonzero(~np.append(False, is_plain)).tolist()
+        self._not_plain = np.flatnonzero(~np.append(False, is_plain)).tolist()
         self._key_of_scan: list[int] = []
         self._T_track_scan: list[NDArray[np.float64]] = []
 
@@ -139,8 +139,8 @@ class _Journey:
     def _follow(self, end: int, steps: NDArray[np.float64]) -> bool:
         """Track the next scans before `end` together, by (end, 3) steps, as far as they are plain; whether any was."""
         log, front_end, index = self._log, self._front_end, len(self._key_of_scan)
-        doubt = bisect_left(self._doubtful, index)
-        stop = min(end, index + _MOST_TOGETHER, *self._doubtful[doubt : doubt + 1])
+        following = bisect_left(self._not_plain, index)
+        stop = min(end, index + _MOST_TOGETHER, *self._not_plain[following : following + 1])
         key = len(front_end.keys) - 1
         poses = front_end.follow(index, log.ranges[index:stop], steps[index:stop], log.geometry)
         self._T_track_scan += list(poses)
@@ -173,8 +173,8 @@ class _Journey:
             failures=front_end.failures,
             lost=list(front_end.lost),
             breaks=list(front_end.breaks),
-            adrift=list(front_end.adrift),
-            dead=[stretch for stretch in self._dead if _has_moved(T_track_scan[slice(*stretch)])],
+            unknown_motion=list(front_end.unknown_motion),
+            dead=[interval for interval in self._dead if _has_moved(T_track_scan[slice(*interval)])],
         )
 
 

@@ -132,7 +132,7 @@ class OdometryCheck:
     ) -> RelativePose | None:
         """A match nearer to odometry than one that contradicts it, if it explains the scan nearly as well.
 
-        What moves, and what looks alike a little farther on, draws a match along where walls do not hold it.
+        What moves, and what is similar a little farther on, draws a match along where walls do not hold it.
         """
         pose = expected.T_track_robot
         if self._are_one_optimum(found, pose):
@@ -140,7 +140,7 @@ class OdometryCheck:
         distance2 = squared_norm(between(found, pose), expected.motion.covariance + covariance)
         if distance2 < CONTRADICTED:
             return None
-        nearer = self._matcher.held(reference, scan, pose)
+        nearer = self._matcher.match_near(reference, scan, pose)
         if isinstance(nearer, NoMatch) or self._are_one_optimum(found, nearer.T_ref_cur):
             return None
         share = max(LEAST_SHARE, 1.0 - distance2 * _SHARE_PER_DISTANCE2)

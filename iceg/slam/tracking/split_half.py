@@ -2,8 +2,8 @@
 
 The covariance of a match is calibrated on simulated scans, whose errors are those of a good laser. Recorded ones err
 in ways that no residual tells, for the match moves with them: ranges that come in steps, so that neighbouring beams of
-one wall are off alike; walls that are no lines; a matcher whose weights do not suit the noise. But they differ from one
-half of the view to the other. So some scans are matched twice more, the beams to the right and those to the left each
+one wall share an error; walls that are no lines; a matcher whose weights do not suit the noise. But they differ from
+one half of the view to the other. So some scans are matched twice more, the beams to the right and those to the left each
 alone, to the same local map: how far the two poses lie apart, against what their covariances allow (split-half
 reliability, as psychologists call it), needs no truth and misses little.
 """
@@ -34,7 +34,7 @@ _GUESS = np.diag((0.05, 0.05, 0.02)) ** 2
 """Covariance of the pose that the whole scan found, as the guess of its halves [m², rad²]."""
 
 
-def with_measured_doubt(track: Track, matcher: Matcher, tests: int) -> Track:
+def with_measured_covariance_scale(track: Track, matcher: Matcher, tests: int) -> Track:
     """The same track, the variances of its matches as much larger as the log's own scans ask for.
 
     Args:
@@ -43,22 +43,22 @@ def with_measured_doubt(track: Track, matcher: Matcher, tests: int) -> Track:
         tests: how many scans are split at most, evenly spread; 0 leaves the track as it is.
 
     Returns:
-        The track with its `match_doubt`.
+        The track with its `match_covariance_scale`.
     """
-    doubt = match_doubt(split_half_distances(track, matcher, tests))
-    if doubt == 1.0:
+    scale = match_covariance_scale(split_half_distances(track, matcher, tests))
+    if scale == 1.0:
         return track
-    keys = [_doubted(key, doubt) for key in track.keys]
-    return replace(track, keys=keys, match_doubt=doubt * track.match_doubt)
+    keys = [_inflated(key, scale) for key in track.keys]
+    return replace(track, keys=keys, match_covariance_scale=scale * track.match_covariance_scale)
 
 
-def _doubted(key: KeyScan, doubt: float) -> KeyScan:
+def _inflated(key: KeyScan, scale: float) -> KeyScan:
     if isinstance(key.match, NoMatch):
         return key
-    return replace(key, match=replace(key.match, covariance=doubt * key.match.covariance))
+    return replace(key, match=replace(key.match, covariance=scale * key.match.covariance))
 
 
-def match_doubt(distances2: NDArray[np.float64]) -> float:
+def match_covariance_scale(distances2: NDArray[np.float64]) -> float:
     """By how much the variances of matches are too small.
 
     Args:

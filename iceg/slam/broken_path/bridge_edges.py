@@ -1,4 +1,4 @@
-"""Steps of the path that no loop closure vouches for: where it may be broken, or may have drifted away."""
+"""Bridge edges: steps of the path that no loop closure spans, where it may be broken or may have drifted away."""
 
 from collections.abc import Mapping, Sequence
 
@@ -7,58 +7,64 @@ from numpy.typing import NDArray
 
 from graph.factors import Factor
 from graph.measurement import NoMatch
-from iceg.slam.broken_path.path_break import Doubt, DoubtKind
+from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.track import KeyScan, Track
 
 _LOG_END = 12.0
 """A break so near to the beginning or the end of the path matters to nobody [m]."""
-_VOUCHED = 10
-"""Closures that span a doubtful step and settle the doubt."""
+_SETTLED = 10
+"""So many closures that span a step settle what failed there."""
 _WEAK_SCORE = 0.7
-"""A match that explains less of a scan leaves room for doubt where few closures span it."""
+"""A match that explains less of a scan is not believed where few closures span it."""
 
 
-class UntiedSteps:
-    """The steps that nothing spans, that few span and little explains, or that are in doubt, while closures enter."""
+class BridgeEdges:
+    """Steps that nothing spans, that few span and little explains, or at which tracking failed, as closures enter."""
 
     def __init__(
-        self, track: Track, factors: Sequence[Factor], doubts: Mapping[int, Doubt], config: LoopClosureConfig
+        self,
+        track: Track,
+        factors: Sequence[Factor],
+        failures: Mapping[int, TrackingFailure],
+        config: LoopClosureConfig,
     ) -> None:
         """Start with the closures found on the way.
 
         Args:
             track: key scans.
             factors: of the graph.
-            doubts: by key pose, where the path may be broken.
+            failures: by key pose, where the path may be broken.
             config: on which key scans closures rest.
         """
         self._keys = track.keys
         self._config = config
         inner = amid_the_path(track)
         spanned = closures_across(factors, len(track.keys), config)
-        self.doubts = {
-            key: doubt for key, doubt in doubts.items() if doubt.is_lost or (inner[key] and spanned[key] < _VOUCHED)
+        self.failures = {
+            key: failure
+            for key, failure in failures.items()
+            if failure.is_lost or (inner[key] and spanned[key] < _SETTLED)
         }
         """Those that closures have not settled."""
         scores = np.array([_score(key) for key in track.keys])
-        self._weak = inner & (scores < _WEAK_SCORE) & (spanned < _VOUCHED)
-        self.untied = inner & (spanned == 0) | self._weak
-        """(k,) whether nothing ties the step that leads to a key pose."""
-        self.untied[list(self.doubts)] = True
+        self._weak = inner & (scores < _WEAK_SCORE) & (spanned < _SETTLED)
+        self.is_bridge = inner & (spanned == 0) | self._weak
+        """(k,) whether the step that leads to a key pose is a bridge."""
+        self.is_bridge[list(self.failures)] = True
 
-    def doubt(self, key: int) -> Doubt:
+    def failure(self, key: int) -> TrackingFailure:
         """What speaks against the step to a key pose; where nothing does, how little its match explained."""
-        known = self.doubts.get(key)
+        known = self.failures.get(key)
         if known is not None:
             return known
         score = _score(self._keys[key])
         reason = f"only {score:.0%} of the beams agreed with what was known before"
-        return Doubt(kind=DoubtKind.WEAK_MATCH, reason=reason, unexplained=1.0 - score)
+        return TrackingFailure(kind=FailureKind.LOW_INLIER_RATIO, reason=reason, unexplained=1.0 - score)
 
     def refuted(self) -> list[int]:
         """The key poses before which odometry and match contradict each other, or the robot was lost."""
-        return [key for key, doubt in self.doubts.items() if doubt.is_beyond_chance]
+        return [key for key, failure in self.failures.items() if failure.is_beyond_chance]
 
     def rank(self, key: int) -> float:
         """Compares the steps that may be broken: the highest is where a break is put.
@@ -66,13 +72,13 @@ class UntiedSteps:
         A match that explains all of a scan knows better than an odometry that jumped or slipped.
         """
         unexplained = 1.0 - _score(self._keys[key])
-        return self.doubts[key].rank + unexplained if key in self.doubts else unexplained
+        return self.failures[key].rank + unexplained if key in self.failures else unexplained
 
-    def tie(self, factors: Sequence[Factor]) -> None:
+    def update(self, factors: Sequence[Factor]) -> None:
         """Leave out the steps that the closures of a graph span by now."""
         spanned = closures_across(factors, len(self._keys), self._config)
-        self.untied &= (spanned == 0) | (self._weak & (spanned < _VOUCHED))
-        self.untied[list(self.doubts)] = True
+        self.is_bridge &= (spanned == 0) | (self._weak & (spanned < _SETTLED))
+        self.is_bridge[list(self.failures)] = True
 
 
 def amid_the_path(track: Track) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""Places found by their looks that fit several ways: the set that agrees picks, and two such sets close nothing."""
+"""Recognised places that fit several ways: the set that agrees picks, and two such sets close nothing."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -18,13 +18,13 @@ from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
 from iceg.slam import back_end
 from iceg.slam.back_end import BackEnd
-from iceg.slam.broken_path import place_search, relocalisation, untied_steps
+from iceg.slam.broken_path import bridge_edges, place_search, relocalisation
+from iceg.slam.broken_path.bridge_edges import BridgeEdges
 from iceg.slam.broken_path.estimate import Estimate
 from iceg.slam.broken_path.hypothesis_verification import FitCount
-from iceg.slam.broken_path.path_break import Doubt, DoubtKind
+from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_single_steps
 from iceg.slam.broken_path.relocalisation import relocalise
-from iceg.slam.broken_path.untied_steps import UntiedSteps
 from iceg.slam.closures.attempt import Attempt, Place, closure_factor
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.config import FrontEndConfig, LoopClosureConfig
@@ -36,7 +36,7 @@ Array = NDArray[np.float64]
 
 _BREAK, _AGAIN, _EARLIER = 100, range(110, 150, 4), 20
 _HERE, _THERE = np.array([5.0, -2.0, 0.3]), np.array([-4.0, 7.0, -0.2])
-"""What moves the poses after the break to where they are, and to a place that looks alike."""
+"""What moves the poses after the break to where they are, and to a similar place."""
 
 
 @pytest.fixture(scope="module")
@@ -111,27 +111,27 @@ def _relocalised(
     track: Track,
     places: Mapping[int, Sequence[Array]],
     monkeypatch: pytest.MonkeyPatch,
-    kind: DoubtKind | None = DoubtKind.LOST,
-    held: Sequence[Attempt] = (),
+    kind: FailureKind | None = FailureKind.TRACKING_LOSS,
+    spanning: Sequence[Attempt] = (),
 ) -> Estimate:
-    """With the places found alike; closures found on the way hold the path."""
+    """With the places found similar; closures found on the way span the path."""
     monkeypatch.setattr(place_search, "similar_places", lambda *_: [(_EARLIER, key) for key in places])
     monkeypatch.setattr(relocalisation, "HypothesisVerifier", _HypothesisVerifier)
-    return _searched(track, places, kind, held)
+    return _searched(track, places, kind, spanning)
 
 
 def _searched(
     track: Track,
     places: Mapping[int, Sequence[Array]],
-    kind: DoubtKind | None = DoubtKind.LOST,
-    held: Sequence[Attempt] = (),
+    kind: FailureKind | None = FailureKind.TRACKING_LOSS,
+    spanning: Sequence[Attempt] = (),
 ) -> Estimate:
-    factors = _path(track) + [closure_factor(closure) for closure in held]
-    before = Estimate(factors=factors, poses=_poses(track), attempts=list(held))
-    doubts = {}
+    factors = _path(track) + [closure_factor(closure) for closure in spanning]
+    before = Estimate(factors=factors, poses=_poses(track), attempts=list(spanning))
+    failures = {}
     if kind is not None:
-        doubts[_BREAK] = Doubt(reason="nothing matched what was known before", kind=kind)
-    return relocalise(_Closer(track, places), track, before, doubts, LoopClosureConfig())
+        failures[_BREAK] = TrackingFailure(reason="nothing matched what was known before", kind=kind)
+    return relocalise(_Closer(track, places), track, before, failures, LoopClosureConfig())
 
 
 def _moved(track: Track, key: int, correction: Array) -> Array:
@@ -158,16 +158,16 @@ def test_the_set_that_agrees_picks_among_the_places_of_each(track: Track, monkey
 @pytest.mark.parametrize(
     ("n_alone", "kind", "expected"),
     [
-        (4, DoubtKind.UNMATCHED, ["joined"]),
+        (4, FailureKind.NO_MATCH, ["joined"]),
         (3, 1.0, []),
         pytest.param(
-            3, DoubtKind.UNMATCHED, ["contradicted"], id="told where match and odometry contradict each other"
+            3, FailureKind.NO_MATCH, ["contradicted"], id="told where match and odometry contradict each other"
         ),
-        (2, DoubtKind.UNMATCHED, []),
+        (2, FailureKind.NO_MATCH, []),
     ],
 )
 def test_a_path_that_was_not_lost_is_not_broken_by_what_fits_elsewhere_too(
-    track: Track, monkeypatch: pytest.MonkeyPatch, n_alone: int, kind: DoubtKind, expected: list[str]
+    track: Track, monkeypatch: pytest.MonkeyPatch, n_alone: int, kind: FailureKind, expected: list[str]
 ) -> None:
     places = {k: [_moved(track, k, _HERE), _by_chance(k)] for k in _AGAIN}
     for key in list(_AGAIN)[:n_alone]:
@@ -183,11 +183,11 @@ def test_a_path_that_was_not_lost_is_not_broken_by_what_fits_elsewhere_too(
 
 
 @pytest.mark.parametrize(
-    ("agree", "against", "n_held", "is_told"),
+    ("agree", "against", "n_spanning", "is_told"),
     [(5, 1, 0, True), (3, 2, 0, True), (2, 1, 0, False), (4, 4, 0, False), (5, 1, 3, True), (5, 1, 4, False)],
 )
 def test_what_is_told_without_acting_on_it_is_credible(
-    track: Track, monkeypatch: pytest.MonkeyPatch, agree: int, against: int, n_held: int, is_told: bool
+    track: Track, monkeypatch: pytest.MonkeyPatch, agree: int, against: int, n_spanning: int, is_told: bool
 ) -> None:
     monkeypatch.setattr(
         _HypothesisVerifier,
@@ -195,10 +195,10 @@ def test_what_is_told_without_acting_on_it_is_credible(
         lambda _, claim, _poses: FitCount(agreeing=claim.closures[:agree], against=against),
     )
     places = {k: [_moved(track, k, _HERE)] for k in _AGAIN}
-    held = [_over_the_whole_path(track)] * n_held
-    found = _relocalised(track, places, monkeypatch, kind=DoubtKind.UNMATCHED, held=held)
+    spanning = [_over_the_whole_path(track)] * n_spanning
+    found = _relocalised(track, places, monkeypatch, kind=FailureKind.NO_MATCH, spanning=spanning)
     assert [at.outcome for at in found.breaks] == ["contradicted"] * is_told
-    assert [attempt for attempt in found.attempts if attempt.accepted] == held
+    assert [attempt for attempt in found.attempts if attempt.accepted] == spanning
 
 
 def _over_the_whole_path(track: Track) -> Attempt:
@@ -208,10 +208,10 @@ def _over_the_whole_path(track: Track) -> Attempt:
 
 
 @pytest.mark.parametrize(("is_dead_reckoned", "outcome"), [(False, "joined"), (True, "contradicted")])
-def test_who_was_led_into_a_loss_by_odometry_is_not_put_where_it_only_looks_alike(
+def test_dead_reckoning_into_a_loss_is_not_overruled_by_similar_places(
     track: Track, monkeypatch: pytest.MonkeyPatch, is_dead_reckoned: bool, outcome: str
 ) -> None:
-    monkeypatch.setitem(globals(), "Doubt", partial(Doubt, is_dead_reckoned=is_dead_reckoned))
+    monkeypatch.setitem(globals(), "TrackingFailure", partial(TrackingFailure, is_dead_reckoned=is_dead_reckoned))
     found = _relocalised(track, {k: [_moved(track, k, _HERE)] for k in _AGAIN}, monkeypatch)
     assert [at.outcome for at in found.breaks] == [outcome]
     assert np.array_equal(found.poses, _poses(track)) == is_dead_reckoned
@@ -227,7 +227,7 @@ def test_odometry_leads_from_the_second_key_scan_on_that_matches_nothing(
     end = BackEnd(some, LoopCloser(IceMatcher(), some, LoopClosureConfig(enabled=False)), PoseGraphConfig())
     for k, key in enumerate(keys[1:], start=1):
         end.add(k, key.motion if known else None)
-    assert [end.doubts[k].is_dead_reckoned for k in (20, 21, 22)] == is_dead_reckoned
+    assert [end.failures[k].is_dead_reckoned for k in (20, 21, 22)] == is_dead_reckoned
 
 
 def test_two_sets_about_as_strong_close_nothing_and_it_is_said(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -251,9 +251,9 @@ def test_two_places_that_both_beat_the_path_are_told_though_closures_hold_the_pa
     for key in list(_AGAIN)[:4]:  # enough that fit one place only
         places[key] = places[key][:1]
     as_it_is = _Closer(track, {k: [_moved(track, k, np.zeros(3))] for k in (112, 116, 120)})
-    held = [as_it_is.match_anywhere(_EARLIER, key, _poses(track)) for key in (112, 116, 120)]
-    found = _relocalised(track, places, monkeypatch, kind=DoubtKind.UNMATCHED, held=held)
-    assert [attempt for attempt in found.attempts if attempt.accepted] == held
+    spanning = [as_it_is.match_anywhere(_EARLIER, key, _poses(track)) for key in (112, 116, 120)]
+    found = _relocalised(track, places, monkeypatch, kind=FailureKind.NO_MATCH, spanning=spanning)
+    assert [attempt for attempt in found.attempts if attempt.accepted] == spanning
     assert found.breaks == ()
     (vote,) = found.ambiguous
     assert (vote.count, vote.rival) == (len(_AGAIN), len(_AGAIN) - 4)
@@ -279,16 +279,16 @@ def test_what_only_a_second_comparison_of_places_finds_must_be_sure(
     assert [at.outcome for at in again.breaks] == [outcome]
 
 
-@pytest.mark.parametrize(("n_held", "outcomes"), [(0, ["contradicted"]), (1, ["contradicted"]), (3, [])])
+@pytest.mark.parametrize(("n_spanning", "outcomes"), [(0, ["contradicted"]), (1, ["contradicted"]), (3, [])])
 def test_closures_that_hold_the_path_speak_against_those_that_contradict_it(
-    track: Track, monkeypatch: pytest.MonkeyPatch, n_held: int, outcomes: list[str]
+    track: Track, monkeypatch: pytest.MonkeyPatch, n_spanning: int, outcomes: list[str]
 ) -> None:
     # Eight agree, too far off for drift; each that holds the path takes two with it, and six must be left.
     far = np.array([40.0, -30.0, 2.0])
-    monkeypatch.setattr(untied_steps, "_WEAK_SCORE", 2.0)
+    monkeypatch.setattr(bridge_edges, "_WEAK_SCORE", 2.0)
     monkeypatch.setattr(relocalisation, "_EXPLAINED", 2.0)
-    held = [_over_the_whole_path(track)] * n_held
-    found = _relocalised(track, {k: [_moved(track, k, far)] for k in _AGAIN}, monkeypatch, kind=None, held=held)
+    spanning = [_over_the_whole_path(track)] * n_spanning
+    found = _relocalised(track, {k: [_moved(track, k, far)] for k in _AGAIN}, monkeypatch, kind=None, spanning=spanning)
     assert [at.outcome for at in found.breaks] == outcomes
 
 
@@ -297,27 +297,29 @@ def _only_the_second_time(pairs: list[tuple[int, int]]) -> Callable[..., list[tu
     return lambda *_: next(answers)
 
 
-@pytest.mark.parametrize(("n_untied", "is_doubtful", "expected"), [(8, True, 120), (8, False, 8), (50, False, 50)])
-def test_few_pairs_are_matched_where_nothing_is_doubtful_and_little_untied(
-    track: Track, monkeypatch: pytest.MonkeyPatch, n_untied: int, is_doubtful: bool, expected: int
+@pytest.mark.parametrize(("n_bridges", "has_failed", "expected"), [(8, True, 120), (8, False, 8), (50, False, 50)])
+def test_few_pairs_are_matched_where_tracking_never_failed_and_bridges_are_few(
+    track: Track, monkeypatch: pytest.MonkeyPatch, n_bridges: int, has_failed: bool, expected: int
 ) -> None:
     asked: list[int] = []
 
-    def alike(track: Track, judge: IceMatcher, parts: NDArray[np.int64], config: LoopClosureConfig) -> list[Any]:
+    def similar(track: Track, judge: IceMatcher, parts: NDArray[np.int64], config: LoopClosureConfig) -> list[Any]:
         del track, judge, parts
         asked.append(config.places)
         return []
 
-    monkeypatch.setattr(place_search, "similar_places", alike)
+    monkeypatch.setattr(place_search, "similar_places", similar)
     config, first, last = LoopClosureConfig(), 90, len(track.keys) - 1
     closer = _Closer(track, {key: [np.zeros(3)] for key in range(last + 1)})
     # with all the key scans they rest on, they span the path up to the first step and after the last one
     before = closer.match_anywhere(0, first - 1 - min(config.support_offsets), _poses(track))
-    after = closer.match_anywhere(first + n_untied - 1 - config.reference_half, last, _poses(track))
-    held = [before] * 20 + [after] * 20  # as many as settle what little explains
-    estimate = Estimate(factors=_path(track) + [closure_factor(c) for c in held], poses=_poses(track), attempts=held)
-    doubts = {first: Doubt(reason="the odometry jumped", kind=DoubtKind.UNMATCHED)} if is_doubtful else {}
-    relocalise(closer, track, estimate, doubts, config)
+    after = closer.match_anywhere(first + n_bridges - 1 - config.reference_half, last, _poses(track))
+    spanning = [before] * 20 + [after] * 20  # as many as settle what little explains
+    estimate = Estimate(
+        factors=_path(track) + [closure_factor(c) for c in spanning], poses=_poses(track), attempts=spanning
+    )
+    failures = {first: TrackingFailure(reason="the odometry jumped", kind=FailureKind.NO_MATCH)} if has_failed else {}
+    relocalise(closer, track, estimate, failures, config)
     assert asked == [expected]
 
 
@@ -348,17 +350,18 @@ def test_a_part_that_only_a_later_one_is_tied_to_moves_with_it(track: Track, mon
     pairs = [(second if key in again else _EARLIER, key) for key in places]
     monkeypatch.setattr(place_search, "similar_places", lambda *_: pairs)
     monkeypatch.setattr(relocalisation, "HypothesisVerifier", _HypothesisVerifier)
-    doubts = {
-        key: Doubt(reason="nothing matched what was known before", kind=DoubtKind.LOST) for key in (before, third)
+    failures = {
+        key: TrackingFailure(reason="nothing matched what was known before", kind=FailureKind.TRACKING_LOSS)
+        for key in (before, third)
     }
     estimate = Estimate(factors=_path(track), poses=poses, attempts=[])
-    found = relocalise(_Closer(track, places), track, estimate, doubts, LoopClosureConfig())
+    found = relocalise(_Closer(track, places), track, estimate, failures, LoopClosureConfig())
     assert [(at.key, at.outcome) for at in found.breaks] == [(before, "joined"), (third, "joined")]
     np.testing.assert_allclose(found.poses[second], T_map_second, atol=0.05)
     np.testing.assert_allclose(found.poses[120], T_map_third[120], atol=0.05)
 
 
-def test_what_spans_one_doubtful_step_is_heard_before_what_spans_two(
+def test_what_spans_one_suspect_step_is_heard_before_what_spans_two(
     track: Track, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Most closures tie the third part to the first: of itself that says nothing about the second.
@@ -369,12 +372,12 @@ def test_what_spans_one_doubtful_step_is_heard_before_what_spans_two(
     pairs = [(_EARLIER, key) for key in places] + [(70, key) for key in within]
     monkeypatch.setattr(place_search, "similar_places", lambda *_: pairs)
     monkeypatch.setattr(relocalisation, "HypothesisVerifier", _HypothesisVerifier)
-    doubts = {
-        second: Doubt(reason="scripted", kind=DoubtKind.LOST),
-        _BREAK: Doubt(reason="scripted", kind=DoubtKind.UNMATCHED),
+    failures = {
+        second: TrackingFailure(reason="scripted", kind=FailureKind.TRACKING_LOSS),
+        _BREAK: TrackingFailure(reason="scripted", kind=FailureKind.NO_MATCH),
     }
     estimate = Estimate(factors=_path(track), poses=poses, attempts=[])
-    found = relocalise(_Closer(track, places | within), track, estimate, doubts, LoopClosureConfig())
+    found = relocalise(_Closer(track, places | within), track, estimate, failures, LoopClosureConfig())
     assert [(at.key, at.outcome) for at in found.breaks] == [(second, "joined"), (_BREAK, "joined")]
     assert sum(attempt.accepted for attempt in found.attempts) == len(pairs)
     np.testing.assert_allclose(found.poses[80], T_second[80], atol=0.05)
@@ -387,8 +390,11 @@ def test_a_set_that_speaks_of_two_breaks_is_two_hypotheses(track: Track) -> None
 
     before = [claim(20 + k, 60 + k) for k in range(4)]
     after = [claim(70 + k, 120 + k) for k in range(6)]
-    doubts = {key: Doubt(reason="nothing matched what was known before", kind=DoubtKind.LOST) for key in (50, _BREAK)}
-    steps = UntiedSteps(track, _path(track), doubts, LoopClosureConfig())
+    failures = {
+        key: TrackingFailure(reason="nothing matched what was known before", kind=FailureKind.TRACKING_LOSS)
+        for key in (50, _BREAK)
+    }
+    steps = BridgeEdges(track, _path(track), failures, LoopClosureConfig())
     found = about_single_steps([*before, *after], steps)
     assert [(hypothesis.key, hypothesis.closures) for hypothesis in found] == [(_BREAK, after), (50, before)]
 
@@ -397,8 +403,8 @@ def test_of_two_steps_that_odometry_contradicts_the_one_whose_match_explains_les
     scores = np.array([0.0 if isinstance(key.match, NoMatch) else key.match.score for key in track.keys])
     keys = np.arange(80, 110)
     worse, better = int(keys[scores[keys].argmin()]), int(keys[scores[keys].argmax()])
-    doubts = {worse: _contradicted(200.0), better: _contradicted(1000.0)}
-    steps = UntiedSteps(track, _path(track), doubts, LoopClosureConfig())
+    failures = {worse: _contradicted(200.0), better: _contradicted(1000.0)}
+    steps = BridgeEdges(track, _path(track), failures, LoopClosureConfig())
     closure = Attempt(key_old=70, key_new=120, match=None, accepted=True, reason="scripted")
     (found,) = about_single_steps([closure], steps)
     assert scores[worse] + 0.05 < scores[better]
@@ -407,13 +413,13 @@ def test_of_two_steps_that_odometry_contradicts_the_one_whose_match_explains_les
 
 @pytest.mark.parametrize(("distance2", "expected"), [(50.0, _BREAK), (100.0, 50)])
 def test_only_what_is_beyond_chance_outweighs_a_closure(track: Track, distance2: float, expected: int) -> None:
-    # Four of five closures span the step in doubt, all of them one that nothing speaks against.
+    # Four of five closures span the step in failure, all of them one that nothing speaks against.
     claims = [
         Attempt(key_old=old, key_new=120, match=None, accepted=True, reason="scripted") for old in (20, 25, 30, 35, 60)
     ]
-    steps = UntiedSteps(track, _path(track), {50: _contradicted(distance2)}, LoopClosureConfig())
-    steps.untied[:] = False
-    steps.untied[[50, _BREAK]] = True
+    steps = BridgeEdges(track, _path(track), {50: _contradicted(distance2)}, LoopClosureConfig())
+    steps.is_bridge[:] = False
+    steps.is_bridge[[50, _BREAK]] = True
     (found, *_) = about_single_steps(claims, steps)
     assert found.key == expected
 
@@ -422,17 +428,17 @@ def test_only_what_is_beyond_chance_outweighs_a_closure(track: Track, distance2:
 def test_drift_beyond_chance_is_told(
     track: Track, monkeypatch: pytest.MonkeyPatch, share: float, outcomes: list[str]
 ) -> None:
-    monkeypatch.setattr(untied_steps, "_WEAK_SCORE", 2.0)
+    monkeypatch.setattr(bridge_edges, "_WEAK_SCORE", 2.0)
     found = _relocalised(track, {k: [_moved(track, k, share * _HERE)] for k in _AGAIN}, monkeypatch, kind=None)
     assert [at.outcome for at in found.breaks] == outcomes
     assert any(factor.kind == "closure" for factor in found.factors)
 
 
 @pytest.mark.parametrize(
-    ("untied", "is_drift"), [(None, True), ((0, 60), True), ((0, 100), True), ((30, 34), False), ((50, 51), False)]
+    ("is_bridge", "is_drift"), [(None, True), ((0, 60), True), ((0, 100), True), ((30, 34), False), ((50, 51), False)]
 )
 def test_where_something_speaks_against_a_path_it_drifts_only_along_what_no_closure_holds(
-    untied: tuple[int, int] | None, is_drift: bool
+    is_bridge: tuple[int, int] | None, is_drift: bool
 ) -> None:
     # 80 steps of 0.1 m each explain 1.5 m; four of them do not.
     poses, covariance = np.zeros((100, 3)), np.diag([0.1, 0.1, 0.05]) ** 2
@@ -449,9 +455,9 @@ def test_where_something_speaks_against_a_path_it_drifts_only_along_what_no_clos
     )
     closure = Attempt(key_old=10, key_new=90, match=match, accepted=True, reason="scripted")
     steps = None
-    if untied is not None:
+    if is_bridge is not None:
         steps = np.zeros(100, dtype=np.bool_)
-        steps[slice(*untied)] = True
+        steps[slice(*is_bridge)] = True
     assert Hypothesis(key=50, closures=[closure]).is_drift(path, poses, steps) == is_drift
 
 
@@ -464,7 +470,7 @@ def test_what_a_single_place_before_the_loss_says_must_be_sure(
     assert [at.outcome for at in _relocalised(track, places, monkeypatch).breaks] == [outcome]
 
 
-def test_a_short_stretch_that_fits_many_places_knows_little() -> None:
+def test_few_scans_that_fit_many_places_know_little() -> None:
     def claimed(ends: list[tuple[int, int]]) -> Hypothesis:
         closures = [Attempt(key_old=i, key_new=j, match=None, accepted=True, reason="scripted") for i, j in ends]
         return Hypothesis(key=_BREAK, closures=closures)
@@ -489,5 +495,5 @@ def test_hypotheses_are_apart_by_how_far_they_put_the_same_scan(track: Track) ->
     assert there.apart_from(later, poses) == 0.0, "about other scans"
 
 
-def _contradicted(distance2: float) -> Doubt:
-    return Doubt(kind=DoubtKind.CONTRADICTED, reason="", distance2=distance2)
+def _contradicted(distance2: float) -> TrackingFailure:
+    return TrackingFailure(kind=FailureKind.INCONSISTENT, reason="", distance2=distance2)
