@@ -3,8 +3,8 @@
 The covariance of a match is calibrated on simulated scans, whose errors are those of a good laser. Recorded ones err
 in ways that no residual tells, for the match moves with them: ranges that come in steps, so that neighbouring beams of
 one wall share an error; walls that are no lines; a matcher whose weights do not suit the noise. But they differ from
-one half of the view to the other. So some scans are matched twice more, the beams to the right and those to the left each
-alone, to the same local map: how far the two poses lie apart, against what their covariances allow (split-half
+one half of the view to the other. So some scans are matched twice more, the beams to the right and those to the left
+each alone, to the same local map: how far the two poses lie apart, against what their covariances allow (split-half
 reliability, as psychologists call it), needs no truth and misses little.
 """
 
