@@ -96,18 +96,35 @@ def summed_ratios(covariance: NDArray[np.float64], other: NDArray[np.float64]) -
     return float(adjugate / (xx * a + xy * b + xt * c))
 
 
-@lru_cache(maxsize=16)
 def largest_squared_norm(probability: float) -> float:
-    """What the squared, whitened norm of a true (3,) error stays below with this probability: the χ² quantile.
+    """What the squared, whitened norm of a true (3,) error stays below with this probability: the χ² quantile."""
+    return chi2_gate(1.0 - probability)
 
-    Bisection on the closed form of the distribution with three degrees of freedom; importing a library for it takes
-    longer than solving the graph.
+
+@lru_cache(maxsize=16)
+def chi2_gate(false_alarm: float, freedom: int = 3) -> float:
+    """What χ² of so many degrees of freedom exceeds with this probability: the gate that refuses so many true errors.
+
+    Bisection on the closed form of the distribution; importing a library for it takes longer than solving the graph.
+
+    Args:
+        false_alarm: in (0, 1).
+        freedom: degrees of freedom, at least one.
     """
     lower, upper = 0.0, 1500.0
     while lower < (middle := 0.5 * (lower + upper)) < upper:
-        beyond = math.erfc(math.sqrt(0.5 * middle)) + math.sqrt(2.0 * middle / math.pi) * math.exp(-0.5 * middle)
-        lower, upper = (middle, upper) if beyond > 1.0 - probability else (lower, middle)
+        lower, upper = (middle, upper) if chi2_tail(middle, freedom) > false_alarm else (lower, middle)
     return middle
+
+
+def chi2_tail(x: float, freedom: int) -> float:
+    """Probability that χ² of so many degrees of freedom, at least one, exceeds x ≥ 0."""
+    half = 0.5 * x
+    tail, degrees = (math.exp(-half), 2) if freedom % 2 == 0 else (math.erfc(math.sqrt(half)), 1)
+    while degrees < freedom:
+        tail += half ** (0.5 * degrees) * math.exp(-half) / math.gamma(0.5 * degrees + 1.0)
+        degrees += 2
+    return tail
 
 
 def _check_symmetric(covariance: NDArray[np.float64], asymmetry: float, trace: float) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from frontends.scan import Log
 from iceg.findings_file.archive import read_arrays, write_arrays
-from iceg.findings_file.codec import read_findings, write_findings
+from iceg.findings_file.codec import VERSION, read_findings, write_findings
 from iceg.findings_file.errors import FindingsError
 from iceg.findings_file.log_arrays import log_arrays, log_facts, log_of
 from iceg.findings_file.table import Table
@@ -46,7 +46,7 @@ def test_written_again_it_is_the_same_to_the_byte(file: Path, tmp_path: Path) ->
 def test_numpy_reads_it(file: Path) -> None:
     with np.load(file, allow_pickle=False) as arrays:
         assert arrays["log_ranges"].dtype == np.uint16, "ranges in whole centimetres need no more"
-        assert json.loads(arrays["facts"].tobytes())["version"] == 1
+        assert json.loads(arrays["facts"].tobytes())["version"] == VERSION
 
 
 @pytest.mark.parametrize("step", [0.01, 0.001, 0.003712])
@@ -86,7 +86,7 @@ def array_of(name: str, value: object) -> Callable[[Arrays], None]:
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        (facts_with(version=99), "found version 99, expected 1: run the log again"),
+        (facts_with(version=99), "found version 99, expected 2: run the log again"),
         (facts_with(config="[grid]\nresolution = -1"), "resolution"),
         (facts_with(config="from os import system"), "not valid TOML"),
         (facts_with(calibration={}), "it lacks"),

@@ -407,7 +407,7 @@ def test_points_that_stand_for_many_tell_more(solution: Solution, track: Track) 
 def finished_with(solution: Solution, track: Track, office: Simulation, matcher: IceMatcher, joint: bool) -> Finished:
     config = FinishConfig(joint=JointRefinementConfig(enabled=joint))
     found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), config, PoseGraphConfig())
-    return refined(found, rounds, track, matcher, config, scan_of=office.log.scan)
+    return refined(found, rounds, track, matcher, LoopClosureConfig(), config, scan_of=office.log.scan)
 
 
 def test_the_finish_of_an_office(solution: Solution, track: Track, office: Simulation, matcher: IceMatcher) -> None:

@@ -14,7 +14,7 @@ from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose, compose_covariance
 from iceg.ice.matcher import IceMatcher
-from iceg.slam.back_end import CONFIRMED_SPACING, BackEnd, solve_track
+from iceg.slam.back_end import BackEnd, solve_track
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.closures.candidates import Candidate, EarlierPasses
 from iceg.slam.closures.verification import ClosureVerifier
@@ -288,8 +288,10 @@ class CrowdedCloser(ScriptedCloser):
         return super().candidates(key_new, poses, drift) * self.passes
 
 
-@pytest.mark.parametrize(("passes", "off", "is_known"), [(3, 0.01, True), (2, 0.01, False), (3, 0.2, False)])
-def test_ground_is_known_where_three_passes_confirm_it(track: Track, passes: int, off: float, is_known: bool) -> None:
+@pytest.mark.parametrize(("passes", "off", "is_confirmed"), [(3, 0.01, True), (2, 0.01, False), (3, 0.2, False)])
+def test_an_area_is_confirmed_where_three_passes_agree(
+    track: Track, passes: int, off: float, is_confirmed: bool
+) -> None:
     closer = CrowdedCloser(track, LoopClosureConfig(), {30: _closing_match(track, 0, 30, off)})
     closer.passes = passes
     back_end = BackEnd(track, closer, PoseGraphConfig())
@@ -297,14 +299,16 @@ def test_ground_is_known_where_three_passes_confirm_it(track: Track, passes: int
         back_end._since_search[:] = 0.0
         back_end.add(key, None)
     list(back_end._search(30))
-    np.testing.assert_array_equal(np.flatnonzero(~closer.searchable), np.arange(1, 31) if is_known else [])
+    np.testing.assert_array_equal(np.flatnonzero(~closer.searchable), np.arange(1, 31) if is_confirmed else [])
     key = 30
     while back_end._searched_to == 30:
         key += 1
         back_end.add(key, None)
     since = sum(np.array([step.motion.distance, step.motion.turn]) for step in track.keys[31 : key + 1])
     last = np.array([track.keys[key].motion.distance, track.keys[key].motion.turn])
-    limits = np.array([closer.config.spacing, closer.config.spacing_angle]) * (CONFIRMED_SPACING if is_known else 1.0)
+    limits = np.array([closer.config.spacing, closer.config.spacing_angle]) * (
+        closer.config.confirmed.spacing if is_confirmed else 1.0
+    )
     assert (since > limits).any()
     assert (since - last <= limits).all(), "not a key scan later"
 
@@ -323,11 +327,12 @@ def test_key_scans_that_only_confirm_are_no_candidates(track: Track, true_poses:
     }
 
 
-def test_the_finish_looks_more_seldom_on_known_ground(track: Track) -> None:
+def test_the_finish_looks_more_seldom_in_confirmed_areas(track: Track) -> None:
     config, everywhere = FinishConfig(), np.ones(len(track.keys), dtype=np.bool_)
-    usual = len(_spaced_keys(track, config, everywhere))
-    seldom = len(_spaced_keys(track, config, ~everywhere))
-    assert 2.0 < usual / seldom < 1.2 * CONFIRMED_SPACING
+    spacing = LoopClosureConfig().confirmed.spacing
+    usual = len(_spaced_keys(track, config, everywhere, spacing))
+    seldom = len(_spaced_keys(track, config, ~everywhere, spacing))
+    assert 2.0 < usual / seldom < 1.2 * spacing
 
 
 def test_each_factor_enters_once(track: Track) -> None:
@@ -401,7 +406,7 @@ def test_loops_and_finish_bring_the_office_back_together(
     matcher = IceMatcher()
     solution = solve_track(track, office.log.odometry, OdometryModel(), matcher, PoseGraphConfig(), LoopClosureConfig())
     found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), FinishConfig(), PoseGraphConfig())
-    finished = refined(found, rounds, track, matcher, FinishConfig())
+    finished = refined(found, rounds, track, matcher, LoopClosureConfig(), FinishConfig())
 
     def worst(poses: NDArray[np.float64]) -> float:
         error = between(true_poses, compose(true_poses[0], poses))

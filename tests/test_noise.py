@@ -6,7 +6,16 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from graph.errors import GraphError
-from graph.noise import MAX_CONDITION, conditioned, information_of, largest_squared_norm, squared_norm, summed_ratios
+from graph.noise import (
+    MAX_CONDITION,
+    chi2_gate,
+    chi2_tail,
+    conditioned,
+    information_of,
+    largest_squared_norm,
+    squared_norm,
+    summed_ratios,
+)
 
 COVARIANCE = np.array([[4e-4, 1e-5, 0.0], [1e-5, 3e-4, 2e-5], [0.0, 2e-5, 1e-4]])
 
@@ -14,6 +23,18 @@ COVARIANCE = np.array([[4e-4, 1e-5, 0.0], [1e-5, 3e-4, 2e-5], [0.0, 2e-5, 1e-4]]
 @pytest.mark.parametrize("probability", [1e-6, 0.1, 0.5, 0.95, 0.99, 0.999, 1.0 - 1e-7])
 def test_the_gate_is_the_quantile_of_chi_square_with_three_degrees_of_freedom(probability: float) -> None:
     np.testing.assert_allclose(largest_squared_norm(probability), chi2.isf(1.0 - probability, 3), rtol=1e-9)
+
+
+@pytest.mark.parametrize("freedom", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("x", [0.0, 0.3, 2.0, 17.0, 200.0])
+def test_the_tail_of_chi_square(freedom: int, x: float) -> None:
+    assert chi2_tail(x, freedom) == pytest.approx(chi2.sf(x, freedom), rel=1e-9)
+
+
+@pytest.mark.parametrize("freedom", [1, 3])
+@pytest.mark.parametrize("false_alarm", [1e-9, 1.544e-5, 0.05, 0.5])
+def test_a_gate_refuses_as_many_true_errors_as_it_says(freedom: int, false_alarm: float) -> None:
+    assert chi2_gate(false_alarm, freedom) == pytest.approx(chi2.isf(false_alarm, freedom), rel=1e-9)
 
 
 def test_a_squared_norm_is_what_a_linear_solver_says() -> None:

@@ -52,7 +52,7 @@ def _chain(n: int) -> list[Factor]:
 def _without_lost_odometry(track: Track, key: int, outcome: Outcome = "apart", *, agreeing: int = 0) -> list[int]:
     """Second key poses of the steps of which odometry tells nothing."""
     factors = _chain(len(track.keys))
-    after = without_lost_odometry(factors, [Break(key=key, outcome=outcome, reason="", closures=agreeing)], track)
+    after = without_lost_odometry(factors, [Break(key=key, outcome=outcome, reason="", closures=agreeing)], track, 3)
     changed = [now for was, now in zip(factors, after, strict=True) if now is not was]
     assert all(np.allclose(factor.covariance, UNKNOWN_STEP) for factor in changed)
     return [factor.j for factor in changed]

@@ -18,7 +18,7 @@ from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
 from iceg.slam import back_end
 from iceg.slam.back_end import BackEnd
-from iceg.slam.broken_path import bridge_edges, place_search, relocalisation
+from iceg.slam.broken_path import place_search, relocalisation
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
 from iceg.slam.broken_path.estimate import Estimate
 from iceg.slam.broken_path.hypothesis_verification import FitCount
@@ -27,7 +27,7 @@ from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_single_step
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.closures.attempt import Attempt, Place, closure_factor
 from iceg.slam.closures.candidates import Candidate
-from iceg.slam.config import FrontEndConfig, LoopClosureConfig
+from iceg.slam.config import FrontEndConfig, LoopClosureConfig, RelocalisationConfig, TrackingFailureConfig
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
@@ -113,11 +113,12 @@ def _relocalised(
     monkeypatch: pytest.MonkeyPatch,
     kind: FailureKind | None = FailureKind.TRACKING_LOSS,
     spanning: Sequence[Attempt] = (),
+    config: LoopClosureConfig | None = None,
 ) -> Estimate:
     """With the places found similar; closures found on the way span the path."""
     monkeypatch.setattr(place_search, "similar_places", lambda *_: [(_EARLIER, key) for key in places])
     monkeypatch.setattr(relocalisation, "HypothesisVerifier", _HypothesisVerifier)
-    return _searched(track, places, kind, spanning)
+    return _searched(track, places, kind, spanning, config)
 
 
 def _searched(
@@ -125,13 +126,14 @@ def _searched(
     places: Mapping[int, Sequence[Array]],
     kind: FailureKind | None = FailureKind.TRACKING_LOSS,
     spanning: Sequence[Attempt] = (),
+    config: LoopClosureConfig | None = None,
 ) -> Estimate:
     factors = _path(track) + [closure_factor(closure) for closure in spanning]
     before = Estimate(factors=factors, poses=_poses(track), attempts=list(spanning))
     failures = {}
     if kind is not None:
         failures[_BREAK] = TrackingFailure(reason="nothing matched what was known before", kind=kind)
-    return relocalise(_Closer(track, places), track, before, failures, LoopClosureConfig())
+    return relocalise(_Closer(track, places), track, before, failures, config or LoopClosureConfig())
 
 
 def _moved(track: Track, key: int, correction: Array) -> Array:
@@ -285,10 +287,10 @@ def test_closures_that_hold_the_path_speak_against_those_that_contradict_it(
 ) -> None:
     # Eight agree, too far off for drift; each that holds the path takes two with it, and six must be left.
     far = np.array([40.0, -30.0, 2.0])
-    monkeypatch.setattr(bridge_edges, "_WEAK_SCORE", 2.0)
-    monkeypatch.setattr(relocalisation, "_EXPLAINED", 2.0)
+    config = LoopClosureConfig(failures=TrackingFailureConfig(min_inlier_ratio=2.0, believed_inlier_ratio=2.0))
     spanning = [_over_the_whole_path(track)] * n_spanning
-    found = _relocalised(track, {k: [_moved(track, k, far)] for k in _AGAIN}, monkeypatch, kind=None, spanning=spanning)
+    places = {k: [_moved(track, k, far)] for k in _AGAIN}
+    found = _relocalised(track, places, monkeypatch, kind=None, spanning=spanning, config=config)
     assert [at.outcome for at in found.breaks] == outcomes
 
 
@@ -413,7 +415,7 @@ def test_of_two_steps_that_odometry_contradicts_the_one_whose_match_explains_les
 
 @pytest.mark.parametrize(("distance2", "expected"), [(50.0, _BREAK), (100.0, 50)])
 def test_only_what_is_beyond_chance_outweighs_a_closure(track: Track, distance2: float, expected: int) -> None:
-    # Four of five closures span the step in failure, all of them one that nothing speaks against.
+    # Four of five closures span the suspect step, all of them one that nothing speaks against.
     claims = [
         Attempt(key_old=old, key_new=120, match=None, accepted=True, reason="scripted") for old in (20, 25, 30, 35, 60)
     ]
@@ -428,8 +430,9 @@ def test_only_what_is_beyond_chance_outweighs_a_closure(track: Track, distance2:
 def test_drift_beyond_chance_is_told(
     track: Track, monkeypatch: pytest.MonkeyPatch, share: float, outcomes: list[str]
 ) -> None:
-    monkeypatch.setattr(bridge_edges, "_WEAK_SCORE", 2.0)
-    found = _relocalised(track, {k: [_moved(track, k, share * _HERE)] for k in _AGAIN}, monkeypatch, kind=None)
+    config = LoopClosureConfig(failures=TrackingFailureConfig(min_inlier_ratio=2.0))
+    places = {k: [_moved(track, k, share * _HERE)] for k in _AGAIN}
+    found = _relocalised(track, places, monkeypatch, kind=None, config=config)
     assert [at.outcome for at in found.breaks] == outcomes
     assert any(factor.kind == "closure" for factor in found.factors)
 
@@ -458,7 +461,7 @@ def test_where_something_speaks_against_a_path_it_drifts_only_along_what_no_clos
     if is_bridge is not None:
         steps = np.zeros(100, dtype=np.bool_)
         steps[slice(*is_bridge)] = True
-    assert Hypothesis(key=50, closures=[closure]).is_drift(path, poses, steps) == is_drift
+    assert Hypothesis(key=50, closures=[closure]).is_drift(path, poses, RelocalisationConfig(), steps) == is_drift
 
 
 @pytest.mark.parametrize(("against", "outcome"), [(2, "joined"), (3, "apart")])

@@ -17,7 +17,7 @@ from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, describe_vote, u
 from iceg.slam.closures.attempt import Attempt, Place
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.closures.rival import best_rival
-from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
+from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig, PlaceVotesConfig, VerificationConfig
 from iceg.slam.drift import Drift
 from iceg.slam.finish import matched_again
 from iceg.slam.loop_closure import LoopCloser
@@ -53,7 +53,7 @@ def _attempt(key_new: int, poses: Array, shifts: dict[float, float], key_old: in
 
 def _voted(each: list[dict[float, float]]) -> Vote:
     """What speaks for the first place of the last of key scans 60, 62, …; an empty one was looked for in vain."""
-    votes, attempt = PlaceVotes(), None
+    votes, attempt = PlaceVotes(LoopClosureConfig()), None
     for key, shifts in enumerate(each):
         attempt = _attempt(60 + 2 * key, _PATH, shifts or {0.0: 0.0})
         votes.add(attempt if shifts else replace(attempt, match=None, places=()))
@@ -65,7 +65,7 @@ def test_a_place_that_all_fit_and_no_other_is_clear() -> None:
     vote = _voted([{5.0: 0.02}] * 7)
     assert (vote.first, vote.last, vote.count, vote.rival) == (60, 72, 7, 0)
     assert vote.is_clear
-    assert vote.is_strong
+    assert vote.is_strong(PlaceVotesConfig())
 
 
 def test_of_two_places_that_fit_as_well_none_is_believed() -> None:
@@ -79,7 +79,7 @@ def test_a_search_that_finds_one_place_by_chance_is_overruled_by_its_neighbours(
     # All others fit one door on, too; of the last search the reference ended there.
     equal = [{0.0: 0.02, 6.0: 0.02}] * 5
     assert not _voted([*equal, {0.0: 0.02, 6.0: 0.03}]).is_clear
-    votes = PlaceVotes()
+    votes = PlaceVotes(LoopClosureConfig())
     for key in range(60, 72, 2):
         votes.add(_attempt(key, _PATH, {0.0: 0.02, 6.0: 0.02}))
     alone = _attempt(72, _PATH, {0.0: 0.02})
@@ -90,7 +90,7 @@ def test_a_search_that_finds_one_place_by_chance_is_overruled_by_its_neighbours(
 
 @pytest.mark.parametrize(("searches", "worse", "is_strong"), [(6, 0.1, True), (5, 0.1, False), (6, 0.03, False)])
 def test_many_key_scans_that_fit_one_place_better_decide(searches: int, worse: float, is_strong: bool) -> None:
-    assert _voted([{0.0: 0.02, 6.0: 0.02 + worse}] * searches).is_strong == is_strong
+    assert _voted([{0.0: 0.02, 6.0: 0.02 + worse}] * searches).is_strong(PlaceVotesConfig()) == is_strong
 
 
 def test_a_better_fit_does_not_decide_while_others_fit_the_other_place_alone() -> None:
@@ -101,10 +101,10 @@ def test_a_better_fit_does_not_decide_while_others_fit_the_other_place_alone() -
 
 def test_a_vote_is_not_strong_where_most_searches_fail_or_all_fit_badly() -> None:
     fits = {0.0: 0.05}
-    assert _voted([*[{}] * 3, *[fits] * 6]).is_strong
-    assert _voted([fits, *[{}] * 6, *[fits] * 6]).is_strong
-    assert not _voted([fits, *[{}] * 8, *[fits] * 5]).is_strong
-    assert not _voted([{0.0: 0.2}] * 8).is_strong
+    assert _voted([*[{}] * 3, *[fits] * 6]).is_strong(PlaceVotesConfig())
+    assert _voted([fits, *[{}] * 6, *[fits] * 6]).is_strong(PlaceVotesConfig())
+    assert not _voted([fits, *[{}] * 8, *[fits] * 5]).is_strong(PlaceVotesConfig())
+    assert not _voted([{0.0: 0.2}] * 8).is_strong(PlaceVotesConfig())
 
 
 def test_places_that_the_path_between_contradicts_are_different_ones() -> None:
@@ -112,7 +112,7 @@ def test_places_that_the_path_between_contradicts_are_different_ones() -> None:
 
 
 def test_long_ago_does_not_count() -> None:
-    votes = PlaceVotes()
+    votes = PlaceVotes(LoopClosureConfig())
     votes.add(_attempt(10, _PATH, {6.0: 0.02}))
     newest = _attempt(110, _PATH, {6.0: 0.02})
     votes.add(newest)
@@ -272,8 +272,8 @@ def test_the_finish_closes_nothing_across_what_is_ambiguous(track: Track) -> Non
 
 def test_the_best_other_place_is_the_rival_of_a_closure() -> None:
     attempt = _attempt(60, _PATH, {0.0: 0.05, 0.1: 0.04, 3.0: 0.3, 2.0: 0.2})
-    rival = best_rival(attempt)
+    rival = best_rival(attempt, VerificationConfig().place)
     assert rival is not None
     assert (rival.own, rival.misfit) == (0.04, 0.2)
     assert rival.apart == pytest.approx(2.0)
-    assert best_rival(_attempt(60, _PATH, {0.0: 0.05, 0.1: 0.04})) is None
+    assert best_rival(_attempt(60, _PATH, {0.0: 0.05, 0.1: 0.04}), VerificationConfig().place) is None

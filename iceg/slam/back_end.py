@@ -11,16 +11,16 @@ from graph.config import PoseGraphConfig
 from graph.consistency import maximum_clique
 from graph.growing_rows import GrowingRows
 from graph.measurement import NoMatch, RelativePose
-from graph.noise import largest_squared_norm, squared_norm
+from graph.noise import chi2_gate, largest_squared_norm, squared_norm
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose, wrap_angle
+from iceg.slam.agreement import is_small
 from iceg.slam.broken_path.estimate import Estimate
 from iceg.slam.broken_path.path_break import Break, FailureKind, TrackingFailure
 from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, unsettled
 from iceg.slam.broken_path.relocalisation import relocalise
-from iceg.slam.closures.attempt import PARTNER_KEYS, Attempt, is_near, say_the_same
-from iceg.slam.closures.candidates import is_uncertain
+from iceg.slam.closures.attempt import Attempt, are_consistent, is_near
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import Forbids, LoopCloser
@@ -30,20 +30,6 @@ from iceg.slam.track import Track
 
 UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
 """Covariance of a step between key scans that neither odometry nor a match has seen."""
-_SMALL_MOVE, _SMALL_TURN, _MOST_WAITING = 0.05, 0.015, 15
-"""Closures that move the newest pose by less [m, rad] leave all poses before the last search where they are, but not so
-many in a row."""
-_CONFIRMING_MOVE, _CONFIRMING_TURN, _CONFIRMED_AFTER = 0.1, 0.03, 3
-"""An area is confirmed where so many earlier passes confirm the newest pose this closely [m, rad]."""
-CONFIRMED_SPACING = 3.0
-"""In a confirmed area loops are looked for so many times more seldom."""
-_CARRIED = 0.6
-"""A match so far from odometry [m, or metres per metre driven if that is more] is a tracking failure."""
-_JUMP_DISTANCE2, _USUAL_DISTANCE2 = 25.0, 3.0
-"""Squared Mahalanobis distance from which on odometry contradicts a match, and the one it is then widened to."""
-
-_REFUSED = _JUMP_DISTANCE2 / _USUAL_DISTANCE2
-"""Factor on the covariance of odometry where it was believed against a match: the wheels may have slipped after all."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,7 +74,7 @@ class BackEnd:
         self.failures = _front_end_failures(track)
         self.odometry_jumps: list[int] = []
         self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
-        self._votes = PlaceVotes()
+        self._votes = PlaceVotes(closer.config)
         self._unclear: list[Vote] = []
         self._since_search = np.zeros(2)
         self._searched_to = 0
@@ -156,15 +142,17 @@ class BackEnd:
         offset = between(between(keys[key - 1].T_track_robot, T_track_match), motion.T_key_robot)
         distance2 = squared_norm(offset, match.covariance + motion.covariance)
         far = math.hypot(offset[0], offset[1])
-        if distance2 > _JUMP_DISTANCE2 or far > _CARRIED * max(1.0, motion.distance):
+        config = self._config.failures
+        gate = chi2_gate(config.false_alarm)
+        if distance2 > gate or far > config.carried * max(1.0, motion.distance):
             reason = f"the match lies {far:.2f} m and {np.degrees(abs(offset[2])):.0f}° from odometry"
             self.failures.setdefault(
                 key, TrackingFailure(kind=FailureKind.INCONSISTENT, reason=reason, distance2=distance2)
             )
-        if distance2 <= _JUMP_DISTANCE2:
+        if distance2 <= gate:
             return motion.covariance
         self.odometry_jumps.append(key)
-        return motion.covariance * (distance2 / _USUAL_DISTANCE2)
+        return motion.covariance * (distance2 / config.widened_distance2)
 
     def solution(self) -> Solution:
         """The graph as it stands."""
@@ -190,7 +178,7 @@ class BackEnd:
 
     def _is_search_due(self) -> bool:
         config = self._config
-        seldom = CONFIRMED_SPACING if self._is_confirmed else 1.0
+        seldom = config.confirmed.spacing if self._is_confirmed else 1.0
         distance, turn = (self._since_search / seldom).tolist()
         return bool(distance > config.spacing or turn > config.spacing_angle)
 
@@ -210,15 +198,15 @@ class BackEnd:
         first = len(self.attempts)
         for candidate in self._closer.candidates(key, poses, self._drift):
             attempt = self._closer.match(candidate, poses)
-            if is_uncertain(candidate):
+            if candidate.deviations[0] > self._config.verification.uncertain_distance:
                 self._votes.add(attempt)
             self.attempts.append(self._judge(attempt, poses) if attempt.accepted else attempt)
             yield
         found = [k for k, a in enumerate(self.attempts[first:], first) if a.accepted or a.is_ambiguous]
         closed = [self.attempts[index] for index in found if self._insert(index, poses)]
         offsets = [_offset(attempt, poses) for attempt in closed]
-        confirmed_by = sum(_is_within(offset, _CONFIRMING_MOVE, _CONFIRMING_TURN) for offset in offsets)
-        self._is_confirmed = confirmed_by >= _CONFIRMED_AFTER
+        confirmed = self._config.confirmed
+        self._is_confirmed = sum(is_small(offset, confirmed.confirming) for offset in offsets) >= confirmed.passes
         if self._is_confirmed:
             self._closer.searchable[self._searched_to + 1 : key + 1] = False
         if closed:
@@ -235,7 +223,8 @@ class BackEnd:
         """
         if not self._is_confirmed:
             self._closures_waiting += 1
-            if not _is_within(offset, _SMALL_MOVE, _SMALL_TURN) or self._closures_waiting >= _MOST_WAITING:
+            confirmed = self._config.confirmed
+            if not is_small(offset, confirmed.small) or self._closures_waiting >= confirmed.max_waiting:
                 self.poses[:] = self.graph.all_poses()
                 self._closures_waiting = 0
                 return
@@ -277,15 +266,15 @@ class BackEnd:
         """
         attempt = self.attempts[index]
         vote = self._votes.of(attempt, poses) if attempt.places else None
-        is_clear = vote is None or (vote.is_strong if attempt.is_ambiguous else vote.is_clear)
-        if is_near(attempt, poses) and is_clear:
+        is_clear = vote is None or (self._is_strong(vote) if attempt.is_ambiguous else vote.is_clear)
+        if is_near(attempt, poses, self._config.verification.near) and is_clear:
             self._close(index)
             return True
         partners = self._consistent(
-            [other for other in self._pending if say_the_same(self.attempts[other], attempt, poses)], poses
+            [other for other in self._pending if self._are_consistent(self.attempts[other], attempt, poses)], poses
         )
         partners = [
-            other for other in partners if self.attempts[other].accepted or (vote is not None and vote.is_strong)
+            other for other in partners if self.attempts[other].accepted or (vote is not None and self._is_strong(vote))
         ]
         if len(partners) + 1 < self._config.confirmations or not is_clear:
             self._pending.append(index)
@@ -300,7 +289,7 @@ class BackEnd:
 
     def _note_unclear(self, vote: Vote) -> None:
         """Keep the strongest of the votes that are not clear along one part of the path."""
-        if self._unclear and vote.first <= self._unclear[-1].last + PARTNER_KEYS:
+        if self._unclear and vote.first <= self._unclear[-1].last + self._config.verification.partner_keys:
             last = self._unclear.pop()
             vote = replace(max(last, vote, key=lambda v: v.count), first=last.first, last=vote.last)
         self._unclear.append(vote)
@@ -308,9 +297,15 @@ class BackEnd:
     def _consistent(self, waiting: list[int], poses: NDArray[np.float64]) -> list[int]:
         """The most attempts of which each agrees with every other; those of one key scan do not contradict."""
         attempts = [self.attempts[index] for index in waiting]
-        agree = [[a.key_new == b.key_new or say_the_same(a, b, poses) for a in attempts] for b in attempts]
+        agree = [[a.key_new == b.key_new or self._are_consistent(a, b, poses) for a in attempts] for b in attempts]
         members = maximum_clique(np.array(agree, dtype=np.bool_).reshape(len(waiting), len(waiting)))
         return [index for index, is_member in zip(waiting, members, strict=True) if is_member]
+
+    def _are_consistent(self, a: Attempt, b: Attempt, poses: NDArray[np.float64]) -> bool:
+        return are_consistent(a, b, poses, self._config.verification)
+
+    def _is_strong(self, vote: Vote) -> bool:
+        return vote.is_strong(self._config.votes)
 
     def _close(self, index: int) -> None:
         """Let an attempt into the graph; one that fitted elsewhere, too, if its neighbours did not."""
@@ -327,11 +322,6 @@ def _offset(attempt: Attempt, poses: NDArray[np.float64]) -> NDArray[np.float64]
     """(3,) where a closure puts the later pose, seen from where it is."""
     assert attempt.match is not None
     return between(between(poses[attempt.key_old], poses[attempt.key_new]), attempt.match.T_ref_cur)
-
-
-def _is_within(T: NDArray[np.float64], distance: float, angle: float) -> bool:
-    x, y, turn = T.tolist()
-    return bool(x * x + y * y < distance**2 and abs(turn) < angle)
 
 
 def solve_track(
@@ -373,10 +363,10 @@ def solve_track(
         if progress is not None:
             progress(track.keys[key].index + 1)
     solution = _relocalised(back_end.solution(), back_end.failures, closer, track, graph_config)
-    return _with_slips(solution, track, graph_config)
+    return _with_slips(solution, track, graph_config, closures.failures.refused_inflation)
 
 
-def _with_slips(solution: Solution, track: Track, graph_config: PoseGraphConfig) -> Solution:
+def _with_slips(solution: Solution, track: Track, graph_config: PoseGraphConfig, inflation: float) -> Solution:
     """The same with less trust in odometry where it was believed against a match.
 
     Not before: among people, who are what such matches usually see, it is right, and the searches for loops rest on it.
@@ -384,7 +374,7 @@ def _with_slips(solution: Solution, track: Track, graph_config: PoseGraphConfig)
     if not any(key.is_refused for key in track.keys):
         return solution
     factors = [
-        replace(factor, covariance=factor.covariance * _REFUSED)
+        replace(factor, covariance=factor.covariance * inflation)
         if factor.kind == "odometry" and track.keys[factor.j].is_refused
         else factor
         for factor in solution.graph.factors

@@ -1,10 +1,12 @@
 """Settings of the SLAM system around the matcher."""
 
 from dataclasses import dataclass, field
+from math import pi
 
 from graph.errors import IcegError
 from graph.ranges import check_between, check_magnitudes, check_numbers
 from graph.units import Radians
+from iceg.slam.agreement import Tolerance
 
 
 class SlamConfigError(IcegError):
@@ -13,6 +15,8 @@ class SlamConfigError(IcegError):
 
 _STEPS = (1e-3, 1000.0)
 """Between key scans [m, rad]."""
+_RATES = (1e-9, 0.5)
+"""Of false alarms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,10 +41,105 @@ class KeyScanConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class SightConfig:
+    """What a scan must see to be matched, or to speak against odometry."""
+
+    blind_range: float = 0.5
+    """A scan most of whose beams end within this sees nothing: the laser is covered [m]."""
+    blind_share: float = 0.8
+    """Least share of the returns that end so close in a scan that sees nothing."""
+    min_returns: float = 0.1
+    """A scan with a smaller share of returns sees nothing either …"""
+    min_far_returns: int = 20
+    """… unless so many return, most of them from afar: on open ground a laser of many beams meets little, but sees."""
+    few_returns: float = 1.0 / 3.0
+    """Where a smaller share of the beams returns, people close by pass for walls …"""
+    far: float = 10.0
+    """… but not where most of those that return come from beyond this [m]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OdometryCheckConfig:
+    """When a match contradicts odometry, and what it takes to be believed all the same."""
+
+    false_alarm: float = 1.544e-5
+    """A match contradicts odometry where chance puts it so far off with this probability only (χ², 3 degrees of
+    freedom; 5 σ)."""
+    min_evidence: float = 0.75
+    """A match constrained to odometry is preferred if it explains this share of what the free one does …"""
+    evidence_slope: float = 1.0 / 800.0
+    """… and all of it but for so much per squared Mahalanobis distance of the free one from odometry."""
+    jump_distance: float = 0.3
+    """A match farther from odometry than this [m] …"""
+    jump_turn: Radians = 0.26
+    """… or this [rad] …"""
+    jump_false_alarm: float = 6.334e-5
+    """… which chance explains with this probability only (normal distribution; 4 σ) is a jump …"""
+    jump_inlier_ratio: float = 0.75
+    """… and needs this share of the beams on the map to agree with it …"""
+    jump_free_space: float = 0.75
+    """… and this share of the map in view to be seen (free-space consistency)."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError)
+        check_between(self, SlamConfigError, "odometry check: ", false_alarm=_RATES, jump_false_alarm=_RATES)
+
+    @property
+    def jump(self) -> Tolerance:
+        """No match so near to odometry is a jump."""
+        return Tolerance(self.jump_distance, self.jump_turn)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackingConfig:
+    """Which pose of a scan is believed, and when tracking is lost."""
+
+    odometry_ratio: float = 4.0
+    """Ratio of variances (match over odometry) from which on a direction is shared with odometry."""
+    refuted_distance2: float = 200.0
+    """Squared Mahalanobis distance from which on odometry is no longer imprecise but wrong: the match stands alone."""
+    same_optimum_distance: float = 4.0
+    """Poses no farther apart than so many standard deviations of a tracked position are one optimum …"""
+    same_optimum_turn: float = 5.0
+    """… nor than so many of a tracked heading."""
+    turning_step: float = 2.0
+    """A step that is no longer than so many of the one before is sudden, if it is, for its turn."""
+    known_overlap: float = 0.3
+    """A scan is explained if this share of its beams is on the map …"""
+    known_agreement: float = 0.8
+    """… where this share of the beams agrees, and of the map in view is seen."""
+    tentative_evidence: float = 0.5
+    """The key scans of a tentative map come along to the known one if together they explain this share of what the
+    newest does there."""
+    loss_keys: int = 3
+    """After so many key scans that match only each other tracking is lost: the tentative map takes over."""
+    unknown_scans: int = 5
+    """After so many scans that neither odometry nor a match speaks for, a robot may be anywhere."""
+    polished: float = 0.15
+    """Where turns are known and nearly all guesses lie nearer than this [m], a polished guess is enough. Farther off,
+    it is found credible where it stands: along a corridor a wrong place explains as many beams, and a wrong turn no
+    longer gives it away."""
+    max_step: float = 10.0
+    """No robot moves farther from one scan to the next [m]: 180 km/h at 5 Hz."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError, positive=("loss_keys",))
+
+
+@dataclass(frozen=True, kw_only=True)
 class FrontEndConfig:
     """Matching scan after scan against the local reference."""
 
     key_scans: KeyScanConfig = field(default_factory=KeyScanConfig)
+    sight: SightConfig = field(default_factory=SightConfig)
+    """What a scan must see."""
+    odometry_check: OdometryCheckConfig = field(default_factory=OdometryCheckConfig)
+    """When a match contradicts odometry."""
+    tracking: TrackingConfig = field(default_factory=TrackingConfig)
+    """Which pose of a scan is believed."""
     calibrate_odometry: bool = True
     """Learn bias, time shift and noise of the odometry from the log's own matches."""
     calibration_path: float = 40.0
@@ -63,6 +162,228 @@ class FrontEndConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError, positive=("calibration_scans", "tracking_distance", "tracking_angle"))
+
+
+@dataclass(frozen=True, kw_only=True)
+class VerificationConfig:
+    """Where loop closures are matched, and which of them agree."""
+
+    min_overlap_ratio: float = 0.5
+    """A key scan that overlaps with a pass by less than this share of `min_overlap`, at the pose where the estimate
+    puts it, is not matched: on four public logs none was accepted that overlaps by less than 0.75 of it."""
+    trusted_distance: float = 0.3
+    """Up to this standard deviation in position a search trusts the estimate [m] …"""
+    trusted_turn: Radians = 0.1
+    """… and up to this one in heading [rad]."""
+    uncertain_distance: float = 1.0
+    """From this standard deviation on no match is believed without asking what else fits, however close it is [m]."""
+    refined_distance: float = 0.03
+    """Standard deviation in position of a match around a pose that a wide search found [m] …"""
+    refined_turn: Radians = 0.01
+    """… and in heading [rad]."""
+    anywhere_distance: float = 1.0
+    """Two similar places are searched within three times this [m] …"""
+    anywhere_turn: Radians = pi / 3.0
+    """… and this [rad]."""
+    near_distance: float = 0.4
+    """A closure no farther than this from the estimate [m] …"""
+    near_turn: Radians = 0.12
+    """… and this [rad] is near it."""
+    partner_distance: float = 0.25
+    """Two closures are consistent that differ by less than this [m] …"""
+    partner_turn: Radians = 0.05
+    """… and this [rad] …"""
+    partner_keys: int = 60
+    """… if no more than so many key poses lie between them."""
+    place_distance: float = 0.5
+    """Poses of one key scan no farther apart than this [m] …"""
+    place_turn: Radians = 0.1
+    """… and this [rad] are one place."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError)
+
+    @property
+    def trusted(self) -> Tolerance:
+        """How far a search trusts the estimate."""
+        return Tolerance(self.trusted_distance, self.trusted_turn)
+
+    @property
+    def refined(self) -> Tolerance:
+        """Standard deviations of a pose that a wide search found."""
+        return Tolerance(self.refined_distance, self.refined_turn)
+
+    @property
+    def anywhere(self) -> Tolerance:
+        """Standard deviations of the search for a similar place."""
+        return Tolerance(self.anywhere_distance, self.anywhere_turn)
+
+    @property
+    def near(self) -> Tolerance:
+        """Between a closure and an estimate that agree."""
+        return Tolerance(self.near_distance, self.near_turn)
+
+    @property
+    def partner(self) -> Tolerance:
+        """Between two closures that are consistent."""
+        return Tolerance(self.partner_distance, self.partner_turn)
+
+    @property
+    def place(self) -> Tolerance:
+        """Between poses that are one place."""
+        return Tolerance(self.place_distance, self.place_turn)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceVotesConfig:
+    """When another place fits key scans as well as that of a closure (perceptual aliasing)."""
+
+    rival_share: float = 1.0 / 3.0
+    """Another place does not count that so small a share of the key scans fit …"""
+    many: int = 6
+    """… nor does one where so many key scans fit this one better …"""
+    margin: float = 0.05
+    """… by this misfit, in the mean."""
+    strong_share: float = 0.5
+    """A vote is strong if this share of the key scans searched fit a place …"""
+    strong_misfit: float = 0.1
+    """… but for this misfit, in the mean."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackingFailureConfig:
+    """At which steps of the path tracking may have failed, and what settles it."""
+
+    false_alarm: float = 1.544e-5
+    """A match contradicts odometry where chance puts it so far off with this probability only (χ², 3 degrees of
+    freedom; 5 σ): odometry is widened, and the step is suspect."""
+    widened_distance2: float = 3.0
+    """Squared Mahalanobis distance of a match from the odometry that is widened for it: the mean of χ²."""
+    refused_inflation: float = 25.0 / 3.0
+    """Factor on the variances of odometry where it was believed against a match: the wheels may have slipped."""
+    carried: float = 0.6
+    """A match so far from odometry [m, or metres per metre driven if that is more] is suspect whatever it claims."""
+    beyond_chance_distance2: float = 99.0
+    """Squared Mahalanobis distance of a match from odometry that no chance explains."""
+    min_inlier_ratio: float = 0.7
+    """A match that explains less of a scan is suspect where few closures span the step …"""
+    believed_inlier_ratio: float = 0.8
+    """… and the path is believed where one explains this share, if nothing else speaks against it: those who walk past
+    evenly spaced doors, or similar rooms, find many key scans that agree about another place."""
+    settling_closures: int = 10
+    """So many closures that span a step settle what failed there."""
+    log_end: float = 12.0
+    """A failure so near to the beginning or the end of the path matters to nobody [m]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError, positive=("widened_distance2",))
+        check_between(self, SlamConfigError, "failures: ", false_alarm=_RATES)
+
+
+@dataclass(frozen=True, kw_only=True)
+class RelocalisationConfig:
+    """Which hypotheses join parts of a broken path."""
+
+    max_hypotheses: int = 6
+    """So many sets of closures that agree are weighed, the largest."""
+    max_fits: int = 3
+    """Of a pair of similar places that fit several ways, so many are kept."""
+    found_distance: float = 0.1
+    """Standard deviation in position of a place that a search found [m] …"""
+    found_turn: Radians = 0.03
+    """… and in heading [rad]."""
+    same_pass: int = 3
+    """Similar places so few places apart are one pass."""
+    most_share: float = 0.75
+    """A step that odometry and match contradict beyond all chance may be the one that closures are about if this share
+    of them spans it: not all need to, the reference of one may hold key scans from both sides of a break. Any other
+    step must be spanned by as many as any is."""
+    false_alarm: float = 1.544e-5
+    """The path explains an offset that chance makes as large with more than this probability (χ², 3 degrees of freedom;
+    5 σ)."""
+    spanned_covariance: float = 0.01
+    """Of the covariance of a step that closures span, so much is left."""
+    bias_sigmas: float = 3.0
+    """The path explains an offset if a bias of up to so many standard deviations at every step does."""
+    min_agreeing: int = 6
+    """A hypothesis needs at least so many scans that agree with it …"""
+    majority: float = 3.0
+    """… and so many times those that contradict it …"""
+    min_credible: int = 3
+    """… or so many and a majority, where something else says the same …"""
+    lead: float = 2.0
+    """… and so many times what speaks for the present estimate …"""
+    dissent: int = 2
+    """… but to contradict a path in which nothing else has failed, the least number must be left when each scan against
+    it has taken so many with it."""
+    scan_distance: float = 0.3
+    """Standard deviation in position of a scan that verifies a hypothesis [m] …"""
+    scan_turn: Radians = 0.1
+    """… and in heading [rad]."""
+    min_overlap: float = 0.5
+    """From this overlap on a scan that does not agree contradicts what was seen there."""
+    reach: float = 8.0
+    """Key scans within so much path of a closure verify it [m] …"""
+    pass_length: float = 16.0
+    """… against the pass of the closure, within so much path [m] …"""
+    spacing: float = 1.4
+    """… one so often [m], lest few be left in a log of few scans …"""
+    max_keys: int = 24
+    """… at most so many."""
+    rival_distance: float = 2.0
+    """Hypotheses that put the same scans so far apart are about different places [m]."""
+    rival_support: float = 0.5
+    """Another is weighed that has this share of the key scans of a hypothesis."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError)
+        check_between(self, SlamConfigError, "relocalisation: ", false_alarm=_RATES)
+
+    @property
+    def found(self) -> Tolerance:
+        """Standard deviations of a place that a search found."""
+        return Tolerance(self.found_distance, self.found_turn)
+
+    @property
+    def scan(self) -> Tolerance:
+        """Standard deviations of a scan that verifies a hypothesis."""
+        return Tolerance(self.scan_distance, self.scan_turn)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConfirmedAreaConfig:
+    """Where passes show nothing new, so that loops are looked for more seldom."""
+
+    distance: float = 0.1
+    """An area is confirmed where earlier passes put the newest pose no farther off than this [m] …"""
+    turn: Radians = 0.03
+    """… and this [rad] …"""
+    passes: int = 3
+    """… if so many do."""
+    spacing: float = 3.0
+    """There loops are looked for so many times more seldom."""
+    small_distance: float = 0.05
+    """Closures that move the newest pose by less than this [m] …"""
+    small_turn: Radians = 0.015
+    """… and this [rad] leave all poses before the last search where they are …"""
+    max_waiting: int = 15
+    """… but not so many in a row."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError, positive=("spacing",))
+
+    @property
+    def confirming(self) -> Tolerance:
+        """Between the newest pose and where an earlier pass puts it."""
+        return Tolerance(self.distance, self.turn)
+
+    @property
+    def small(self) -> Tolerance:
+        """A correction that only the newest poses follow."""
+        return Tolerance(self.small_distance, self.small_turn)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,6 +449,16 @@ class LoopClosureConfig:
     """Key scans that must agree before a recognised place is believed."""
     support_offsets: tuple[int, ...] = (-4, -2, 0, 2, 4)
     """Key scans asked to agree, relative to the one matched."""
+    verification: VerificationConfig = field(default_factory=VerificationConfig)
+    """Which closures agree."""
+    votes: PlaceVotesConfig = field(default_factory=PlaceVotesConfig)
+    """Whether another place fits as well."""
+    failures: TrackingFailureConfig = field(default_factory=TrackingFailureConfig)
+    """Where tracking may have failed."""
+    relocalisation: RelocalisationConfig = field(default_factory=RelocalisationConfig)
+    """Which hypotheses join parts of a broken path."""
+    confirmed: ConfirmedAreaConfig = field(default_factory=ConfirmedAreaConfig)
+    """Where passes show nothing new."""
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError, positive=("confirmations", "place_confirmations"))
@@ -224,6 +555,8 @@ class FinishConfig:
     """Standard deviation in heading of the search around the optimum [rad]."""
     kernel_width: float = 5.0
     """Φ of dynamic covariance scaling on closures (squared standard deviations)."""
+    outlier_weight: float = 0.01
+    """A closure whose robust kernel leaves it a smaller weight than this is an outlier, and is taken out."""
     joint: JointRefinementConfig = field(default_factory=JointRefinementConfig)
     """In the end, poses and map together."""
 

@@ -23,9 +23,9 @@ class FinalFactors:
     measured: list[Factor]
 
     @classmethod
-    def of(cls, solved: Sequence[Factor], breaks: Sequence[Break], track: Track) -> "FinalFactors":
-        """Both, from the solved ones and where the path is broken."""
-        return cls(solved=list(solved), measured=without_lost_odometry(solved, breaks, track))
+    def of(cls, solved: Sequence[Factor], breaks: Sequence[Break], track: Track, min_credible: int) -> "FinalFactors":
+        """Both, from the solved ones and where the path is broken; see `without_lost_odometry`."""
+        return cls(solved=list(solved), measured=without_lost_odometry(solved, breaks, track, min_credible))
 
     @property
     def are_all_believed(self) -> bool:

@@ -190,4 +190,5 @@ def corrected_by(
     def closer() -> LoopCloser:
         return LoopCloser(matcher, track, config.loops)
 
-    return corrected(solution, corrections, track, closer, closure_kernel(config.finish), config.graph)
+    kernel, outlier_weight = closure_kernel(config.finish), config.finish.outlier_weight
+    return corrected(solution, corrections, track, closer, kernel, outlier_weight, config.graph)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Scan
-from graph.batch import BatchConfig, optimize
+from graph.batch import optimize
 from graph.config import PoseGraphConfig
 from graph.factors import Factor, RobustKernel
 from graph.pose_graph import PoseGraph
@@ -17,6 +17,7 @@ from graph.problem import Problem
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.noise import PLAIN
 from iceg.slam.back_end import Solution
+from iceg.slam.broken_path.estimate import BATCH
 from iceg.slam.closures.attempt import Attempt, closure_factor
 from iceg.slam.closures.record import with_earlier, without_contradicted
 from iceg.slam.config import FinishConfig, LoopClosureConfig
@@ -139,6 +140,7 @@ def refined(
     rounds: Sequence[Round],
     track: Track,
     matcher: MapMatcher,
+    closures: LoopClosureConfig,
     config: FinishConfig,
     *,
     scan_of: Callable[[int], Scan] | None = None,
@@ -152,6 +154,7 @@ def refined(
         rounds: what was done before.
         track: key scans.
         matcher: that matched them.
+        closures: what counts as a closure.
         config: of the refinement.
         scan_of: the scans of the log by index, so that those between key scans take part in the joint refinement.
         noise: of the ranges beyond what the settings allow for.
@@ -163,11 +166,14 @@ def refined(
     clock, factors = _Clock(), solution.graph.factors
     chain = [factor for factor in factors if not _is_robust(factor)]
     attempts, loops = without_contradicted(
-        solution.attempts, [factor for factor in factors if _is_robust(factor)], solution.poses
+        solution.attempts,
+        [factor for factor in factors if _is_robust(factor)],
+        solution.poses,
+        config.outlier_weight,
     )
     poses, done = solution.poses, list(rounds)
     covariances, information, walls = None, None, WallPieces.none()
-    final = FinalFactors.of([*chain, *loops], solution.breaks, track)
+    final = FinalFactors.of([*chain, *loops], solution.breaks, track, closures.relocalisation.min_credible)
     if config.joint.enabled:
         if matcher.judge is matcher:  # what halves of scans say of ICE they say of the points
             config = _inflated(config, track.match_covariance_scale)
@@ -190,10 +196,6 @@ def refined(
 def closure_kernel(config: FinishConfig) -> RobustKernel:
     """The robust kernel of a closure that is not pinned."""
     return RobustKernel(name="dcs", width=config.kernel_width)
-
-
-BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
-"""How the finish solves a graph."""
 
 
 class _Clock:

@@ -23,6 +23,7 @@ from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.memory import release_freed_memory
 from iceg.result_tables import RunTables, TableName
+from iceg.slam.agreement import Tolerance
 from iceg.slam.back_end import Solution
 from iceg.slam.closures.closure import Closure
 from iceg.slam.closures.rival import best_rival
@@ -278,7 +279,7 @@ def conclude(
         landmarks=landmarks,
         grid=grid,
         walls=finished.walls,
-        closures=[*_closures(track, solution), *corrected.by_hand],
+        closures=[*_closures(track, solution, config.loops.verification.place), *corrected.by_hand],
         warnings=warnings,
         summary=_summary(counts, findings, corrections, clock),
         findings=findings,
@@ -323,13 +324,16 @@ def _finish(
             rounds,
             track,
             matcher,
+            config.loops,
             config.finish,
             scan_of=log.scan,
             noise=noise,
             distrusted=corrected.distrusted,
         )
     else:
-        factors = FinalFactors.of(solution.graph.factors, solution.breaks, track)
+        factors = FinalFactors.of(
+            solution.graph.factors, solution.breaks, track, config.loops.relocalisation.min_credible
+        )
         finished = Finished(poses=solution.poses, factors=factors, attempts=solution.attempts, rounds=[])
         if factors.are_all_believed:
             return solution, finished
@@ -405,7 +409,7 @@ def _described(laser: LaserNoise | None) -> LaserSummary | None:
     }
 
 
-def _closures(track: Track, solution: Solution) -> list[Closure]:
+def _closures(track: Track, solution: Solution, one_place: Tolerance) -> list[Closure]:
     return [
         Closure(
             scan_i=track.keys[attempt.key_old].index,
@@ -417,7 +421,7 @@ def _closures(track: Track, solution: Solution) -> list[Closure]:
             verdict="accepted" if attempt.accepted else "removed" if attempt.removed else "rejected",
             reason=attempt.reason,
             off_path=attempt.off_path,
-            rival=best_rival(attempt),
+            rival=best_rival(attempt, one_place),
         )
         for attempt in solution.attempts
     ]

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.factors import Factor
-from iceg.slam.back_end import CONFIRMED_SPACING
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.config import FinishConfig
@@ -44,7 +43,7 @@ def match_again(
     known = {(candidate.key_old, candidate.key_new) for candidate in again}
     around = [
         candidate
-        for key in _spaced_keys(track, config, closer.searchable)
+        for key in _spaced_keys(track, config, closer.searchable, closer.config.confirmed.spacing)
         for candidate in closer.neighbours(key, poses, deviations)
         if (candidate.key_old, candidate.key_new) not in known
     ]
@@ -81,12 +80,12 @@ class _Ties:
         )
 
 
-def _spaced_keys(track: Track, config: FinishConfig, searchable: NDArray[np.bool_]) -> list[int]:
+def _spaced_keys(track: Track, config: FinishConfig, searchable: NDArray[np.bool_], seldom: float) -> list[int]:
     """Key scans to match again: some distance apart, farther in confirmed areas."""
     since, keys = np.zeros(2), []
     for key in range(1, len(track.keys)):
         step = np.array([track.keys[key].motion.distance, track.keys[key].motion.turn])
-        since += step if searchable[key] else step / CONFIRMED_SPACING
+        since += step if searchable[key] else step / seldom
         if since[0] >= config.spacing or since[1] >= config.spacing_angle:
             since[:] = 0.0
             keys.append(key)

@@ -22,7 +22,7 @@ from iceg.slam.broken_path.estimate import Estimate
 from iceg.slam.broken_path.path_break import TrackingFailure
 from iceg.slam.broken_path.place_votes import Vote
 from iceg.slam.broken_path.relocalisation import relocalise
-from iceg.slam.config import LoopClosureConfig
+from iceg.slam.config import ConfirmedAreaConfig, LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 
@@ -214,7 +214,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "contradicted closures": Rule(
             what="closures the finished graph contradicts are dropped",
-            without={f"{_SLAM}.finish:without_contradicted": lambda attempts, loops, _poses: (attempts, loops)},
+            without={f"{_SLAM}.finish:without_contradicted": lambda attempts, loops, *_: (attempts, loops)},
         ),
         "robust closures": Rule(
             what="dynamic covariance scaling in the finish",
@@ -222,7 +222,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "confirmed passes": Rule(
             what="passes over confirmed areas are searched more seldom",
-            without={f"{_SLAM}.back_end:_CONFIRMED_AFTER": 1_000_000},
+            config=_with_loops(confirmed=ConfirmedAreaConfig(passes=1_000_000)),
         ),
     }
 )

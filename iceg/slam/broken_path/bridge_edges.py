@@ -11,13 +11,6 @@ from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.track import KeyScan, Track
 
-_LOG_END = 12.0
-"""A break so near to the beginning or the end of the path matters to nobody [m]."""
-_SETTLED = 10
-"""So many closures that span a step settle what failed there."""
-_WEAK_SCORE = 0.7
-"""A match that explains less of a scan is not believed where few closures span it."""
-
 
 class BridgeEdges:
     """Steps that nothing spans, that few span and little explains, or at which tracking failed, as closures enter."""
@@ -39,16 +32,19 @@ class BridgeEdges:
         """
         self._keys = track.keys
         self._config = config
-        inner = amid_the_path(track)
+        self.most_share = config.relocalisation.most_share
+        """See `RelocalisationConfig`."""
+        inner = amid_the_path(track, config.failures.log_end)
         spanned = closures_across(factors, len(track.keys), config)
+        settling = config.failures.settling_closures
         self.failures = {
             key: failure
             for key, failure in failures.items()
-            if failure.is_lost or (inner[key] and spanned[key] < _SETTLED)
+            if failure.is_lost or (inner[key] and spanned[key] < settling)
         }
         """Those that closures have not settled."""
         scores = np.array([_score(key) for key in track.keys])
-        self._weak = inner & (scores < _WEAK_SCORE) & (spanned < _SETTLED)
+        self._weak = inner & (scores < config.failures.min_inlier_ratio) & (spanned < settling)
         self.is_bridge = inner & (spanned == 0) | self._weak
         """(k,) whether the step that leads to a key pose is a bridge."""
         self.is_bridge[list(self.failures)] = True
@@ -64,7 +60,7 @@ class BridgeEdges:
 
     def refuted(self) -> list[int]:
         """The key poses before which odometry and match contradict each other, or the robot was lost."""
-        return [key for key, failure in self.failures.items() if failure.is_beyond_chance]
+        return [key for key, failure in self.failures.items() if failure.is_beyond_chance(self._config.failures)]
 
     def rank(self, key: int) -> float:
         """Compares the steps that may be broken: the highest is where a break is put.
@@ -77,14 +73,14 @@ class BridgeEdges:
     def update(self, factors: Sequence[Factor]) -> None:
         """Leave out the steps that the closures of a graph span by now."""
         spanned = closures_across(factors, len(self._keys), self._config)
-        self.is_bridge &= (spanned == 0) | (self._weak & (spanned < _SETTLED))
+        self.is_bridge &= (spanned == 0) | (self._weak & (spanned < self._config.failures.settling_closures))
         self.is_bridge[list(self.failures)] = True
 
 
-def amid_the_path(track: Track) -> NDArray[np.bool_]:
+def amid_the_path(track: Track, end: float) -> NDArray[np.bool_]:
     """(k,) which key poses lie neither near the beginning nor near the end of the path."""
     path = np.cumsum([key.motion.distance for key in track.keys])
-    return np.asarray((path > _LOG_END) & (path < path[-1] - _LOG_END), dtype=np.bool_)
+    return np.asarray((path > end) & (path < path[-1] - end), dtype=np.bool_)
 
 
 def closures_across(factors: Sequence[Factor], n_keys: int, config: LoopClosureConfig) -> NDArray[np.int64]:

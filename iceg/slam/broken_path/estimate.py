@@ -9,11 +9,13 @@ from numpy.typing import NDArray
 from graph.batch import BatchConfig, optimize
 from graph.factors import Factor
 from graph.se2 import compose
+from iceg.slam.agreement import Tolerance
 from iceg.slam.broken_path.path_break import UNKNOWN_STEP, Break
 from iceg.slam.broken_path.place_votes import Vote
 from iceg.slam.closures.attempt import Attempt, closure_factor, is_near
 
-_BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
+BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
+"""How a whole graph is solved during a run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -38,7 +40,9 @@ class Estimate:
 class ChangingEstimate:
     """The same while closures enter and leave, and parts of the path move."""
 
-    def __init__(self, start: Estimate) -> None:
+    def __init__(self, start: Estimate, near: Tolerance) -> None:
+        """Start with an estimate; closures that agree with it to within `near` stay when parts move."""
+        self._near = near
         self.factors, self.poses = start.factors, start.poses
         self.attempts = list(start.attempts)
 
@@ -72,7 +76,7 @@ class ChangingEstimate:
             for attempt in self.attempts
             if moving[attempt.key_old] != moving[attempt.key_new]
             and attempt.accepted
-            and not is_near(attempt, self.poses)
+            and not is_near(attempt, self.poses, self._near)
         ]
         self._take_out(torn, f"contradicted by {len(closures)} closures that agree")
         self.close(closures)
@@ -86,7 +90,7 @@ class ChangingEstimate:
         self.factors = [f for f in self.factors if f.kind != "closure" or (f.i, f.j) not in gone]
 
     def _solve(self) -> None:
-        self.poses = optimize(self.factors, self.poses, _BATCH).poses
+        self.poses = optimize(self.factors, self.poses, BATCH).poses
 
 
 def _spans(factor: Factor, key: int) -> bool:

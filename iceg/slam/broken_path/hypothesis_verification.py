@@ -5,27 +5,19 @@ chance one after the other, and where they do at both places, nothing is decided
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graph.se2 import between, compose
+from iceg.slam.agreement import agree
 from iceg.slam.broken_path.place_hypothesis import Hypothesis
-from iceg.slam.closures.attempt import Attempt, closed_pose, lies_near
+from iceg.slam.closures.attempt import Attempt, closed_pose
 from iceg.slam.closures.candidates import ANCHOR_SPACING, Candidate
+from iceg.slam.config import RelocalisationConfig
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
-
-_FEWEST_VOTES, _MAJORITY = 6, 3.0
-"""A hypothesis needs at least so many votes, and so many times those against it …"""
-_FEWEST_CREDIBLE = 3
-"""… or so many and a majority, where something else says the same …"""
-_BELIEF = 2.0
-"""… and so many times what speaks for the path …"""
-_DISSENT = 2
-"""… but to contradict a path in which nothing else has failed, the least number must be left when each one against it
-has taken so many with it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -35,43 +27,31 @@ class FitCount:
     Attributes:
         agreeing: matches that say the same.
         against: how many scans contradict what else was seen there, or fit better elsewhere.
+        config: how many it takes.
     """
 
     agreeing: list[Attempt]
     against: int
+    config: RelocalisationConfig = field(default_factory=RelocalisationConfig)
 
     @property
     def is_passed(self) -> bool:
         """Whether enough agree, and hardly any do not."""
-        return len(self.agreeing) >= max(_FEWEST_VOTES, _MAJORITY * self.against)
+        return len(self.agreeing) >= max(self.config.min_agreeing, self.config.majority * self.against)
 
     @property
     def is_credible(self) -> bool:
         """Whether some agree, and more than do not: enough where something else says the same."""
-        return len(self.agreeing) >= _FEWEST_CREDIBLE and len(self.agreeing) > self.against
+        return len(self.agreeing) >= self.config.min_credible and len(self.agreeing) > self.against
 
     @property
     def is_sure(self) -> bool:
         """Whether so few do not agree that a path may be contradicted in which nothing else has failed."""
-        return len(self.agreeing) - _DISSENT * self.against >= _FEWEST_VOTES
+        return len(self.agreeing) - self.config.dissent * self.against >= self.config.min_agreeing
 
     def beats(self, other: "FitCount") -> bool:
         """Whether this is clearly the better of two."""
-        return len(self.agreeing) - self.against > _BELIEF * (len(other.agreeing) - other.against)
-
-
-_DEVIATIONS = np.array([0.3, 0.3, 0.1])
-"""How well the place of a scan is supposed to be known [m, m, rad]."""
-_OVERLAP = 0.5
-"""From here on a scan that does not agree contradicts what was seen there."""
-_REACH = 8.0
-"""Key scans within so much path of a closure are verified [m] …"""
-_PASS = 16.0
-"""… against the pass of the closure, within so much path [m] …"""
-_SPACING = 1.4
-"""… one so often [m], lest few be left to vote in a log of few scans …"""
-_KEYS = 24
-"""… at most so many."""
+        return len(self.agreeing) - self.against > self.config.lead * (len(other.agreeing) - other.against)
 
 
 class HypothesisVerifier:
@@ -79,11 +59,13 @@ class HypothesisVerifier:
 
     def __init__(self, closer: LoopCloser, track: Track) -> None:
         self._closer = closer
+        self._config = closer.config.relocalisation
+        self._near = closer.config.verification.near
         self._keys = track.keys
         steps = np.array([key.motion.distance for key in track.keys])
         self._path = np.cumsum(steps)
         usual = max(float(np.median(steps)), 1e-3)
-        self._spacing = int(np.clip(round(_SPACING / usual), 1, ANCHOR_SPACING))
+        self._spacing = int(np.clip(round(self._config.spacing / usual), 1, ANCHOR_SPACING))
 
     def of_hypothesis(self, hypothesis: Hypothesis, poses: NDArray[np.float64]) -> FitCount:
         """Verify scans where a hypothesis puts them.
@@ -97,7 +79,7 @@ class HypothesisVerifier:
             for key, nearest in self._to_verify(hypothesis)
             for candidate in self._around(key, self._put_by(nearest, key, poses), poses, hypothesis)
             # other passes may have drifted away from this one
-            if abs(self._path[candidate.key_old] - self._path[nearest.key_old]) <= _PASS
+            if abs(self._path[candidate.key_old] - self._path[nearest.key_old]) <= self._config.pass_length
         )
         return self._count(seen, poses)
 
@@ -124,8 +106,8 @@ class HypothesisVerifier:
         path, ends = self._path, np.array([closure.key_new for closure in hypothesis.closures])
         keys = np.arange(hypothesis.key, len(self._keys), self._spacing)
         far = np.abs(path[keys][:, None] - path[ends][None, :])
-        near = np.flatnonzero(far.min(axis=1) < _REACH)
-        near = near[:: max(1, -(-len(near) // _KEYS))]
+        near = np.flatnonzero(far.min(axis=1) < self._config.reach)
+        near = near[:: max(1, -(-len(near) // self._config.max_keys))]
         return [(int(keys[k]), hypothesis.closures[int(far[k].argmin())]) for k in near]
 
     def _put_by(self, closure: Attempt, key: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -136,14 +118,17 @@ class HypothesisVerifier:
     def _around(
         self, key: int, T_map_key: NDArray[np.float64], poses: NDArray[np.float64], hypothesis: Hypothesis
     ) -> list[Candidate]:
-        return self._closer.seen_from(key, T_map_key, poses, hypothesis.key, _DEVIATIONS)
+        return self._closer.seen_from(key, T_map_key, poses, hypothesis.key, self._config.scan.deviations)
 
     def _count(self, seen: Iterator[Candidate], poses: NDArray[np.float64]) -> FitCount:
         agreeing, against = [], 0
         for candidate in seen:
             attempt = self._closer.match(candidate, poses)
-            if attempt.accepted and lies_near(attempt, candidate.T_old_new):
+            if attempt.accepted and self._is_where_put(attempt, candidate):
                 agreeing.append(attempt)
-            elif attempt.overlap >= _OVERLAP:
+            elif attempt.overlap >= self._config.min_overlap:
                 against += 1
-        return FitCount(agreeing=agreeing, against=against)
+        return FitCount(agreeing=agreeing, against=against, config=self._config)
+
+    def _is_where_put(self, attempt: Attempt, candidate: Candidate) -> bool:
+        return attempt.match is not None and agree(candidate.T_old_new, attempt.match.T_ref_cur, self._near)

@@ -9,15 +9,12 @@ import numpy as np
 
 from graph.factors import Factor
 from graph.measurement import NoMatch
+from iceg.slam.config import TrackingFailureConfig
 from iceg.slam.run_warning import Kind, RunWarning
 from iceg.slam.track import Track
 
 Outcome = Literal["joined", "apart", "contradicted", "credible", "drifted"]
 
-_BEYOND_CHANCE = 100.0
-"""Squared Mahalanobis distance of a match from odometry that no chance explains."""
-_FEWEST_AGREEING = 3
-"""So many scans that agree with odometry make it credible that the robot was not carried, even where as many do not."""
 UNKNOWN_STEP = np.diag([100.0, 100.0, np.pi]) ** 2
 """Covariance of a step on which the robot was carried [m², rad²]."""
 
@@ -62,11 +59,10 @@ class TrackingFailure:
         """Whether nothing was known when the robot went on."""
         return self.kind >= FailureKind.TRACKING_LOSS
 
-    @property
-    def is_beyond_chance(self) -> bool:
+    def is_beyond_chance(self, config: TrackingFailureConfig) -> bool:
         """Whether nothing matched, or match and odometry contradict each other by more than chance explains."""
         if self.kind is FailureKind.INCONSISTENT:
-            return self.distance2 >= _BEYOND_CHANCE - 1.0
+            return self.distance2 >= config.beyond_chance_distance2
         return self.kind > FailureKind.INCONSISTENT
 
     @property
@@ -104,7 +100,9 @@ class Break:
     across: int = 0
 
 
-def without_lost_odometry(factors: Sequence[Factor], breaks: Sequence[Break], track: Track) -> list[Factor]:
+def without_lost_odometry(
+    factors: Sequence[Factor], breaks: Sequence[Break], track: Track, min_credible: int
+) -> list[Factor]:
     """The factors of a graph, odometry telling nothing where it alone holds what a sudden loss has torn apart.
 
     Where the laser knew its way until the key scan before, and nothing fits the next one, the robot may have been
@@ -117,11 +115,13 @@ def without_lost_odometry(factors: Sequence[Factor], breaks: Sequence[Break], tr
         factors: of the graph.
         breaks: of the path; those that are "apart" matter.
         track: key scans and their matches.
+        min_credible: so many scans that agree with odometry make it credible that the robot was not carried, even where
+            as many do not.
     """
     torn = {
         found.key
         for found in breaks
-        if found.outcome == "apart" and found.closures < _FEWEST_AGREEING and _is_sudden(track, found.key)
+        if found.outcome == "apart" and found.closures < min_credible and _is_sudden(track, found.key)
     }
     return [
         replace(factor, covariance=UNKNOWN_STEP)

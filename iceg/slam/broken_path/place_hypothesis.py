@@ -12,22 +12,12 @@ from numpy.typing import NDArray
 
 from graph.consistency import cumulative_covariances, maximum_clique, pairwise_consistency
 from graph.factors import Factor
-from graph.noise import squared_norm
+from graph.noise import chi2_gate, squared_norm
 from graph.se2 import compose, inverse, logmap
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
 from iceg.slam.broken_path.path_parts import PathParts
 from iceg.slam.closures.attempt import Attempt, closed_pose, closure_factor
-
-_MOST = 0.75
-"""A step that odometry and match contradict beyond all chance may be the one that closures are about if this share of
-them spans it: not all need to, the reference of one may hold key scans from both sides of a break. Any other step must
-be spanned by as many as any is."""
-_CHANCE_SIGMAS2 = 25.0
-"""Chance explains an offset up to this squared Mahalanobis distance."""
-_SPANNED = 0.01
-"""Of the covariance of a step that closures span, so much is left."""
-_BIAS_SIGMAS2 = 9.0
-"""The path explains an offset if a bias of up to three standard deviations at every step does."""
+from iceg.slam.config import RelocalisationConfig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,29 +77,35 @@ class Hypothesis:
         )
         return float(np.hypot(x - x_other, y - y_other))
 
-    def is_chance(self, factors: Sequence[Factor], poses: NDArray[np.float64]) -> bool:
+    def is_chance(self, factors: Sequence[Factor], poses: NDArray[np.float64], config: RelocalisationConfig) -> bool:
         """Whether the path explains it by chance, without a bias; arguments as of `is_drift`."""
-        return self.is_drift(factors, poses, np.ones(len(poses), dtype=np.bool_))
+        return self.is_drift(factors, poses, config, np.ones(len(poses), dtype=np.bool_))
 
     def is_drift(
-        self, factors: Sequence[Factor], poses: NDArray[np.float64], is_bridge: NDArray[np.bool_] | None = None
+        self,
+        factors: Sequence[Factor],
+        poses: NDArray[np.float64],
+        config: RelocalisationConfig,
+        is_bridge: NDArray[np.bool_] | None = None,
     ) -> bool:
         """Whether the errors of the path explain it, step by step.
 
         Args:
             factors: of the graph.
             poses: (k, 3) T_map_robot.
+            config: how far chance and a bias go.
             is_bridge: (k,) the steps to key poses that no closure spans, where something else speaks against the path:
                 it drifts along them, hardly elsewhere. If left out, errors may be larger than it claims, and a bias.
         """
         cumulative = cumulative_covariances(_path(factors), poses)
         if is_bridge is not None:
             steps = np.diff(cumulative, axis=0, prepend=np.zeros((1, 3, 3)))
-            cumulative = np.cumsum(np.where(is_bridge[:, None, None], 1.0, _SPANNED) * steps, axis=0)
+            cumulative = np.cumsum(np.where(is_bridge[:, None, None], 1.0, config.spanned_covariance) * steps, axis=0)
         for closure in self.closures:
             error = logmap(_correction(closure, poses))
             covariance = cumulative[closure.key_new] - cumulative[closure.key_old]
-            most = _BIAS_SIGMAS2 * (closure.key_new - closure.key_old) if is_bridge is None else _CHANCE_SIGMAS2
+            n_steps = closure.key_new - closure.key_old
+            most = config.bias_sigmas**2 * n_steps if is_bridge is None else chi2_gate(config.false_alarm)
             if squared_norm(error, covariance) > most:
                 return False
         return True
@@ -173,7 +169,7 @@ def about_one_step(closures: Sequence[Attempt], steps: BridgeEdges) -> Hypothesi
     if not spans.any():
         return None
     most = spans.max()
-    refuted = [key for key in steps.refuted() if spans[key] >= _MOST * most]
+    refuted = [key for key in steps.refuted() if spans[key] >= steps.most_share * most]
     key = max([*np.flatnonzero(spans == most).tolist(), *refuted], key=lambda step: (steps.rank(step), step))
     return Hypothesis(key=key, closures=[c for c in closures if c.key_old < key <= c.key_new])
 

@@ -7,18 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.factors import Factor
+from iceg.slam.agreement import agree
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, agreeing_sets
 from iceg.slam.broken_path.similar_places import similar_places
-from iceg.slam.closures.attempt import Attempt, is_near, lies_near
+from iceg.slam.closures.attempt import Attempt, is_near
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
-
-_MOST_PLACES = 3
-"""Of a pair of similar places that fit several ways, so many are kept."""
-_EXACT = np.array([0.1, 0.1, 0.03])
-"""How well a place that a search found is known [m, m, rad]."""
 
 
 class PlaceSearch:
@@ -61,24 +57,27 @@ class PlaceSearch:
             claim
             for attempt in self._tried
             if parts[attempt.key_old] != parts[attempt.key_new]
-            for claim in _claims(attempt)
+            for claim in _claims(attempt, self._config.relocalisation.max_fits)
         ]
         return agreeing_sets(claims, self.path, along, self._config.place_confirmations)
 
     def settled(self, claims: Sequence[Attempt], poses: NDArray[np.float64]) -> list[Attempt]:
         """Claims that agree, each matched where it was made; an ambiguous one that confirms the path says nothing."""
-        settled = []
+        settled, near = [], self._config.verification.near
         for claim in claims:
             if claim.accepted:
                 settled.append(claim)
-            if claim.accepted or is_near(claim, poses):
+            if claim.accepted or is_near(claim, poses, near):
                 continue
             assert claim.match is not None
             there = Candidate(
-                key_old=claim.key_old, key_new=claim.key_new, T_old_new=claim.match.T_ref_cur, deviations=_EXACT
+                key_old=claim.key_old,
+                key_new=claim.key_new,
+                T_old_new=claim.match.T_ref_cur,
+                deviations=self._config.relocalisation.found.deviations,
             )
             attempt = self._closer.match(there, poses)
-            if attempt.accepted and lies_near(attempt, there.T_old_new):
+            if attempt.accepted and attempt.match and agree(there.T_old_new, attempt.match.T_ref_cur, near):
                 settled.append(attempt)
         return settled
 
@@ -99,11 +98,11 @@ class PlaceSearch:
         ]
 
 
-def _claims(attempt: Attempt) -> list[Attempt]:
+def _claims(attempt: Attempt, most: int) -> list[Attempt]:
     """An attempt itself, or where it fitted several places one for each of the best."""
     if attempt.accepted:
         return [attempt]
     if not attempt.is_ambiguous or attempt.match is None:
         return []
-    places = [place.T_old_new for place in attempt.places[:_MOST_PLACES]]
+    places = [place.T_old_new for place in attempt.places[:most]]
     return [replace(attempt, match=replace(attempt.match, T_ref_cur=T_old_new)) for T_old_new in places]

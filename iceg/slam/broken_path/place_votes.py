@@ -13,17 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.se2 import between, compose
-from iceg.slam.closures.attempt import PARTNER_DISTANCE, PARTNER_KEYS, PARTNER_TURN, Attempt
-from iceg.slam.closures.rival import is_one_place
+from iceg.slam.agreement import agree, are_small
+from iceg.slam.closures.attempt import Attempt
+from iceg.slam.config import LoopClosureConfig, PlaceVotesConfig
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.track import Track
-
-_RIVAL = 1.0 / 3.0
-"""Another place does not count that so small a share of the key scans speak for …"""
-_MANY, _BETTER = 6, 0.05
-"""… nor does one that many key scans fit worse by this, in the mean, and that hardly any fit alone."""
-_MOST, _WELL = 0.5, 0.1
-"""A vote is strong if this share of the key scans searched speak for a place, and fit it but for so little."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,11 +47,10 @@ class Vote:
         """Whether nothing speaks for any other place."""
         return self.rival == 0
 
-    @property
-    def is_strong(self) -> bool:
+    def is_strong(self, config: PlaceVotesConfig) -> bool:
         """Whether it settles what single searches leave open."""
-        are_most = self.count >= max(_MANY, _MOST * self.searched)
-        return self.is_clear and are_most and self.misfit <= _WELL
+        are_most = self.count >= max(config.many, config.strong_share * self.searched)
+        return self.is_clear and are_most and self.misfit <= config.strong_misfit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -67,21 +60,23 @@ class _Voted:
     T_map_key: NDArray[np.float64]
     misfits: dict[int, float]
 
-    def is_worse_than(self, other: "_Voted") -> bool:
+    def is_worse_than(self, other: "_Voted", config: PlaceVotesConfig) -> bool:
         """Whether this place does not count beside another."""
-        few = _RIVAL * len(other.misfits)
+        few = config.rival_share * len(other.misfits)
         if len(self.misfits) <= few:
             return True
         common = self.misfits.keys() & other.misfits.keys()
-        if len(other.misfits) < _MANY or len(self.misfits) - len(common) > few:
+        if len(other.misfits) < config.many or len(self.misfits) - len(common) > few:
             return False
-        return sum(self.misfits[key] - other.misfits[key] for key in common) >= _BETTER * len(common)
+        return sum(self.misfits[key] - other.misfits[key] for key in common) >= config.margin * len(common)
 
 
 class PlaceVotes:
     """All places that fit the key scans since a while."""
 
-    def __init__(self) -> None:
+    def __init__(self, config: LoopClosureConfig) -> None:
+        self._config = config.votes
+        self._tolerances = config.verification
         self._keys = np.empty((0, 2), dtype=np.int64)
         self._places = np.empty((0, 4))
         self._searched: set[int] = set()
@@ -104,10 +99,10 @@ class PlaceVotes:
         assert attempt.match is not None
         places = self._voted(attempt.key_new, poses)
         claimed = compose(poses[attempt.key_old], attempt.match.T_ref_cur)
-        here = next((place for place in places if is_one_place(between(claimed, place.T_map_key))), None)
+        here = next((place for place in places if self._is_one_place(claimed, place)), None)
         if here is None:
             return Vote(first=attempt.key_new, last=attempt.key_new, count=1)
-        rivals = [place for place in places if place is not here and not place.is_worse_than(here)]
+        rivals = [place for place in places if place is not here and not place.is_worse_than(here, self._config)]
         rival = max(rivals, key=lambda place: len(place.misfits), default=None)
         return Vote(
             first=min(here.misfits),
@@ -121,24 +116,27 @@ class PlaceVotes:
 
     def _voted(self, key: int, poses: NDArray[np.float64]) -> Sequence[_Voted]:
         """The distinct places of the newest key scan, those it fits best first."""
-        recent = self._keys[:, 1] >= key - PARTNER_KEYS
+        first = key - self._tolerances.partner_keys
+        recent = self._keys[:, 1] >= first
         self._keys, self._places = self._keys[recent], self._places[recent]
-        self._searched = {searched for searched in self._searched if searched >= key - PARTNER_KEYS}
+        self._searched = {searched for searched in self._searched if searched >= first}
         (old, new), misfits = self._keys.T, self._places[:, 3]
         T_map_new = compose(poses[old], self._places[:, :3])
         T_map_key = compose(T_map_new, between(poses[new], poses[key]))
         found: list[_Voted] = []
         own = np.flatnonzero(new == key)
         for claimed in T_map_new[own[np.argsort(misfits[own], kind="stable")]]:
-            if any(is_one_place(between(claimed, other.T_map_key)) for other in found):
+            if any(self._is_one_place(claimed, other) for other in found):
                 continue
-            x, y, turn = between(claimed, T_map_key).T
-            agree = np.flatnonzero((x * x + y * y < PARTNER_DISTANCE**2) & (np.abs(turn) < PARTNER_TURN))
+            same = np.flatnonzero(are_small(between(claimed, T_map_key), self._tolerances.partner))
             best: dict[int, float] = {}
-            for voter, misfit in zip(new[agree].tolist(), misfits[agree].tolist(), strict=True):
+            for voter, misfit in zip(new[same].tolist(), misfits[same].tolist(), strict=True):
                 best[voter] = min(misfit, best.get(voter, misfit))
             found.append(_Voted(T_map_key=claimed, misfits=best))
         return found
+
+    def _is_one_place(self, claimed: NDArray[np.float64], place: _Voted) -> bool:
+        return agree(claimed, place.T_map_key, self._tolerances.place)
 
 
 def unsettled(votes: Iterable[Vote], attempts: Iterable[Attempt]) -> tuple[Vote, ...]:

@@ -28,16 +28,6 @@ from iceg.slam.config import LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 
-_MOST_HYPOTHESES = 6
-"""So many sets of closures that agree are weighed, the largest."""
-_OTHER_PLACE = 2.0
-"""Hypotheses that put the same scans so far apart are about different places [m]."""
-_AS_STRONG = 0.5
-"""Another is weighed that has this share of the key scans of a hypothesis."""
-_EXPLAINED = 0.8
-"""A step whose match explains this share of its scan is believed, if nothing else speaks against it: those who walk
-past evenly spaced doors, or similar rooms, find many key scans that agree about another place."""
-
 _Outcome = Literal["open", "closed", "joined", "contradicted"]
 """What became of a hypothesis: nothing yet, drift ended, two parts joined, or a path that it only contradicts."""
 
@@ -81,7 +71,7 @@ class _Relocalisation:
     ) -> None:
         self._track = track
         self._config = config
-        self._now = ChangingEstimate(estimate)
+        self._now = ChangingEstimate(estimate, config.verification.near)
         self._steps = BridgeEdges(track, estimate.factors, failures, config)
         self._places = PlaceSearch(closer, track, estimate.factors, config)
         self._verifier = HypothesisVerifier(closer, track)
@@ -127,7 +117,10 @@ class _Relocalisation:
 
     def _join(self, found: Sequence[Sequence[Attempt]]) -> bool:
         """Act on sets of closures that agree, and tell what is too little to act on; whether they join any parts."""
-        sets = [self._places.settled(claims, self._now.poses) for claims in found[:_MOST_HYPOTHESES]]
+        sets = [
+            self._places.settled(claims, self._now.poses)
+            for claims in found[: self._config.relocalisation.max_hypotheses]
+        ]
         has_joined = False
         while sets and self._join_one(sets):  # what is joined may decide what was left open
             has_joined = True
@@ -206,9 +199,10 @@ class _Relocalisation:
             self._ambiguous[hypothesis.key] = rival
             return "open"
         key = hypothesis.key if among[first.key_new] else int(max(whole[first.key_old], whole[first.key_new]))
-        path, is_bridge = self._places.path, self._steps.is_bridge if key in self._steps.refuted() else None
-        if is_confirmed or hypothesis.is_drift(path, poses, is_bridge):
-            if not is_confirmed and not hypothesis.is_chance(path, poses):
+        path, config = self._places.path, self._config.relocalisation
+        is_bridge = self._steps.is_bridge if key in self._steps.refuted() else None
+        if is_confirmed or hypothesis.is_drift(path, poses, config, is_bridge):
+            if not is_confirmed and not hypothesis.is_chance(path, poses, config):
                 self._note(key, "drifted", closures, hypothesis.correction(poses))
             self._steps.failures.pop(key, None)
             self._now.close(closures)
@@ -218,7 +212,8 @@ class _Relocalisation:
 
     def _is_confirmed(self, closures: Sequence[Attempt]) -> bool:
         """Whether most of them say what the present estimate says."""
-        return sum(is_near(closure, self._now.poses) for closure in closures) > 0.5 * len(closures)
+        near = self._config.verification.near
+        return sum(is_near(closure, self._now.poses, near) for closure in closures) > 0.5 * len(closures)
 
     def _lost(self) -> list[int]:
         """The key poses before which the robot was lost, and nothing says yet how they lie to what was before."""
@@ -226,10 +221,10 @@ class _Relocalisation:
 
     def _rival(self, hypothesis: Hypothesis, fit: FitCount, others: Sequence[Hypothesis]) -> Vote | None:
         """What speaks for another place of the same scans, if a hypothesis does not clearly beat it."""
-        poses = self._now.poses
+        poses, config = self._now.poses, self._config.relocalisation
         for other in others:
             apart = hypothesis.apart_from(other, poses)
-            if apart < _OTHER_PLACE or other.support < _AS_STRONG * hypothesis.support:
+            if apart < config.rival_distance or other.support < config.rival_support * hypothesis.support:
                 continue
             there = self._verifier.of_hypothesis(other, poses)
             if there.is_passed and not fit.beats(there):
@@ -276,7 +271,7 @@ class _Relocalisation:
         failure = self._steps.failures.get(key)
         is_known = failure is not None and not failure.is_dead_reckoned
         if not is_known:
-            if self._steps.failure(key).rank <= 1.0 - _EXPLAINED:
+            if self._steps.failure(key).rank <= 1.0 - self._config.failures.believed_inlier_ratio:
                 return "open"
             fit = self._against_the_path(key, fit)
         is_broad = hypothesis.breadth >= self._config.place_confirmations

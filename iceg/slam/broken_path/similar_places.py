@@ -13,8 +13,6 @@ from iceg.slam.track import Track
 
 _PLACES_AT_ONCE = 512
 """Rows of the matrix of likeness in memory at a time."""
-_SAME_PASS = 3
-"""Places so few rows apart are one pass."""
 
 
 def similar_places(
@@ -57,13 +55,13 @@ def _most_similar(
         earlier = path[queries, None] - path[None, :] > config.min_path
         likeness[~(apart & earlier)] = 0.0
         for query, row in zip(queries.tolist(), likeness, strict=True):
-            best = _best(row, config.places_each)
+            best = _best(row, config.places_each, config.relocalisation.same_pass)
             likeness_of += [value for value, _ in best]
             rows += [(other, query) for _, other in best]
     return np.array(likeness_of), np.array(rows, dtype=np.int64)
 
 
-def _best(likeness: NDArray[np.float32], wanted: int) -> list[tuple[float, int]]:
+def _best(likeness: NDArray[np.float32], wanted: int, same_pass: int) -> list[tuple[float, int]]:
     """The most similar places and how much, the best of each pass."""
     found = []
     for _ in range(wanted):
@@ -71,7 +69,7 @@ def _best(likeness: NDArray[np.float32], wanted: int) -> list[tuple[float, int]]
         if likeness[best] <= 0.0:
             break
         found.append((float(likeness[best]), best))
-        likeness[max(0, best - _SAME_PASS) : best + _SAME_PASS + 1] = 0.0
+        likeness[max(0, best - same_pass) : best + same_pass + 1] = 0.0
     return found
 
 

@@ -9,11 +9,8 @@ from numpy.typing import NDArray
 from graph.factors import Factor, RobustKernel
 from graph.measurement import RelativePose
 from graph.se2 import between, compose
-
-_NEAR_DISTANCE, _NEAR_TURN = 0.4, 0.12
-"""A closure no farther than this from the estimate [m, rad] is near it."""
-PARTNER_KEYS, PARTNER_DISTANCE, PARTNER_TURN = 60, 0.25, 0.05
-"""Two closures within so many key poses confirm each other when they differ by less than this [m, rad]."""
+from iceg.slam.agreement import Tolerance, agree
+from iceg.slam.config import VerificationConfig
 
 FORBIDDEN = "forbidden by hand"
 
@@ -89,32 +86,26 @@ def closed_pose(attempt: Attempt, poses: NDArray[np.float64]) -> NDArray[np.floa
     return compose(poses[attempt.key_old], attempt.match.T_ref_cur)
 
 
-def lies_near(attempt: Attempt, T_old_new: NDArray[np.float64]) -> bool:
-    """Whether a closure says what an estimate, (3,), says, to within what a path is off in the ordinary course."""
+def is_near(attempt: Attempt, poses: NDArray[np.float64], tolerance: Tolerance) -> bool:
+    """Whether a closure agrees with the estimate given by (n, 3) poses."""
     assert attempt.match is not None
-    x, y, turn = between(T_old_new, attempt.match.T_ref_cur).tolist()
-    return bool(x * x + y * y < _NEAR_DISTANCE**2 and abs(turn) < _NEAR_TURN)
+    return agree(between(poses[attempt.key_old], poses[attempt.key_new]), attempt.match.T_ref_cur, tolerance)
 
 
-def is_near(attempt: Attempt, poses: NDArray[np.float64]) -> bool:
-    """The same of the estimate given by (n, 3) poses."""
-    return lies_near(attempt, between(poses[attempt.key_old], poses[attempt.key_new]))
-
-
-def say_the_same(a: Attempt, b: Attempt, poses: NDArray[np.float64]) -> bool:
+def are_consistent(a: Attempt, b: Attempt, poses: NDArray[np.float64], config: VerificationConfig) -> bool:
     """Whether two closures agree on how the later path lies to the earlier (pairwise consistency, Mangelson 2018).
 
     Args:
         a: one of them.
         b: the other.
         poses: (n, 3) estimates, good between neighbouring key poses.
+        config: how far they may differ.
 
     Returns:
         True if going one way round the cycle or the other leads to the same place.
     """
-    if a.match is None or b.match is None or a.key_new == b.key_new or abs(a.key_new - b.key_new) > PARTNER_KEYS:
+    if a.match is None or b.match is None or a.key_new == b.key_new or abs(a.key_new - b.key_new) > config.partner_keys:
         return False
     left = compose(a.match.T_ref_cur, between(poses[a.key_new], poses[b.key_new]))
     right = compose(between(poses[a.key_old], poses[b.key_old]), b.match.T_ref_cur)
-    x, y, turn = between(left, right).tolist()
-    return bool(x * x + y * y < PARTNER_DISTANCE**2 and abs(turn) < PARTNER_TURN)
+    return agree(left, right, config.partner)

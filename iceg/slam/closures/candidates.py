@@ -18,10 +18,6 @@ from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.track import Track
 
-TRUSTED_DEVIATIONS = np.array([0.3, 0.3, 0.1])
-"""Up to here a search trusts the estimate [m, m, rad]."""
-_UNCERTAIN = 1.0
-"""A match that leaves a direction open says so with this standard deviation [m]."""
 ANCHOR_SPACING = 4
 """Key poses from one reference to the next."""
 
@@ -47,11 +43,6 @@ class Candidate:
         """Two of (n, 3) key poses, known to within `deviations`, (3,) [m, m, rad], of each other."""
         T_old_new = between(poses[key_old], poses[key_new])
         return cls(key_old=key_old, key_new=key_new, T_old_new=T_old_new, deviations=deviations)
-
-
-def is_uncertain(candidate: Candidate) -> bool:
-    """Whether so little is known that no match is believed without asking what else fits, however close it is."""
-    return bool(candidate.deviations[0] > _UNCERTAIN)
 
 
 class EarlierPasses:
@@ -105,7 +96,7 @@ class EarlierPasses:
             return []
         spread = drift.spread(key_new, poses)
         widest = float(self._search_deviations(spread.since(0))[0])
-        is_uncertain = widest > 2 * TRUSTED_DEVIATIONS[0]
+        is_uncertain = widest > 2 * config.verification.trusted_distance
         piece = 2 * config.reference_half if is_uncertain else len(poses)
         near = self._nearest(key_new, poses, config.radius + 2.0 * widest, piece)
         found = []

@@ -10,12 +10,9 @@ from graph.factors import Factor
 from graph.problem import Problem
 from iceg.slam.closures.attempt import Attempt
 
-CONTRADICTED = 0.01
-"""A closure whose robust kernel leaves it a smaller weight than this is wrong."""
-
 
 def without_contradicted(
-    attempts: Sequence[Attempt], loops: Sequence[Factor], poses: NDArray[np.float64]
+    attempts: Sequence[Attempt], loops: Sequence[Factor], poses: NDArray[np.float64], outlier_weight: float
 ) -> tuple[list[Attempt], list[Factor]]:
     """Take out the closures that the rest of the graph contradicts so much that they no longer pull.
 
@@ -23,6 +20,7 @@ def without_contradicted(
         attempts: all that were tried.
         loops: the factors of those accepted, each with its robust kernel.
         poses: (n, 3) the optimum of all factors.
+        outlier_weight: a closure whose kernel leaves it less is an outlier.
 
     Returns:
         The attempts, those taken out marked, and the factors that stay.
@@ -33,7 +31,7 @@ def without_contradicted(
     gone = {
         (loop.i, loop.j): f"contradicted by the rest of the graph, {norm**0.5:.0f} standard deviations off"
         for loop, weight, norm in zip(loops, at.weights.tolist(), at.squared.tolist(), strict=True)
-        if weight < CONTRADICTED
+        if weight < outlier_weight
     }
     judged = [
         replace(attempt, accepted=False, removed=True, reason=f"{why}; {attempt.reason}")

@@ -15,20 +15,12 @@ from graph.measurement import NoMatch
 from graph.se2 import between, compose
 from iceg.ice.verification import Agreement, JoinedScans
 from iceg.slam.closures.attempt import Attempt, Place
-from iceg.slam.closures.candidates import TRUSTED_DEVIATIONS, Candidate, is_uncertain
+from iceg.slam.closures.candidates import Candidate
 from iceg.slam.closures.reference import Reference, References
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.match_errors import closure_covariance, placement_covariance
 from iceg.slam.track import Track
-
-_LEAST_OVERLAP = 0.5
-"""A key scan that overlaps with a pass by less than this share of what is asked of a closure, at the pose where the
-estimate puts it, is not matched: on four public logs none was accepted that overlaps by less than 0.75 of it."""
-_EXACT_DEVIATIONS = np.array([0.03, 0.03, 0.01])
-"""Of a pose that a wide search has found already [m, m, rad]."""
-_ANYWHERE_DEVIATIONS = np.array([1.0, 1.0, np.pi / 3.0])
-"""Two similar places are searched within three times this [m, m, rad]."""
 
 _REMEMBERED = 50
 """Key scans whose neighbours are kept joined."""
@@ -78,10 +70,11 @@ class ClosureVerifier:
             poses: (n, 3) T_map_robot, good between neighbours.
         """
         reference = self.references.around(candidate.key_old, poses)
-        if is_uncertain(candidate):
+        trusted = self._config.verification.trusted
+        if candidate.deviations[0] > self._config.verification.uncertain_distance:
             return self._nearest(reference, candidate, self._match_wide(reference, candidate))
-        near = np.minimum(candidate.deviations, TRUSTED_DEVIATIONS)
-        is_near = candidate.deviations[0] <= TRUSTED_DEVIATIONS[0]
+        near = np.minimum(candidate.deviations, trusted.deviations)
+        is_near = candidate.deviations[0] <= trusted.distance
         if is_near and (elsewhere := self._looks_elsewhere(reference, candidate)) is not None:
             return elsewhere
         attempt = self._match_at(reference, candidate, candidate.T_old_new, near)
@@ -94,7 +87,8 @@ class ClosureVerifier:
         """What a wide search found; where that is several places, the one close to the estimate, if it is one."""
         if not wide.is_ambiguous:
             return wide
-        attempt = self._match_at(reference, candidate, candidate.T_old_new, TRUSTED_DEVIATIONS)
+        trusted = self._config.verification.trusted.deviations
+        attempt = self._match_at(reference, candidate, candidate.T_old_new, trusted)
         if attempt.match is None or not attempt.accepted:
             return wide
         here = self._places(reference, candidate.key_new, [attempt.match.T_ref_cur])
@@ -102,14 +96,15 @@ class ClosureVerifier:
 
     def match_anywhere(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> Attempt:
         """Match two key scans metres off and at any heading; neighbours lie to each other as (n, 3) poses say."""
-        here = Candidate(key_old=key_old, key_new=key_new, T_old_new=np.zeros(3), deviations=_ANYWHERE_DEVIATIONS)
+        deviations = self._config.verification.anywhere.deviations
+        here = Candidate(key_old=key_old, key_new=key_new, T_old_new=np.zeros(3), deviations=deviations)
         return self._match_wide(self.references.around(key_old, poses), here)
 
     def _looks_elsewhere(self, reference: Reference, candidate: Candidate) -> Attempt | None:
         """Where the pose is known, a scan that hardly falls on the earlier pass there need not be matched."""
         scan = self._keys[candidate.key_new].scan
         overlap = self.judge.overlap(reference.judged, scan, candidate.T_old_new)
-        if overlap >= _LEAST_OVERLAP * self._config.min_overlap:
+        if overlap >= self._config.verification.min_overlap_ratio * self._config.min_overlap:
             return None
         return Attempt(
             key_old=candidate.key_old,
@@ -152,7 +147,8 @@ class ClosureVerifier:
         fitting = self._places(reference, candidate.key_new, found)
         if not fitting:
             return _nothing_at(candidate)
-        attempt = self._match_at(reference, candidate, fitting[0].T_old_new, _EXACT_DEVIATIONS)
+        refined = self._config.verification.refined.deviations
+        attempt = self._match_at(reference, candidate, fitting[0].T_old_new, refined)
         attempt = replace(attempt, places=tuple(fitting))
         if len(fitting) > 1:
             return replace(attempt, accepted=False, reason=f"{len(fitting)} places fit; {attempt.reason}")

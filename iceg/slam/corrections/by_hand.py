@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from graph.factors import Factor, RobustKernel
 from graph.se2 import compose, inverse
 from iceg.slam.closures.attempt import Attempt, closure_factor
-from iceg.slam.closures.candidates import TRUSTED_DEVIATIONS, Candidate
+from iceg.slam.closures.candidates import Candidate
 from iceg.slam.closures.closure import Closure, Verdict
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.manual_closures import ManualClosure, manual_factor
@@ -105,5 +105,6 @@ def _matched(closer: LoopCloser, key_old: int, key_new: int, poses: NDArray[np.f
     anywhere = closer.match_anywhere(key_old, key_new, poses)
     if anywhere.accepted:
         return anywhere
-    near = closer.match(Candidate.of(key_old, key_new, poses, TRUSTED_DEVIATIONS), poses)
+    deviations = closer.config.verification.trusted.deviations
+    near = closer.match(Candidate.of(key_old, key_new, poses, deviations), poses)
     return near if near.accepted else replace(anywhere, accepted=False)

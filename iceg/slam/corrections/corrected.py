@@ -13,7 +13,6 @@ from iceg.slam.back_end import Solution
 from iceg.slam.broken_path.path_break import Break
 from iceg.slam.closures.attempt import FORBIDDEN, Attempt, closure_factor
 from iceg.slam.closures.closure import Closure
-from iceg.slam.closures.record import CONTRADICTED
 from iceg.slam.corrections.by_hand import ByHand, closures_by_hand
 from iceg.slam.corrections.corrections import Corrections, Distrusted, Pinned
 from iceg.slam.corrections.forbidden import forbids
@@ -49,6 +48,7 @@ def corrected(
     track: Track,
     closer: Callable[[], LoopCloser],
     kernel: RobustKernel,
+    outlier_weight: float,
     graph_config: PoseGraphConfig,
 ) -> Corrected:
     """Apply corrections to a graph.
@@ -59,6 +59,7 @@ def corrected(
         track: key scans.
         closer: makes what matches closures by hand that only name scans.
         kernel: of closures that are not pinned.
+        outlier_weight: a closure whose kernel leaves it less is an outlier.
         graph_config: of the graph.
 
     Returns:
@@ -78,7 +79,7 @@ def corrected(
     here = settled([*found.chain, *found.loops, *added], [f for f in added if f.kernel is not None], solution.poses)
     against = {id(factor): contradiction(here, factor, solution.poses) for factor in (*found.pinned, *added)}
     conflicts = {id(each): None if each.factor is None else against[id(each.factor)] for each in by_hand}
-    lost = [f for f in added if f.kernel is not None and here.weight_of(f) < CONTRADICTED]
+    lost = [f for f in added if f.kernel is not None and here.weight_of(f) < outlier_weight]
     in_force = [factor for factor in here.factors if not any(factor is other for other in lost)]
     after = replace(
         solution,

@@ -13,11 +13,11 @@ from graph.measurement import RelativePose
 from graph.pose_graph import PoseGraph
 from graph.se2 import adjoint, between, compose, inverse
 from iceg.slam.back_end import UNKNOWN_MOTION, Solution
+from iceg.slam.broken_path.estimate import BATCH
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.corrections.cut import KeptScans
 from iceg.slam.corrections.errors import CorrectionsError
 from iceg.slam.findings import Findings
-from iceg.slam.finish import BATCH
 from iceg.slam.track import Track
 
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from graph import dense
 from graph.elementary import log
+from graph.noise import chi2_tail
 
 _FREEDOM = 3.0
 """Degrees of freedom: the usual residuals count as normal ones do, a few wrong matches hardly at all."""
@@ -84,16 +85,6 @@ def chance_of(without: StudentFit, fit: StudentFit, freedom: int, tried: int) ->
     independent = 1.0 / (1.0 + 2.0 * max(0.0, _shared_persistence(without.residuals, explained)))
     gain = max(0.0, 2.0 * (fit.log_likelihood - without.log_likelihood) * independent)
     return min(1.0, tried * chi2_tail(gain, freedom))
-
-
-def chi2_tail(x: float, freedom: int) -> float:
-    """Probability that χ² of so many degrees of freedom, at least one, exceeds x ≥ 0."""
-    half = 0.5 * x
-    tail, degrees = (math.exp(-half), 2) if freedom % 2 == 0 else (math.erfc(math.sqrt(half)), 1)
-    while degrees < freedom:
-        tail += half ** (0.5 * degrees) * math.exp(-half) / math.gamma(0.5 * degrees + 1.0)
-        degrees += 2
-    return tail
 
 
 def _shared_persistence(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:

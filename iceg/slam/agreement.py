@@ -1,0 +1,52 @@
+"""Do these two agree? The one answer for poses within a tolerance, and for an error under its covariance."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.noise import chi2_gate, squared_norm
+from graph.se2 import between, wrap_angle
+
+
+class Tolerance(NamedTuple):
+    """How far apart two poses may be and still agree."""
+
+    distance: float
+    """… [m]."""
+    turn: float
+    """… [rad]."""
+
+    @property
+    def deviations(self) -> NDArray[np.float64]:
+        """(3,) the same as standard deviations [m, m, rad]."""
+        return np.array([self.distance, self.distance, self.turn])
+
+
+def is_small(T_a_b: NDArray[np.float64], tolerance: Tolerance) -> bool:
+    """Whether one pose, (3,) in the frame of another, agrees with it."""
+    x, y, turn = T_a_b.tolist()
+    return bool(x * x + y * y < tolerance.distance**2 and abs(turn) < tolerance.turn)
+
+
+def are_small(T_a_b: NDArray[np.float64], tolerance: Tolerance) -> NDArray[np.bool_]:
+    """The same of many, (n, 3)."""
+    x, y, turn = T_a_b.T
+    return np.asarray((x * x + y * y < tolerance.distance**2) & (np.abs(turn) < tolerance.turn))
+
+
+def agree(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64], tolerance: Tolerance) -> bool:
+    """Whether two poses, (3,) in one frame, agree."""
+    return is_small(between(T_a_b, T_a_c), tolerance)
+
+
+def apart(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> tuple[float, float]:
+    """Distance [m] and angle [rad] between two poses; plain floats, for the loop over scans."""
+    (x, y, heading), (x_c, y_c, heading_c) = T_a_b.tolist(), T_a_c.tolist()
+    return math.hypot(x_c - x, y_c - y), abs(wrap_angle(heading_c - heading))
+
+
+def is_consistent(error: NDArray[np.float64], covariance: NDArray[np.float64], false_alarm: float) -> bool:
+    """Whether a covariance, (3, 3), explains an error, (3,), but for this probability (Mahalanobis distance)."""
+    return squared_norm(error, covariance) <= chi2_gate(false_alarm)
