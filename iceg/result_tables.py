@@ -114,7 +114,7 @@ class RunTables:
             "score": np.array([closure.score for closure in kept], dtype=number),
             "inliers": np.array([closure.inliers for closure in kept], dtype=np.int64),
             "overlap": np.array([closure.overlap for closure in kept], dtype=number),
-            "verdict": np.array([closure.verdict for closure in kept], dtype=object),
+            "verdict": np.array([closure.verdict.value for closure in kept], dtype=object),
             "reason": np.array([closure.reason for closure in kept], dtype=object),
         }
 

@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast, get_args
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,8 @@ from iceg.ice.features import KIND_NAMES
 from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
 from iceg.results import WALL_COLUMNS, ResultsError, read_covariances, read_summary, whole_results
-from iceg.slam.closures.closure import CLOSURE_COLUMNS, Closure, Verdict
+from iceg.slam.closures.attempt import Verdict
+from iceg.slam.closures.closure import CLOSURE_COLUMNS, Closure
 from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.tables import check_row, open_table, read_csv_table
 from iceg.tum import Trajectory, read_tum
@@ -60,7 +61,7 @@ class RunFolder:
     walls: WallPieces
 
     def __repr__(self) -> str:
-        accepted = sum(closure.verdict == "accepted" for closure in self.closures)
+        accepted = sum(closure.verdict is Verdict.ACCEPTED for closure in self.closures)
         return (
             f"RunFolder({len(self.trajectory)} scans, {len(self.key_scans)} key poses, "
             f"{accepted} of {len(self.closures)} closures accepted, {len(self.landmarks.settled())} landmarks)"
@@ -242,8 +243,8 @@ def _closure_at(row: list[str], where: str) -> Closure:
 
 def _closure(row: dict[str, str], where: str) -> Closure:
     verdict = row["verdict"]
-    if verdict not in get_args(Verdict):
-        raise ValueError(f"found the verdict '{verdict[:40]}', expected one of {', '.join(get_args(Verdict))}")
+    if verdict not in list(Verdict):
+        raise ValueError(f"found the verdict '{verdict[:40]}', expected one of {', '.join(Verdict)}")
 
     def number(name: str, most: float, least: float = 0.0) -> float:
         if row[name] == "nan" and verdict != "accepted":  # nothing matched
@@ -263,7 +264,7 @@ def _closure(row: dict[str, str], where: str) -> Closure:
         score=number("score", LIMITS.coordinate, -LIMITS.coordinate),
         inliers=whole("inliers", LIMITS.beams * LIMITS.rows),
         overlap=number("overlap", LIMITS.coordinate),
-        verdict=cast("Verdict", verdict),
+        verdict=Verdict(verdict),
         reason=row["reason"],
     )
 

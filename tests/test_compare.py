@@ -23,7 +23,8 @@ from iceg.compare.map_pair import map_pair
 from iceg.maps.geojson import write_geojson
 from iceg.maps.grid import OccupancyGrid, write_ros_map
 from iceg.run_folder import RunFolder
-from iceg.slam.closures.closure import Closure, Verdict
+from iceg.slam.closures.attempt import Verdict
+from iceg.slam.closures.closure import Closure
 from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.tum import Trajectory, format_tum
 from tests.test_plots import landmarks, path, room_grid
@@ -50,7 +51,7 @@ def run(poses: F64 | None = None, closures: tuple[Closure, ...] = (), deviation:
     )
 
 
-def closure(scan_i: int, scan_j: int, verdict: Verdict = "accepted", reason: str = "fits") -> Closure:
+def closure(scan_i: int, scan_j: int, verdict: Verdict = Verdict.ACCEPTED, reason: str = "fits") -> Closure:
     return Closure(
         scan_i=scan_i,
         scan_j=scan_j,
@@ -121,7 +122,7 @@ def test_the_turned_map_is_drawn_on_the_other() -> None:
 
 def test_closures_that_only_one_has_and_what_the_other_says() -> None:
     a = [closure(0, 250), closure(20, 260), closure(50, 280)]
-    b = [closure(8, 252), closure(52, 281, "rejected", "too few inliers"), closure(100, 290)]
+    b = [closure(8, 252), closure(52, 281, Verdict.REJECTED, "too few inliers"), closure(100, 290)]
     lone, shared = lone_closures(a, b, np.arange(0, 300, 10))
     found = [(one.only_in, one.scan_i, one.scan_j, one.elsewhere) for one in lone]
     assert found == [
@@ -167,7 +168,7 @@ def written(folder: Path, of: RunFolder) -> Path:
 @pytest.fixture
 def folders(tmp_path: Path) -> tuple[str, str]:
     a = written(tmp_path / "a" / "out", run(closures=(closure(0, 250),)))
-    b = written(tmp_path / "b" / "out", run(shifted(100, 195, 0.1), (closure(0, 250, "removed", "<b> & co"),)))
+    b = written(tmp_path / "b" / "out", run(shifted(100, 195, 0.1), (closure(0, 250, Verdict.REMOVED, "<b> & co"),)))
     return str(a), str(b)
 
 

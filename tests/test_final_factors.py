@@ -8,7 +8,7 @@ from graph.factors import Factor
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryMotion
 from graph.se2 import compose
-from iceg.slam.broken_path.path_break import UNKNOWN_STEP, Break
+from iceg.slam.broken_path.path_break import UNKNOWN_STEP, Break, Outcome
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.track import KeyScan, Track
 
@@ -42,7 +42,7 @@ def factors() -> FinalFactors:
         Factor(kind="odometry", i=1, j=2, T_i_j=_STEP, covariance=small),
         Factor(kind="closure", i=0, j=2, T_i_j=compose([0.03, 0.0, 0.0], compose(_STEP, _STEP)), covariance=small),
     ]
-    return FinalFactors.of(solved, [Break(key=2, outcome="apart", reason="")], track, 3)
+    return FinalFactors.of(solved, [Break(key=2, outcome=Outcome.APART, reason="")], track, 3)
 
 
 def test_odometry_that_is_no_longer_believed_still_has_its_say_in_what_was_solved(factors: FinalFactors) -> None:

@@ -49,7 +49,7 @@ def _chain(n: int) -> list[Factor]:
     return [prior, *steps, Factor(kind="ice", i=0, j=1, T_i_j=_STEP, covariance=1e-4 * np.eye(3))]
 
 
-def _without_lost_odometry(track: Track, key: int, outcome: Outcome = "apart", *, agreeing: int = 0) -> list[int]:
+def _without_lost_odometry(track: Track, key: int, outcome: Outcome = Outcome.APART, *, agreeing: int = 0) -> list[int]:
     """Second key poses of the steps of which odometry tells nothing."""
     factors = _chain(len(track.keys))
     after = without_lost_odometry(factors, [Break(key=key, outcome=outcome, reason="", closures=agreeing)], track, 3)
@@ -76,6 +76,6 @@ def test_one_that_saw_little_before_goes_on_as_odometry_says(before: RelativePos
     assert _without_lost_odometry(_track(_NOTHING, _match(), before, _NOTHING, _match()), 3) == []
 
 
-@pytest.mark.parametrize("outcome", ["joined", "credible", "contradicted"])
+@pytest.mark.parametrize("outcome", [Outcome.JOINED, Outcome.CREDIBLE, Outcome.CONTRADICTED])
 def test_only_parts_that_nothing_joins(outcome: Outcome) -> None:
     assert _without_lost_odometry(_track(_NOTHING, _match(), _NOTHING, _match()), 2, outcome) == []

@@ -19,6 +19,7 @@ from iceg.show.map_image import MapLayers
 from iceg.show.run_plots import plot_results
 from iceg.slam.pipeline import SlamResult
 from iceg.tum import Trajectory
+from iceg.slam.closures.attempt import Verdict
 from tests.test_compare import closure, run, written
 from tests.test_plots import path, room_grid
 
@@ -116,7 +117,7 @@ def test_the_heading_has_a_gap_where_it_passes_half_a_turn() -> None:
 
 def test_closures_are_marked_when_they_came_in() -> None:
     ax = axes()
-    plot.uncertainty(run(closures=(closure(0, 250), closure(20, 260, "rejected"), closure(10, 270))), ax)
+    plot.uncertainty(run(closures=(closure(0, 250), closure(20, 260, Verdict.REJECTED), closure(10, 270))), ax)
     (marks,) = (found for found in ax.collections if isinstance(found, LineCollection))
     assert [segment[0][0] for segment in marks.get_segments()] == pytest.approx([25.0, 27.0])
     assert "loop closure (2)" in legend_of(ax)

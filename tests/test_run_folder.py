@@ -15,6 +15,7 @@ from iceg.maps.geojson import write_geojson
 from iceg.maps.grid import OccupancyGrid, write_ros_map
 from iceg.run_folder import read_run_folder
 from iceg.show.run_plots import PICTURES, plot_results
+from iceg.slam.closures.attempt import Verdict
 from iceg.slam.closures.closure import CLOSURE_COLUMNS, Closure
 from iceg.tum import format_tum
 
@@ -51,7 +52,7 @@ CLOSURES = tuple(
         verdict=verdict,
         reason='says "so", and why',
     )
-    for verdict in ("accepted", "rejected", "removed")
+    for verdict in Verdict
 )
 
 

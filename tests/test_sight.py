@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from frontends.scan import Scan, ScanGeometry
+from iceg.slam.config import SightConfig
 from iceg.slam.tracking.sight import is_blind, sees_little
 
 
@@ -31,14 +32,14 @@ def scan_of(n_beams: int, returns: int, distance: float, others: int = 0) -> Sca
 def test_a_laser_is_covered_by_what_is_close_not_by_open_ground(
     n_beams: int, returns: int, distance: float, expected: bool
 ) -> None:
-    assert is_blind(scan_of(n_beams, returns, distance)) == expected
+    assert is_blind(scan_of(n_beams, returns, distance), SightConfig()) == expected
 
 
 def test_on_open_ground_most_of_what_is_seen_is_far() -> None:
-    assert not is_blind(scan_of(361, 20, 25.0, others=15))
-    assert is_blind(scan_of(361, 15, 25.0, others=20))
+    assert not is_blind(scan_of(361, 20, 25.0, others=15), SightConfig())
+    assert is_blind(scan_of(361, 15, 25.0, others=20), SightConfig())
 
 
 @pytest.mark.parametrize(("returns", "distance", "expected"), [(30, 5.0, True), (30, 15.0, False), (34, 5.0, False)])
 def test_few_returns_from_close_by_are_little(returns: int, distance: float, expected: bool) -> None:
-    assert sees_little(scan_of(100, returns, distance)) == expected
+    assert sees_little(scan_of(100, returns, distance), SightConfig()) == expected

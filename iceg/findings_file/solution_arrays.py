@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import Any, cast, get_args
+from typing import Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,6 @@ from iceg.slam.broken_path.place_votes import Vote
 from iceg.slam.closures.attempt import Attempt, Place
 
 _KINDS: tuple[FactorKind, ...] = get_args(FactorKind)
-_OUTCOMES: tuple[Outcome, ...] = get_args(Outcome)
 
 
 def solution_arrays(solution: Solution) -> dict[str, NDArray[Any]]:
@@ -142,11 +141,11 @@ def _attempts(table: Table, facts: Mapping[str, Any], n_keys: int) -> list[Attem
 
 def _break(found: Mapping[str, Any]) -> Break:
     outcome = found["outcome"]
-    if outcome not in _OUTCOMES:
-        raise ValueError(f"found the outcome {str(outcome)[:40]!r}, expected one of {', '.join(_OUTCOMES)}")
+    if outcome not in list(Outcome):
+        raise ValueError(f"found the outcome {str(outcome)[:40]!r}, expected one of {', '.join(Outcome)}")
     return Break(
         key=int(found["key"]),
-        outcome=cast("Outcome", outcome),
+        outcome=Outcome(outcome),
         reason=str(found["reason"]),
         closures=int(found["closures"]),
         moved=float(found["moved"]),

@@ -1,4 +1,4 @@
-"""Do these two agree? The one answer for poses within a tolerance, and for an error under its covariance."""
+"""Whether two poses agree to within a tolerance: the one answer for closures, places, tracked poses and corrections."""
 
 import math
 from typing import NamedTuple
@@ -6,8 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.noise import chi2_gate, squared_norm
-from graph.se2 import between, wrap_angle
+from graph.se2 import wrap_angle
 
 
 class Tolerance(NamedTuple):
@@ -38,15 +37,11 @@ def are_small(T_a_b: NDArray[np.float64], tolerance: Tolerance) -> NDArray[np.bo
 
 def agree(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64], tolerance: Tolerance) -> bool:
     """Whether two poses, (3,) in one frame, agree."""
-    return is_small(between(T_a_b, T_a_c), tolerance)
+    distance, turn = apart(T_a_b, T_a_c)
+    return distance < tolerance.distance and turn < tolerance.turn
 
 
 def apart(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> tuple[float, float]:
     """Distance [m] and angle [rad] between two poses; plain floats, for the loop over scans."""
     (x, y, heading), (x_c, y_c, heading_c) = T_a_b.tolist(), T_a_c.tolist()
     return math.hypot(x_c - x, y_c - y), abs(wrap_angle(heading_c - heading))
-
-
-def is_consistent(error: NDArray[np.float64], covariance: NDArray[np.float64], false_alarm: float) -> bool:
-    """Whether a covariance, (3, 3), explains an error, (3,), but for this probability (Mahalanobis distance)."""
-    return squared_norm(error, covariance) <= chi2_gate(false_alarm)

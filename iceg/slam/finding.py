@@ -15,6 +15,7 @@ from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import beyond_allowed
 from iceg.slam.back_end import Solution, solve_track
+from iceg.slam.broken_path.path_break import Outcome
 from iceg.slam.completed_matcher import completed
 from iceg.slam.corrections.corrected import Corrected, corrected
 from iceg.slam.corrections.corrections import Corrections
@@ -161,7 +162,7 @@ def _with_factors(solution: Solution, guided: Corrected, config: Config) -> Solu
 
 def _reassigned(track: Track, solution: Solution, log: Log, matcher: MapMatcher) -> Track:
     """The track with the scans around each break on the right side of it."""
-    joined = [found.key for found in solution.breaks if found.outcome == "joined"]
+    joined = [found.key for found in solution.breaks if found.outcome is Outcome.JOINED]
     if not joined:
         return track
     return reassigned(track, joined, log, matcher.judge)

@@ -18,6 +18,7 @@ from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.noise import PLAIN
 from iceg.slam.back_end import Solution
 from iceg.slam.broken_path.estimate import BATCH
+from iceg.slam.broken_path.path_break import Outcome
 from iceg.slam.closures.attempt import Attempt, closure_factor
 from iceg.slam.closures.record import with_earlier, without_contradicted
 from iceg.slam.config import FinishConfig, LoopClosureConfig
@@ -258,7 +259,7 @@ def _is_robust(factor: Factor) -> bool:
 
 def _parts(solution: Solution) -> list[int]:
     """Key poses at which a part begins that nothing ties to what was before."""
-    parts = [found.key for found in solution.breaks if found.outcome == "apart"]
+    parts = [found.key for found in solution.breaks if found.outcome is Outcome.APART]
     return parts + [vote.first for vote in solution.ambiguous]
 
 

@@ -25,6 +25,7 @@ from iceg.memory import release_freed_memory
 from iceg.result_tables import RunTables, TableName
 from iceg.slam.agreement import Tolerance
 from iceg.slam.back_end import Solution
+from iceg.slam.closures.attempt import Verdict
 from iceg.slam.closures.closure import Closure
 from iceg.slam.closures.rival import best_rival
 from iceg.slam.corrections.corrected import Corrected
@@ -96,7 +97,7 @@ class SlamResult:
     findings: Findings
 
     def __repr__(self) -> str:
-        accepted = sum(closure.verdict == "accepted" for closure in self.closures)
+        accepted = sum(closure.verdict is Verdict.ACCEPTED for closure in self.closures)
         return (
             f"SlamResult({self.log.path.name}: {len(self.trajectory)} scans, {len(self.key_scans)} key poses, "
             f"{len(self.graph.factors)} factors, {accepted} of {len(self.closures)} closures accepted, "
@@ -418,7 +419,7 @@ def _closures(track: Track, solution: Solution, one_place: Tolerance) -> list[Cl
             score=0.0 if attempt.match is None else attempt.match.score,
             inliers=0 if attempt.match is None else attempt.match.inliers,
             overlap=0.0 if attempt.match is None else attempt.match.overlap,
-            verdict="accepted" if attempt.accepted else "removed" if attempt.removed else "rejected",
+            verdict=attempt.verdict,
             reason=attempt.reason,
             off_path=attempt.off_path,
             rival=best_rival(attempt, one_place),

@@ -2,8 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import IntEnum
-from typing import Literal
+from enum import IntEnum, StrEnum
 
 import numpy as np
 
@@ -13,7 +12,21 @@ from iceg.slam.config import TrackingFailureConfig
 from iceg.slam.run_warning import Kind, RunWarning
 from iceg.slam.track import Track
 
-Outcome = Literal["joined", "apart", "contradicted", "credible", "drifted"]
+
+class Outcome(StrEnum):
+    """What became of a break of the path."""
+
+    JOINED = "joined"
+    """Loop closures join both sides."""
+    APART = "apart"
+    """Nothing joins what follows to what was before, and odometry alone says where it is."""
+    CONTRADICTED = "contradicted"
+    """Closures disagree with the path, but nothing else speaks against it or they are few; the map follows the path."""
+    CREDIBLE = "credible"
+    """Closures agree with dead reckoning, though not so many that chance is out of the question."""
+    DRIFTED = "drifted"
+    """Closures put it where only a systematic error of every step would explain, and the map follows them."""
+
 
 UNKNOWN_STEP = np.diag([100.0, 100.0, np.pi]) ** 2
 """Covariance of a step on which the robot was carried [m², rad²]."""
@@ -81,15 +94,11 @@ class Break:
 
     Attributes:
         key: the first key pose after it.
-        outcome: "joined" by loop closures on both sides; "apart": nothing ties what follows to what was before, and
-            odometry alone says where it is; "contradicted": closures disagree with the path, but nothing else speaks
-            against it or they are few, and the map follows the path; "credible": closures agree with dead
-            reckoning, though not so many that chance is out of the question; "drifted": closures put it where only a
-            systematic error of every step would explain, and the map follows them.
+        outcome: what became of it.
         reason: what was noticed there.
-        closures: how many agree about it; of one that is "apart", how many agree with dead reckoning.
+        closures: how many agree about it; of one that is apart, how many agree with dead reckoning.
         moved: how far they say that the robot is from where the path puts it [m].
-        across: how many closures span one that is "apart", too few or too uncertain to join it.
+        across: how many closures span one that is apart, too few or too uncertain to join it.
     """
 
     key: int
@@ -113,7 +122,7 @@ def without_lost_odometry(
 
     Args:
         factors: of the graph.
-        breaks: of the path; those that are "apart" matter.
+        breaks: of the path; those that are apart matter.
         track: key scans and their matches.
         min_credible: so many scans that agree with odometry make it credible that the robot was not carried, even where
             as many do not.
@@ -121,7 +130,7 @@ def without_lost_odometry(
     torn = {
         found.key
         for found in breaks
-        if found.outcome == "apart" and found.closures < min_credible and _is_sudden(track, found.key)
+        if found.outcome is Outcome.APART and found.closures < min_credible and _is_sudden(track, found.key)
     }
     return [
         replace(factor, covariance=UNKNOWN_STEP)
@@ -146,21 +155,21 @@ def describe_break(found: Break, track: Track) -> RunWarning:
 
 def _told(found: Break, where: str) -> tuple[Kind, str]:
     elsewhere = f"{found.closures} scans that agree put the robot {found.moved:.1f} m from where the path does"
-    if found.outcome == "joined":
+    if found.outcome is Outcome.JOINED:
         return "found again", f"tracking was lost {where}, and the robot found again: {elsewhere}; the map follows them"
-    if found.outcome == "apart":
+    if found.outcome is Outcome.APART:
         ties = (
             f"the loop closures across ({found.across}) do not agree well enough to tie"
             if found.across
             else ("no loop closure ties")
         )
         return "cut off", f"tracking was lost {where}: {ties} the rest to what was before, it may be displaced"
-    if found.outcome == "credible":
+    if found.outcome is Outcome.CREDIBLE:
         return "dead reckoning", (
             f"tracking may have been lost {where}: {found.closures} scans agree with dead reckoning by odometry there, "
             "but not all; the map follows it"
         )
-    if found.outcome == "drifted":
+    if found.outcome is Outcome.DRIFTED:
         return "drifted", (
             f"the path may have drifted {where}: {elsewhere}, more than chance explains; the map follows them"
         )

@@ -9,7 +9,7 @@ estimate must pass, too: placed as it says, do the scans agree with what else wa
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Literal
+from enum import Enum, auto
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +28,18 @@ from iceg.slam.config import LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 
-_Outcome = Literal["open", "closed", "joined", "contradicted"]
-"""What became of a hypothesis: nothing yet, drift ended, two parts joined, or a path that it only contradicts."""
+
+class _Decision(Enum):
+    """What became of a hypothesis."""
+
+    OPEN = auto()
+    """Nothing yet."""
+    CLOSED = auto()
+    """Its closures are in the graph: drift ended."""
+    JOINED = auto()
+    """It joined two parts of the path."""
+    CONTRADICTS = auto()
+    """It contradicts the path, which stays as it is."""
 
 
 def relocalise(
@@ -143,11 +153,11 @@ class _Relocalisation:
             hypothesis = claimed.without(gone)
             if hypothesis.key in self._ambiguous or not self._is_supported(hypothesis):
                 continue  # where stronger ones are ambiguous none decides
-            outcome = self._try(hypothesis, self._others(hypothesis, sets))
-            if outcome != "open":
+            decision = self._try(hypothesis, self._others(hypothesis, sets))
+            if decision is not _Decision.OPEN:
                 gone |= hypothesis.ends
                 sets[:] = [[c for c in closures if (c.key_old, c.key_new) not in gone] for closures in sets]
-            if outcome == "joined":
+            if decision is _Decision.JOINED:
                 return True
         return False
 
@@ -183,31 +193,31 @@ class _Relocalisation:
 
     # What is believed.
 
-    def _try(self, hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> _Outcome:
+    def _try(self, hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> _Decision:
         """Verify a hypothesis, and where they differ the present estimate and others; act on what holds."""
         poses = self._now.poses
         fit = self._verifier.of_hypothesis(hypothesis, poses)
         closures = _distinct([*fit.agreeing, *hypothesis.closures])
         is_confirmed = self._is_confirmed(closures)
         if not fit.is_passed:
-            return "open"
+            return _Decision.OPEN
         whole, first = self._parts().whole, hypothesis.closures[0]
         among = whole == whole[first.key_old]
         if not (is_confirmed or fit.beats(self._verifier.of_estimate(hypothesis, poses, among))):
-            return "open"
+            return _Decision.OPEN
         if not is_confirmed and (rival := self._rival(hypothesis, fit, others)) is not None:
             self._ambiguous[hypothesis.key] = rival
-            return "open"
+            return _Decision.OPEN
         key = hypothesis.key if among[first.key_new] else int(max(whole[first.key_old], whole[first.key_new]))
         path, config = self._places.path, self._config.relocalisation
         is_bridge = self._steps.is_bridge if key in self._steps.refuted() else None
         if is_confirmed or hypothesis.is_drift(path, poses, config, is_bridge):
             if not is_confirmed and not hypothesis.is_chance(path, poses, config):
-                self._note(key, "drifted", closures, hypothesis.correction(poses))
+                self._note(key, Outcome.DRIFTED, closures, hypothesis.correction(poses))
             self._steps.failures.pop(key, None)
             self._now.close(closures)
             self._steps.update(self._now.factors)
-            return "closed"
+            return _Decision.CLOSED
         return self._break(key, hypothesis, fit, closures)
 
     def _is_confirmed(self, closures: Sequence[Attempt]) -> bool:
@@ -255,11 +265,11 @@ class _Relocalisation:
         if not fit.is_credible or self._is_confirmed(closures):
             return
         if fit.beats(self._verifier.of_estimate(hypothesis, poses)):
-            self._note(key, "contradicted", closures, hypothesis.correction(poses))
+            self._note(key, Outcome.CONTRADICTED, closures, hypothesis.correction(poses))
 
     # What becomes of a break.
 
-    def _break(self, key: int, hypothesis: Hypothesis, fit: FitCount, closures: list[Attempt]) -> _Outcome:
+    def _break(self, key: int, hypothesis: Hypothesis, fit: FitCount, closures: list[Attempt]) -> _Decision:
         """Record a break; the parts are joined only where something else spoke against the path, too.
 
         Where the robot went into a loss by dead reckoning nothing did: farther off than its errors explain, only
@@ -272,25 +282,25 @@ class _Relocalisation:
         is_known = failure is not None and not failure.is_dead_reckoned
         if not is_known:
             if self._steps.failure(key).rank <= 1.0 - self._config.failures.believed_inlier_ratio:
-                return "open"
+                return _Decision.OPEN
             fit = self._against_the_path(key, fit)
         is_broad = hypothesis.breadth >= self._config.place_confirmations
         if not (fit.is_sure or (is_known and is_broad and not self._looks_again)):
-            return "open"
+            return _Decision.OPEN
         correction = hypothesis.correction(self._now.poses)
         moving = self._moving(key, hypothesis)
         if not moving[min(closure.key_new for closure in hypothesis.closures)]:
             correction = inverse(correction)
-        self._note(key, "joined" if is_known else "contradicted", closures, correction)
+        self._note(key, Outcome.JOINED if is_known else Outcome.CONTRADICTED, closures, correction)
         self._steps.failures.pop(key, None)
         self._steps.is_bridge[key] = False
         if not is_known:
-            return "contradicted"
+            return _Decision.CONTRADICTS
         first = hypothesis.closures[0]
         self._ties[key] = first.key_old if moving[first.key_new] else first.key_new
         self._now.move(key, closures, correction, moving)
         self._steps.update(self._now.factors)
-        return "joined"
+        return _Decision.JOINED
 
     def _note(self, key: int, outcome: Outcome, closures: Sequence[Attempt], correction: NDArray[np.float64]) -> None:
         """Record a break, and by how much closures that agree move what follows."""
@@ -335,10 +345,12 @@ class _Relocalisation:
             if failure.kind < FailureKind.UNKNOWN_MOTION:
                 agreeing = len(fit.agreeing)
                 if fit.is_credible:
-                    self._breaks[key] = Break(key=key, outcome="credible", reason=failure.reason, closures=agreeing)
+                    self._breaks[key] = Break(
+                        key=key, outcome=Outcome.CREDIBLE, reason=failure.reason, closures=agreeing
+                    )
                     return
         self._breaks[key] = Break(
-            key=key, outcome="apart", reason=failure.reason, closures=agreeing, across=len(across)
+            key=key, outcome=Outcome.APART, reason=failure.reason, closures=agreeing, across=len(across)
         )
 
 

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass
+from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,17 @@ from iceg.slam.agreement import Tolerance, agree
 from iceg.slam.config import VerificationConfig
 
 FORBIDDEN = "forbidden by hand"
+
+
+class Verdict(StrEnum):
+    """What became of a loop closure that was tried."""
+
+    ACCEPTED = "accepted"
+    """It is in the graph."""
+    REJECTED = "rejected"
+    """It never was."""
+    REMOVED = "removed"
+    """It was, before it was found to be wrong."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,6 +67,13 @@ class Attempt:
     removed: bool = False
     places: tuple[Place, ...] = ()
     off_path: float = math.nan
+
+    @property
+    def verdict(self) -> Verdict:
+        """What became of it."""
+        if self.accepted:
+            return Verdict.ACCEPTED
+        return Verdict.REMOVED if self.removed else Verdict.REJECTED
 
     @property
     def is_ambiguous(self) -> bool:

@@ -3,14 +3,12 @@
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from iceg.slam.closures.attempt import Verdict
 from iceg.slam.closures.rival import Rival
-
-Verdict = Literal["accepted", "rejected", "removed"]
 
 CLOSURE_COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad", "score", "inliers", "overlap", "verdict", "reason")
 """Of `closures.csv`."""
@@ -27,7 +25,7 @@ class Closure:
         score: correlation score in [0, 1].
         inliers: how many beams agreed.
         overlap: share of the usable beams that fell on known reference, in [0, 1].
-        verdict: accepted into the graph, rejected before, or removed afterwards.
+        verdict: what became of it.
         reason: why, in a sentence for a person.
         off_path: how far off the path it was when it was judged on the way, in standard deviations, at most; NaN where
             it was not, or where the closure was read back.
@@ -48,5 +46,5 @@ class Closure:
 
 def joined_scans(closures: Iterable[Closure]) -> NDArray[np.int64]:
     """(c, 2) earlier and later scan of each closure that was accepted."""
-    accepted = [(closure.scan_i, closure.scan_j) for closure in closures if closure.verdict == "accepted"]
+    accepted = [(closure.scan_i, closure.scan_j) for closure in closures if closure.verdict is Verdict.ACCEPTED]
     return np.array(accepted, dtype=np.int64).reshape(-1, 2)

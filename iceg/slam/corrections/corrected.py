@@ -10,8 +10,8 @@ from graph.config import PoseGraphConfig
 from graph.factors import Factor, RobustKernel
 from graph.pose_graph import PoseGraph
 from iceg.slam.back_end import Solution
-from iceg.slam.broken_path.path_break import Break
-from iceg.slam.closures.attempt import FORBIDDEN, Attempt, closure_factor
+from iceg.slam.broken_path.path_break import Break, Outcome
+from iceg.slam.closures.attempt import FORBIDDEN, Attempt, Verdict, closure_factor
 from iceg.slam.closures.closure import Closure
 from iceg.slam.corrections.by_hand import ByHand, closures_by_hand
 from iceg.slam.corrections.corrections import Corrections, Distrusted, Pinned
@@ -208,11 +208,11 @@ def _breaks(solution: Solution, here: Settled, in_force: Sequence[Factor]) -> tu
     breaks = []
     for found in solution.breaks:
         fresh = spanning([ends for ends in closures if ends not in before], found.key)
-        if found.outcome == "joined" and not spanning(closures, found.key):
-            breaks.append(replace(found, outcome="apart", closures=0, moved=0.0))
-        elif found.outcome == "apart" and fresh:
+        if found.outcome is Outcome.JOINED and not spanning(closures, found.key):
+            breaks.append(replace(found, outcome=Outcome.APART, closures=0, moved=0.0))
+        elif found.outcome is Outcome.APART and fresh:
             moved = _moved(solution.poses, here.poses, found.key)
-            breaks.append(replace(found, outcome="joined", closures=fresh, moved=moved))
+            breaks.append(replace(found, outcome=Outcome.JOINED, closures=fresh, moved=moved))
         else:
             breaks.append(found)
     return tuple(breaks)
@@ -228,12 +228,12 @@ def _is_consistent(factor: Factor, here: Settled, conflict: Contradiction | None
 
 def _record(each: ByHand, conflict: Contradiction | None, lost: Sequence[Factor], track: Track) -> Closure:
     if each.factor is None:
-        return each.record("rejected", track)
+        return each.record(Verdict.REJECTED, track)
     if conflict is None:
-        return each.record("accepted", track)
+        return each.record(Verdict.ACCEPTED, track)
     is_lost = any(each.factor is factor for factor in lost)
     told = replace(each, reason=f"{each.reason}; {_contradicts(conflict)}")
-    return told.record("removed" if is_lost else "accepted", track)
+    return told.record(Verdict.REMOVED if is_lost else Verdict.ACCEPTED, track)
 
 
 def _contradicts(conflict: Contradiction) -> str:

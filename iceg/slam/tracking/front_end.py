@@ -12,50 +12,18 @@ from frontends.matcher import Matcher
 from frontends.scan import Scan, ScanGeometry
 from graph import dense
 from graph.measurement import NoMatch, RelativePose
-from graph.noise import squared_norm, summed_ratios
+from graph.noise import chi2_gate, squared_norm, summed_ratios
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose, expmap, inverse, logmap
 from iceg.ice.tracking import Limits, Standing
+from iceg.slam.agreement import Tolerance, apart
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan
-from iceg.slam.tracking.odometry_check import (
-    CONTRADICTED,
-    JUMP_DISTANCE,
-    JUMP_TURN,
-    LEAST_SHARE,
-    Expectation,
-    OdometryCheck,
-    apart,
-)
-from iceg.slam.tracking.sight import (
-    BLIND_RANGE,
-    BLIND_SHARE,
-    FEWEST_RETURNS,
-    is_blind,
-    sees_next_to_nothing,
-)
+from iceg.slam.tracking.odometry_check import Expectation, OdometryCheck
+from iceg.slam.tracking.sight import is_blind, sees_next_to_nothing
 
-_ODOMETRY_SPEAKS = 4.0
-"""Ratio of variances (match over odometry) from which on a direction is shared with odometry."""
-
-
-_TURNING_STEP = 2.0
-"""A step that is no longer than so many of the one before is sudden, if it is, for its turn."""
-_KNOWN, _AGREED = 0.3, 0.8
-"""A scan is explained if this share of its beams is on the map and agrees with it to this share, in both directions."""
-_ALONG = 0.5
-"""The key scans of a tentative map come along to the known one if together they explain this share of what the newest
-does there."""
-_REFUTED = 200.0
-"""Squared Mahalanobis distance from which on odometry is no longer imprecise but wrong: the match stands alone."""
-_SAME_OPTIMUM = (4.0, 5.0)
-"""Poses no farther apart than so many standard deviations of a tracked one do not contradict each other."""
-_LOST_AFTER = 3
-"""So many key scans that match only each other take over as the local reference."""
-_UNKNOWN_AFTER = 5
-"""After so many scans that neither odometry nor a match speaks for, a robot may be anywhere."""
 _UNKNOWN_ODOMETRY = OdometryModel(
     along_per_metre=0.3,
     across_per_metre=0.3,
@@ -65,14 +33,6 @@ _UNKNOWN_ODOMETRY = OdometryModel(
     heading_floor=0.1,
 )
 """What a constant velocity says in a log without odometry."""
-_POLISHED = 0.15
-"""Where turns are known and nearly all guesses lie nearer than this [m], a polished guess is enough. Farther off, it is
-found credible where it stands: along a corridor a wrong place explains as many beams, and a wrong turn no longer gives
-it away. At half of this, logs of 5 Hz are tracked at the cost of full matches; at twice of it, a robot that drives on
-after a turn on the spot is left behind in scans a second apart."""
-_FASTEST = 10.0
-"""No robot moves farther from one scan to the next [m]: 180 km/h at 5 Hz."""
-
 COVERED = NoMatch(reason="the laser is covered")
 """What becomes of a scan that sees nothing."""
 
@@ -89,14 +49,14 @@ class FrontEnd:
     ) -> None:
         """Start with no scan yet; `odometry` is None for a log without, whose turns `heading` may tell."""
         self._matcher = matcher
-        is_foreseen = heading is None or heading.unforeseen < _POLISHED
+        is_foreseen = heading is None or heading.unforeseen < config.tracking.polished
         self._track = matcher.track if is_foreseen else _tracking_by_match(matcher)
         self._has_odometry = odometry is not None
         self._unknown = _UNKNOWN_ODOMETRY if heading is None else heading.step_noise(_UNKNOWN_ODOMETRY)
         self._odometry = odometry or self._unknown
         self._config = config
         self._limits = _limits(config)
-        self._check = OdometryCheck(matcher, self._limits.apart, self._limits.twisted)
+        self._check = OdometryCheck(matcher, config, _one_optimum(config))
         self._tracking_covariance = _tracking_covariance(config)
         self.keys: list[KeyScan] = []
         self._reference: Any = None
@@ -142,7 +102,7 @@ class FrontEnd:
         Returns:
             (3,) its pose in the front end's own frame. The scan is tied to the newest of `keys`, which may be itself.
         """
-        self.is_blind = is_blind(scan)
+        self.is_blind = is_blind(scan, self._config.sight)
         if not self.keys:
             self._start(index, scan)
             return self._T_track_robot
@@ -199,15 +159,20 @@ class FrontEnd:
         usual = between(*self._newest_step)
         guesses = [compose(self._T_track_robot, T) for T in (usual, step)]
         found = [self._found_after(scan, T, guess) for T, guess in zip((usual, step), guesses, strict=True)]
-        if _is_turn(step, usual) and not isinstance(found[1], NoMatch) and self._explains(scan, found[1]):
+        if self._is_turn(step, usual) and not isinstance(found[1], NoMatch) and self._explains(scan, found[1]):
             return _is_nearer(found[1], *guesses)
         best = max(found, key=lambda pose: self._evidence(scan, pose))
         return isinstance(best, NoMatch) or _is_nearer(best, *guesses)
 
+    def _is_turn(self, step: NDArray[np.float64], usual: NDArray[np.float64]) -> bool:
+        """Whether a step that stands out does so by its turn: a robot may turn on the spot between two scans."""
+        longest = self._config.tracking.turning_step * math.hypot(*usual[:2])
+        return math.hypot(*step[:2]) <= max(self._config.odometry_check.jump_distance, longest)
+
     def _constant_velocity(self, turn: float | None) -> NDArray[np.float64]:
         """The newest step once more, on the arc of a turn that is known; none after one that only odometry took."""
         step = between(*self._newest_step)
-        step = step if math.hypot(step[0], step[1]) <= _FASTEST else np.zeros(3)
+        step = step if math.hypot(step[0], step[1]) <= self._config.tracking.max_step else np.zeros(3)
         return step if turn is None else expmap(np.array([*logmap(step)[:2], turn]))
 
     def _found_after(
@@ -225,7 +190,8 @@ class FrontEnd:
     def _explains(self, scan: Scan, found: NDArray[np.float64]) -> bool:
         """Whether scan and reference agree in both directions at a pose, though much may be new."""
         support = self._matcher.agreement(self._reference, scan, found)
-        return support.overlap >= _KNOWN and min(support.fit, support.view) >= _AGREED
+        config = self._config.tracking
+        return support.overlap >= config.known_overlap and min(support.fit, support.view) >= config.known_agreement
 
     def _evidence(self, scan: Scan, found: NDArray[np.float64] | NoMatch) -> float:
         """How much of a scan the reference explains at a pose."""
@@ -270,7 +236,7 @@ class FrontEnd:
 
     def _is_off(self, found: NDArray[np.float64]) -> bool:
         """Whether a tracked pose contradicts odometry since the key scan."""
-        return self._expected().contradicts(found, self._tracking_covariance)
+        return self._check.contradicts(self._expected(), found, self._tracking_covariance)
 
     def _is_clearer(self, scan: Scan, tentative: NDArray[np.float64] | NoMatch, found: NDArray[np.float64]) -> bool:
         """Whether a scan speaks for where the tentative map has it, and against a pose on the other one.
@@ -281,7 +247,11 @@ class FrontEnd:
         if isinstance(tentative, NoMatch) or self._is_off(tentative):
             return False
         known = self._matcher.agreement(self._reference, scan, found).evidence
-        if known >= LEAST_SHARE * self._matcher.agreement(self._tentative, scan, tentative).evidence:
+        if (
+            known
+            >= self._config.odometry_check.min_evidence
+            * self._matcher.agreement(self._tentative, scan, tentative).evidence
+        ):
             return False
         moved = compose(found, inverse(tentative))
         keys = [self.keys[key] for key in self._tentative_keys]
@@ -289,7 +259,7 @@ class FrontEnd:
         along = [
             self._matcher.agreement(self._reference, key.scan, T).evidence for key, T in zip(keys, places, strict=True)
         ]
-        return sum(along) < _ALONG * known
+        return sum(along) < self._config.tracking.tentative_evidence * known
 
     def _find(
         self,
@@ -340,17 +310,17 @@ class FrontEnd:
         """
         if not self._knows_motion:
             return match.T_ref_cur
-        odometry = self.motion.covariance
+        odometry, config = self.motion.covariance, self._config.tracking
         # The sum of the ratios bounds the largest: most matches need no more.
-        if summed_ratios(match.covariance, odometry) <= _ODOMETRY_SPEAKS:
+        if summed_ratios(match.covariance, odometry) <= config.odometry_ratio:
             return match.T_ref_cur
         whiten = dense.inv(dense.cholesky(odometry))
         ratios, axes = dense.eigh(dense.congruence(whiten, match.covariance))
-        share = np.where(ratios > _ODOMETRY_SPEAKS, ratios / (1.0 + ratios), 0.0)
+        share = np.where(ratios > config.odometry_ratio, ratios / (1.0 + ratios), 0.0)
         if not share.any():
             return match.T_ref_cur
         offset = between(match.T_ref_cur, compose(T_track_key, self.motion.T_key_robot))
-        if squared_norm(offset, odometry + match.covariance) >= _REFUTED:
+        if squared_norm(offset, odometry + match.covariance) >= config.refuted_distance2:
             return match.T_ref_cur
         directions = dense.matmul(whiten.T, axes)
         pulled = dense.matvec(directions, share * dense.matvec(directions.T, offset))
@@ -380,7 +350,7 @@ class FrontEnd:
                 T_track_robot=self._T_track_robot,
             )
         )
-        if self._unknown_scans >= _UNKNOWN_AFTER:
+        if self._unknown_scans >= self._config.tracking.unknown_scans:
             self.unknown_motion.append(index)
         self.motion, self._knows_motion, self._unknown_scans = self._odometry.start(), self._has_odometry, 0
         # A scan of few returns lies where odometry has it, and not on new ground.
@@ -393,12 +363,12 @@ class FrontEnd:
         carried away. A scan that sees next to nothing does not tell.
         """
         newest, is_new = len(self.keys) - 1, is_unmatched or self._is_tentative
-        if self.is_blind or (is_new and sees_next_to_nothing(self.keys[-1].scan)):
+        if self.is_blind or (is_new and sees_next_to_nothing(self.keys[-1].scan, self._config.sight)):
             return
         if is_new:
             self._tentative_keys.append(newest)
             self._tentative = self._prepared(self._tentative_keys)
-            if len(self._tentative_keys) >= _LOST_AFTER:
+            if len(self._tentative_keys) >= self._config.tracking.loss_keys:
                 self.lost.append(self.keys[self._tentative_keys[0]].index)
                 self._reference, self._in_reference = self._tentative, self._tentative_keys
                 self._tentative, self._tentative_keys = None, []
@@ -421,26 +391,29 @@ def _tracking_covariance(config: FrontEndConfig) -> NDArray[np.float64]:
     return np.asarray(np.diag((config.tracking_distance, config.tracking_distance, config.tracking_angle)) ** 2)
 
 
+def _one_optimum(config: FrontEndConfig) -> Tolerance:
+    """How far apart two tracked poses of one scan may be."""
+    tracking = config.tracking
+    return Tolerance(
+        tracking.same_optimum_distance * config.tracking_distance, tracking.same_optimum_turn * config.tracking_angle
+    )
+
+
 def _limits(config: FrontEndConfig) -> Limits:
-    key_scans = config.key_scans
+    key_scans, one_optimum = config.key_scans, _one_optimum(config)
     return Limits(
-        blind_range=BLIND_RANGE,
-        blind_share=BLIND_SHARE,
-        fewest_returns=FEWEST_RETURNS,
-        moved=JUMP_DISTANCE,
-        turned=JUMP_TURN,
-        apart=_SAME_OPTIMUM[0] * config.tracking_distance,
-        twisted=_SAME_OPTIMUM[1] * config.tracking_angle,
-        contradicted=CONTRADICTED,
+        blind_range=config.sight.blind_range,
+        blind_share=config.sight.blind_share,
+        fewest_returns=config.sight.min_returns,
+        moved=config.odometry_check.jump_distance,
+        turned=config.odometry_check.jump_turn,
+        apart=one_optimum.distance,
+        twisted=one_optimum.turn,
+        contradicted=chi2_gate(config.odometry_check.false_alarm),
         variances=tuple(np.diag(_tracking_covariance(config)).tolist()),
         key_distance=key_scans.distance,
         key_turn=key_scans.angle,
     )
-
-
-def _is_turn(step: NDArray[np.float64], usual: NDArray[np.float64]) -> bool:
-    """Whether a step that stands out does so by its turn: a robot may turn on the spot from one scan to the next."""
-    return math.hypot(*step[:2]) <= max(JUMP_DISTANCE, _TURNING_STEP * math.hypot(*usual[:2]))
 
 
 def _is_nearer(pose: NDArray[np.float64], one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:

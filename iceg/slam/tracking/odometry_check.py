@@ -9,25 +9,14 @@ from numpy.typing import NDArray
 
 from frontends.scan import Scan
 from graph.measurement import NoMatch, RelativePose
-from graph.noise import squared_norm
+from graph.noise import chi2_gate, squared_norm
 from graph.odometry import OdometryMotion
-from graph.se2 import between, compose, wrap_angle
+from graph.se2 import between, compose
+from iceg.slam.agreement import Tolerance, agree, apart
+from iceg.slam.config import FrontEndConfig
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE
 from iceg.slam.tracking.sight import sees_little
-
-JUMP_DISTANCE, JUMP_TURN = 0.3, 0.26
-"""A match farther from odometry than this [m, rad] …"""
-_JUMP_SIGMAS = 4.0
-"""… and than so many standard deviations is a jump …"""
-_JUMP_FIT, _JUMP_VIEW = 0.75, 0.75
-"""… and needs this share of beams on the reference, and of the reference in view seen."""
-CONTRADICTED = 25.0
-"""Squared Mahalanobis distance from which on a match contradicts odometry: one near odometry is preferred …"""
-LEAST_SHARE = 0.75
-"""… if it explains nearly as much: this share at least …"""
-_SHARE_PER_DISTANCE2 = 1.0 / 800.0
-"""… and all of it but for so much per squared distance."""
 
 _IMPLAUSIBLE = NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
 
@@ -51,25 +40,32 @@ class Expectation:
         """(3,) the pose expected."""
         return compose(self.T_track_key, self.motion.T_key_robot)
 
-    def contradicts(self, found: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
-        """Whether a pose, (3,), known with a (3, 3) covariance, is not what odometry says."""
-        offset = between(found, self.T_track_robot)
-        return squared_norm(offset, self.motion.covariance + covariance) >= CONTRADICTED
+    def distance2(self, found: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+        """Squared Mahalanobis distance of a pose, (3,), known with a (3, 3) covariance, from the one expected."""
+        return squared_norm(between(found, self.T_track_robot), self.motion.covariance + covariance)
 
 
 class OdometryCheck:
     """Judges matched poses by what odometry expects, and by what else explains the scan."""
 
-    def __init__(self, matcher: MapMatcher, apart: float, twisted: float) -> None:
+    def __init__(self, matcher: MapMatcher, config: FrontEndConfig, one_optimum: Tolerance) -> None:
         """Take what is asked and what counts as one optimum.
 
         Args:
             matcher: says what a pose explains.
-            apart: poses no farther apart than this [m] …
-            twisted: … and this [rad] do not contradict each other.
+            config: what contradicts odometry, and what is believed all the same.
+            one_optimum: poses that agree to within this do not contradict each other.
         """
         self._matcher = matcher
-        self._apart, self._twisted = apart, twisted
+        self._config = config.odometry_check
+        self._sight = config.sight
+        self._one_optimum = one_optimum
+        self._gate = chi2_gate(self._config.false_alarm)
+        self._jump_sigmas = math.sqrt(chi2_gate(self._config.jump_false_alarm, freedom=1))
+
+    def contradicts(self, expected: Expectation, found: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
+        """Whether a pose, (3,), known with a (3, 3) covariance, is not what odometry says."""
+        return expected.distance2(found, covariance) >= self._gate
 
     def judge(
         self,
@@ -104,8 +100,8 @@ class OdometryCheck:
             return too_little
         return None if self._is_plausible(reference, scan, guess, found, expected) else _IMPLAUSIBLE
 
-    @staticmethod
     def _sees_too_little(
+        self,
         scan: Scan,
         found: NDArray[np.float64],
         covariance: NDArray[np.float64],
@@ -117,8 +113,8 @@ class OdometryCheck:
 
         Where hardly anything else is in reach, people close by pass for walls, and take the robot with them.
         """
-        few_see = sees_little(scan)
-        if not (expected.is_known and (few_see or is_degenerate) and expected.contradicts(found, covariance)):
+        few_see = sees_little(scan, self._sight)
+        if not (expected.is_known and (few_see or is_degenerate) and self.contradicts(expected, found, covariance)):
             return None
         return FEW_SEE if few_see else SEES_TOO_LITTLE
 
@@ -137,19 +133,18 @@ class OdometryCheck:
         pose = expected.T_track_robot
         if self._are_one_optimum(found, pose):
             return None
-        distance2 = squared_norm(between(found, pose), expected.motion.covariance + covariance)
-        if distance2 < CONTRADICTED:
+        distance2 = expected.distance2(found, covariance)
+        if distance2 < self._gate:
             return None
         nearer = self._matcher.match_near(reference, scan, pose)
         if isinstance(nearer, NoMatch) or self._are_one_optimum(found, nearer.T_ref_cur):
             return None
-        share = max(LEAST_SHARE, 1.0 - distance2 * _SHARE_PER_DISTANCE2)
+        share = max(self._config.min_evidence, 1.0 - distance2 * self._config.evidence_slope)
         free, near = (self._matcher.agreement(reference, scan, T).evidence for T in (found, nearer.T_ref_cur))
         return nearer if near >= share * free else None
 
     def _are_one_optimum(self, T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> bool:
-        distance, turn = apart(T_a_b, T_a_c)
-        return distance < self._apart and turn < self._twisted
+        return agree(T_a_b, T_a_c, self._one_optimum)
 
     def _is_plausible(
         self,
@@ -160,18 +155,13 @@ class OdometryCheck:
         expected: Expectation,
     ) -> bool:
         """A pose far from the guess (odometry jumped, or the robot was carried) must explain all that is seen."""
-        distance, turn = apart(guess, found)
-        if distance < JUMP_DISTANCE and turn < JUMP_TURN:
+        config, sigmas = self._config, self._jump_sigmas
+        if agree(guess, found, config.jump):
             return True
+        distance, turn = apart(guess, found)
         (xx, _, _), (_, yy, _), (_, _, hh) = expected.motion.covariance.tolist()
-        is_near = distance < max(JUMP_DISTANCE, _JUMP_SIGMAS * math.sqrt(max(xx, yy)))
-        if is_near and turn < max(JUMP_TURN, _JUMP_SIGMAS * math.sqrt(hh)):
+        is_near = distance < max(config.jump_distance, sigmas * math.sqrt(max(xx, yy)))
+        if is_near and turn < max(config.jump_turn, sigmas * math.sqrt(hh)):
             return True
         support = self._matcher.agreement(reference, scan, found)
-        return support.fit >= _JUMP_FIT and support.view >= _JUMP_VIEW
-
-
-def apart(T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> tuple[float, float]:
-    """Distance [m] and angle [rad] between two poses; plain floats, for the loop over scans."""
-    (x, y, heading), (x_c, y_c, heading_c) = T_a_b.tolist(), T_a_c.tolist()
-    return math.hypot(x_c - x, y_c - y), abs(wrap_angle(heading_c - heading))
+        return support.fit >= config.jump_inlier_ratio and support.view >= config.jump_free_space
