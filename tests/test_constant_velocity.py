@@ -11,7 +11,7 @@ from frontends.scan import Log
 from graph.odometry import OdometryModel
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.slam.completed_matcher import completed
-from iceg.slam.config import FrontEndConfig
+from iceg.slam.config import CalibrationConfig, FrontEndConfig
 from iceg.slam.odometry.constant_velocity import constant_velocity
 from iceg.slam.pipeline import run
 from iceg.slam.tracking.log_tracking import track_log
@@ -33,7 +33,7 @@ def room_log(speeds: list[float]) -> Log:
 def test_a_robot_that_keeps_its_velocity_is_believed_to() -> None:
     log = room_log([0.05] * 120)
     track = track_log(log, completed(make_matcher("plicp")), OdometryModel(), FrontEndConfig())
-    found = constant_velocity(track)
+    found = constant_velocity(track, CalibrationConfig())
     assert found is not None
     poses, noise = found
     np.testing.assert_allclose(poses[:, 0], 0.05 * np.arange(120), atol=0.02)
@@ -42,7 +42,9 @@ def test_a_robot_that_keeps_its_velocity_is_believed_to() -> None:
 
 def test_a_robot_that_stops_and_goes_is_not() -> None:
     log = room_log([0.1 if (k // 5) % 2 else 0.0 for k in range(120)])
-    found = constant_velocity(track_log(log, completed(make_matcher("plicp")), OdometryModel(), FrontEndConfig()))
+    found = constant_velocity(
+        track_log(log, completed(make_matcher("plicp")), OdometryModel(), FrontEndConfig()), CalibrationConfig()
+    )
     assert found is not None
     assert found[1].along_floor > 0.1
 
@@ -50,7 +52,10 @@ def test_a_robot_that_stops_and_goes_is_not() -> None:
 def test_few_steps_tell_nothing() -> None:
     log = room_log([0.05] * 20)
     assert (
-        constant_velocity(track_log(log, completed(make_matcher("plicp")), OdometryModel(), FrontEndConfig())) is None
+        constant_velocity(
+            track_log(log, completed(make_matcher("plicp")), OdometryModel(), FrontEndConfig()), CalibrationConfig()
+        )
+        is None
     )
 
 

@@ -10,6 +10,7 @@ from frontends.scan import Scan, ScanGeometry
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse
+from iceg.slam.config import CalibrationConfig
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.track import KeyScan, Track
 
@@ -94,7 +95,7 @@ def _spoiled(
 def test_what_was_done_to_odometry_is_found(scale: float, heading_scale: float, drift: float, shift: float) -> None:
     truth = _drive(2500)
     odometry = _spoiled(truth, scale, heading_scale, drift, shift, np.zeros(3))
-    found = calibrate_odometry(_track(truth, 6, noise=0.002), odometry)
+    found = calibrate_odometry(_track(truth, 6, noise=0.002), odometry, CalibrationConfig())
     assert found.translation_scale == pytest.approx(scale, abs=0.006)
     assert found.heading_scale == pytest.approx(heading_scale, abs=0.01)
     assert found.heading_per_metre == pytest.approx(drift, abs=0.006)
@@ -105,11 +106,11 @@ def test_what_was_done_to_odometry_is_found(scale: float, heading_scale: float, 
 def test_odometry_that_is_several_scans_late_is_read_in_time(scans: int) -> None:
     truth = _drive(1500)
     late = truth[np.clip(np.arange(len(truth)) - scans, 0, len(truth) - 1)]
-    calibration = calibrate_odometry(_track(truth, every=4), late)
+    calibration = calibrate_odometry(_track(truth, every=4), late, CalibrationConfig())
     assert calibration.heading_shift == pytest.approx(scans, abs=0.1)
     assert calibration.translation_shift == pytest.approx(scans, abs=0.1)
     assert calibration.is_late
-    assert not calibrate_odometry(_track(truth, every=4), truth).is_late
+    assert not calibrate_odometry(_track(truth, every=4), truth, CalibrationConfig()).is_late
     inner = slice(20, -20)
     corrected = calibration.apply(late)[inner]
     steps, true_steps = (between(poses[:-1], poses[1:]) for poses in (corrected, truth[inner]))
@@ -118,7 +119,9 @@ def test_odometry_that_is_several_scans_late_is_read_in_time(scans: int) -> None
 
 def test_a_drifting_heading_does_not_pass_for_a_laser_that_looks_askew() -> None:
     truth = _drive(2500)
-    found = calibrate_odometry(_track(truth, 6, noise=0.001), _spoiled(truth, 0, 0, 0.06, 0, np.zeros(3)))
+    found = calibrate_odometry(
+        _track(truth, 6, noise=0.001), _spoiled(truth, 0, 0, 0.06, 0, np.zeros(3)), CalibrationConfig()
+    )
     assert found.T_odometry_laser == pytest.approx(np.zeros(3), abs=0.003)
 
 
@@ -131,14 +134,14 @@ def test_noise_of_the_heading_does_not_pass_for_turns() -> None:
     for i in range(1, 6000):
         truth[i] = compose(truth[i - 1], steps[i])
         odometry[i] = compose(odometry[i - 1], steps[i] * (1.0, 1.0, 1.05) + (0.0, 0.0, noise[i]))
-    found = calibrate_odometry(_track(truth, 4, noise=0.0005), odometry)
+    found = calibrate_odometry(_track(truth, 4, noise=0.0005), odometry, CalibrationConfig())
     assert found.heading_scale == pytest.approx(1.0 / 1.05 - 1.0, abs=0.03)
 
 
 def test_a_shifted_laser_mount_is_found() -> None:
     truth = _drive(2500)
     mount = np.array([0.12, -0.03, 0.0])
-    found = calibrate_odometry(_track(truth, 6, noise=0.001), _spoiled(truth, 0, 0, 0, 0, mount))
+    found = calibrate_odometry(_track(truth, 6, noise=0.001), _spoiled(truth, 0, 0, 0, 0, mount), CalibrationConfig())
     assert found.T_odometry_laser == pytest.approx(mount, abs=0.015)
 
 
@@ -149,14 +152,14 @@ def test_noise_in_the_steps_does_not_shrink_the_scale() -> None:
     noisy = [truth[0]]
     for step in steps:
         noisy.append(compose(noisy[-1], step))
-    found = calibrate_odometry(_track(truth, every=2), np.array(noisy))
+    found = calibrate_odometry(_track(truth, every=2), np.array(noisy), CalibrationConfig())
     assert abs(found.translation_scale) < 0.2  # −0.30 when fitted to single steps
 
 
 def test_applying_the_calibration_undoes_the_error() -> None:
     truth = _drive(2500)
     odometry = _spoiled(truth, 0.04, -0.03, 0.05, -0.4, np.array([0.1, 0.0, 0.0]))
-    corrected = calibrate_odometry(_track(truth, 6, noise=0.001), odometry).apply(odometry)
+    corrected = calibrate_odometry(_track(truth, 6, noise=0.001), odometry, CalibrationConfig()).apply(odometry)
 
     def errors(poses: NDArray[np.float64]) -> NDArray[np.float64]:
         return between(between(truth[:-30], truth[30:]), between(poses[:-30], poses[30:]))
@@ -175,7 +178,7 @@ def test_noise_that_is_left_is_measured() -> None:
     odometry = [truth[0]]
     for step in steps:
         odometry.append(compose(odometry[-1], step))
-    noise = calibrate_odometry(_track(truth, 6, noise=0.0005), np.array(odometry)).noise
+    noise = calibrate_odometry(_track(truth, 6, noise=0.0005), np.array(odometry), CalibrationConfig()).noise
     path = float(distance.sum()) / (len(truth) / 6)
     turn = float(np.abs(between(truth[:-1], truth[1:])[:, 2]).sum()) / (len(truth) / 6)
     claimed = noise.heading_floor**2 + noise.heading_per_metre**2 * path + noise.heading_per_radian**2 * turn
@@ -185,7 +188,7 @@ def test_noise_that_is_left_is_measured() -> None:
 def test_a_short_track_changes_nothing() -> None:
     truth = _drive(60)
     odometry = _spoiled(truth, 0.05, 0.05, 0.05, 0.5, np.zeros(3))
-    found = calibrate_odometry(_track(truth, 6), odometry)
+    found = calibrate_odometry(_track(truth, 6), odometry, CalibrationConfig())
     assert found == OdometryCalibration(noise=OdometryModel())
     np.testing.assert_allclose(found.apply(odometry), odometry, atol=1e-9)
 
@@ -210,8 +213,8 @@ def test_errors_that_persist_weigh_less_in_a_graph() -> None:
     # Key scans lie 6 steps apart: errors that last for 18 steps make three motions err alike, ρ = 2/3 and 1/3 one and
     # two motions on, and 1 + 2 (16/17 · 2/3 + 15/17 · 1/3) is 2.8 times the variance.
     truth = _drive(6000)
-    fresh = calibrate_odometry(_track(truth, 6, noise=0.0005), _with_heading_noise(truth, 6))
-    lasting = calibrate_odometry(_track(truth, 6, noise=0.0005), _with_heading_noise(truth, 18))
+    fresh = calibrate_odometry(_track(truth, 6, noise=0.0005), _with_heading_noise(truth, 6), CalibrationConfig())
+    lasting = calibrate_odometry(_track(truth, 6, noise=0.0005), _with_heading_noise(truth, 18), CalibrationConfig())
 
     def widened(found: OdometryCalibration) -> float:
         path = np.tile([0.08, 0.0, 0.02], (6, 1))
@@ -224,7 +227,7 @@ def test_errors_that_persist_weigh_less_in_a_graph() -> None:
 def test_a_scale_that_nothing_measures_counts_where_odometry_is_alone() -> None:
     truth = _drive(3000)
     track = _track(truth, 6, noise=0.002)
-    seen = calibrate_odometry(track, truth).lasting_noise
+    seen = calibrate_odometry(track, truth, CalibrationConfig()).lasting_noise
     still = OdometryModel().start()
     for k in range(300, 450):  # a long corridor
         key = track.keys[k]
@@ -234,6 +237,6 @@ def test_a_scale_that_nothing_measures_counts_where_odometry_is_alone() -> None:
             match=replace(key.match, weak_directions=np.array([[1.0, 0.0, 0.0]])),
             motion=replace(still, distance=40.0),
         )
-    alone = calibrate_odometry(track, truth).lasting_noise
+    alone = calibrate_odometry(track, truth, CalibrationConfig()).lasting_noise
     assert alone.along_per_metre > 1.2 * seen.along_per_metre
     assert alone.across_per_metre == pytest.approx(seen.across_per_metre, rel=0.5)

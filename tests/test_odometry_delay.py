@@ -5,6 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from graph.se2 import wrap_angle
+from iceg.slam.config import CalibrationConfig
 from iceg.slam.odometry.delay import whole_delay
 
 Array = NDArray[np.float64]
@@ -31,7 +32,7 @@ def _found(truth: Array, odometry: Array, wrong: float = 0.0) -> int:
     turns += rng.uniform(-3.0, 3.0, len(starts)) * (rng.random(len(starts)) < wrong)
     claimed = odometry.copy()
     claimed[:, 2] = wrap_angle(claimed[:, 2])
-    return whole_delay(turns, starts, starts + _EVERY, claimed)
+    return whole_delay(turns, starts, starts + _EVERY, claimed, CalibrationConfig())
 
 
 def _late(poses: Array, scans: int) -> Array:

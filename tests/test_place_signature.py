@@ -13,7 +13,7 @@ from graph.se2 import compose, transform_points
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.closures import _signature_kernels as kernels
 from iceg.slam.closures.place_signature import PlaceSignatures, place_signatures
-from iceg.slam.config import FrontEndConfig
+from iceg.slam.config import FrontEndConfig, PlaceSignatureConfig
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
 
@@ -100,13 +100,16 @@ def test_distances_are_counted_as_numpy_counts_them() -> None:
 def test_a_turned_and_moved_track_has_the_same_signatures(seen: tuple[Track, NDArray[np.float64]]) -> None:
     keys = seen[0].keys[:80]
     moved = [replace(key, T_track_robot=compose([30.0, -7.0, 2.0], key.T_track_robot)) for key in keys]
-    here, there = place_signatures(keys, IceMatcher(), 4), place_signatures(moved, IceMatcher(), 4)
+    here, there = (
+        place_signatures(keys, IceMatcher(), 4, PlaceSignatureConfig()),
+        place_signatures(moved, IceMatcher(), 4, PlaceSignatureConfig()),
+    )
     np.testing.assert_array_equal(here.keys, there.keys)
     np.testing.assert_allclose(here.rows, there.rows, atol=1e-4)
 
 
 def test_a_place_is_most_like_itself_and_likeness_has_no_direction(seen: tuple[Track, NDArray[np.float64]]) -> None:
-    signatures = place_signatures(seen[0].keys, IceMatcher(), 4)
+    signatures = place_signatures(seen[0].keys, IceMatcher(), 4, PlaceSignatureConfig())
     everything = np.arange(len(signatures.keys))
     likeness = signatures.likeness(everything)
     np.testing.assert_allclose(likeness, likeness.T, atol=1e-5)
@@ -124,12 +127,12 @@ def test_likeness_in_blocks_is_the_product_of_the_signatures() -> None:
 
 
 def test_sequences_are_compared_in_both_directions(seen: tuple[Track, NDArray[np.float64]]) -> None:
-    signatures = place_signatures(seen[0].keys, IceMatcher(), 4)
+    signatures = place_signatures(seen[0].keys, IceMatcher(), 4, PlaceSignatureConfig())
     likeness = signatures.likeness(np.arange(len(signatures.keys)))
     one, other = 20, 60
     steps = np.arange(-2, 3)
     same, opposite = likeness[one + steps, other + steps].mean(), likeness[one + steps, other - steps].mean()
-    found = signatures.likeness_along(np.array([one]), np.array([other]))
+    found = signatures.likeness_along(np.array([one]), np.array([other]), 2)
     assert found[0] == pytest.approx(max(same, opposite), abs=1e-5)
 
 
@@ -137,7 +140,7 @@ def test_places_driven_by_again_the_same_way_are_among_the_three_most_similar(
     seen: tuple[Track, NDArray[np.float64]],
 ) -> None:
     track, truth = seen
-    signatures = place_signatures(track.keys, IceMatcher(), 4)
+    signatures = place_signatures(track.keys, IceMatcher(), 4, PlaceSignatureConfig())
     poses = truth[signatures.keys]
     path = np.cumsum([key.motion.distance for key in track.keys])[signatures.keys]
     apart = np.hypot(*(poses[:, None, :2] - poses[None, :, :2]).transpose(2, 0, 1))

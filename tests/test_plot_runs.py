@@ -17,9 +17,9 @@ from iceg.results import write_results
 from iceg.run_folder import RunFolder, read_run_folder
 from iceg.show.map_image import MapLayers
 from iceg.show.run_plots import plot_results
+from iceg.slam.closures.attempt import Verdict
 from iceg.slam.pipeline import SlamResult
 from iceg.tum import Trajectory
-from iceg.slam.closures.attempt import Verdict
 from tests.test_compare import closure, run, written
 from tests.test_plots import path, room_grid
 

@@ -130,6 +130,60 @@ class TrackingConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class CalibrationConfig:
+    """What the matches of a log tell of its odometry: bias, delay, mount, noise; and of its gyro."""
+
+    min_keys: int = 20
+    """Fewest matched key scans to calibrate from."""
+    window: int = 5
+    """Key scans over which moves are compared: the noise of single steps makes a scale fitted to them too small."""
+    min_turn: Radians = 0.3
+    """Only windows that turn by more than this tell the scale of turns [rad]."""
+    scale_sigma: float = 0.05
+    """Standard deviation, before any data, of the scale of moves and of turns."""
+    drift_sigma: float = 0.05
+    """… of the drift of the heading [rad/m]."""
+    delay_sigma: float = 0.7
+    """… of the delay [scans]."""
+    mount_ahead_sigma: float = 0.2
+    """… of where the laser sits, ahead [m] …"""
+    mount_aside_sigma: float = 0.1
+    """… and aside [m]."""
+    mount_heading_sigma: Radians = 0.03
+    """… of the heading of the laser [rad]."""
+    max_delay: int = 16
+    """Scans up to which a delay is looked for."""
+    delay_gain: float = 2.0
+    """So many times smaller must the mean square of the differences become by a delay of several scans."""
+    wrong_turn: Radians = 0.3
+    """A match that differs by more differs by no more than this: it may be wrong itself [rad]."""
+    outlier_sigmas: float = 3.0
+    """Standard deviations beyond which a difference counts as being so far and no farther."""
+    max_claimed: float = 2.0
+    """What cancels from step to step is the match's up to so many times the variance it claims; the rest is clocks."""
+    floor_gain: float = 10.0
+    """F statistic from which on an error that does not grow with the way explains more than chance would."""
+    min_floor: float = 0.05
+    """No odometry is believed to be off by less, without any motion, than this share of its usual deviation."""
+    max_persistence: float = 4.0
+    """By how much the variance is widened at most for errors that persist."""
+    gyro_false_alarm: float = 1e-4
+    """A gyro counts, and so does a further axis of it, where chance explains as much with a smaller probability."""
+    gyro_min_turns: int = 10
+    """Fewest turns between matched key scans that tell anything of a gyro: four coefficients and their scatter."""
+    gyro_max_delay: float = 3.0
+    """Scans up to which the delay of a gyro is looked for."""
+    velocity_min_steps: int = 10
+    """Fewest steps that tell how well a constant velocity is kept."""
+
+    def __post_init__(self) -> None:
+        sigmas = ("scale_sigma", "drift_sigma", "delay_sigma", "mount_ahead_sigma", "mount_aside_sigma")
+        check_numbers(self, SlamConfigError, positive=(*sigmas, "mount_heading_sigma", "window", "min_keys"))
+        check_between(self, SlamConfigError, "calibration: ", gyro_false_alarm=_RATES, max_delay=(0, 1000))
+        check_between(self, SlamConfigError, "calibration: ", gyro_min_turns=(5, 10**6), velocity_min_steps=(1, 10**6))
+
+
+@dataclass(frozen=True, kw_only=True)
 class FrontEndConfig:
     """Matching scan after scan against the local reference."""
 
@@ -140,6 +194,8 @@ class FrontEndConfig:
     """When a match contradicts odometry."""
     tracking: TrackingConfig = field(default_factory=TrackingConfig)
     """Which pose of a scan is believed."""
+    calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
+    """What matches tell of odometry and gyro."""
     calibrate_odometry: bool = True
     """Learn bias, time shift and noise of the odometry from the log's own matches."""
     calibration_path: float = 40.0
@@ -232,6 +288,60 @@ class VerificationConfig:
     def place(self) -> Tolerance:
         """Between poses that are one place."""
         return Tolerance(self.place_distance, self.place_turn)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlaceSignatureConfig:
+    """What the signature of a place is made of, by which similar places are found (place recognition)."""
+
+    half: int = 5
+    """Key scans on either side that make up the place."""
+    word_reach: float = 6.0
+    """Words are pairs of features within this [m]: both kinds, …"""
+    word_cell: float = 0.4
+    """… the distance in cells [m] …"""
+    word_sectors: int = 6
+    """… and the sectors of both directions against the line between them, …"""
+    word_bins: int = 1024
+    """… hashed into so many bins."""
+    min_scans: float = 2.0
+    """Only features that so many scans of the place saw make words, …"""
+    merge_radius: float = 0.25
+    """… those of different scans closer than this being one [m]."""
+    max_features: int = 1500
+    """Most features of one place."""
+    point_every: int = 3
+    """Only the points of every so many key scans are counted …"""
+    point_reach: float = 8.0
+    """… within this of the middle [m] …"""
+    point_cell: float = 0.4
+    """… one a cell [m] …"""
+    distance_bins: int = 40
+    """… in so many bins of distance between two points …"""
+    distance_cell: float = 0.25
+    """… each this wide [m]."""
+    shape_weight: float = 0.3
+    """What the distances count beside the words."""
+    sequence: int = 2
+    """Places on either side that are compared along with a place."""
+
+    def __post_init__(self) -> None:
+        check_numbers(
+            self,
+            SlamConfigError,
+            positive=(
+                "word_cell",
+                "word_sectors",
+                "word_bins",
+                "point_every",
+                "point_cell",
+                "distance_bins",
+                "distance_cell",
+            ),
+        )
+        check_between(self, SlamConfigError, "signatures: ", word_bins=(1, 1_000_000), max_features=(1, 1_000_000))
+        check_between(self, SlamConfigError, "signatures: ", distance_bins=(1, 100_000), half=(0, 1000))
+        check_between(self, SlamConfigError, "signatures: ", point_reach=(0.0, 1000.0), point_cell=(0.01, 100.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -451,6 +561,8 @@ class LoopClosureConfig:
     """Key scans asked to agree, relative to the one matched."""
     verification: VerificationConfig = field(default_factory=VerificationConfig)
     """Which closures agree."""
+    signatures: PlaceSignatureConfig = field(default_factory=PlaceSignatureConfig)
+    """By what similar places are found."""
     votes: PlaceVotesConfig = field(default_factory=PlaceVotesConfig)
     """Whether another place fits as well."""
     failures: TrackingFailureConfig = field(default_factory=TrackingFailureConfig)

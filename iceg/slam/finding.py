@@ -79,7 +79,7 @@ def find(
     with clock.stage("graph"):
         track = with_measured_covariance_scale(track, matcher, config.front_end.split_scans)
         calibration = _recalibrate(track, log, first, config)
-        heading, gyro = learn_gyro(track, log) if config.front_end.gyro else (None, None)
+        heading, gyro = learn_gyro(track, log, config.front_end.calibration) if config.front_end.gyro else (None, None)
         is_forbidden = forbids(corrections.forbidden, track)
         solution = _solve(track, log, matcher, calibration, heading, config, is_forbidden, stages)
         guided = corrected_by(solution, corrections, track, matcher, config)
@@ -129,7 +129,7 @@ def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Con
     """The same from all of the log, for the graph's odometry factors."""
     if not (log.has_odometry and config.front_end.calibrate_odometry):
         return first
-    return calibrate_odometry(track, log.odometry)
+    return calibrate_odometry(track, log.odometry, config.front_end.calibration)
 
 
 def _solve(
@@ -146,7 +146,10 @@ def _solve(
         odometry: NDArray[np.float64] | None = calibration.apply(log.odometry)
         noise = calibration.lasting_noise
     else:
-        odometry, noise = constant_velocity(track, heading) or (None, calibration.lasting_noise)
+        odometry, noise = constant_velocity(track, config.front_end.calibration, heading) or (
+            None,
+            calibration.lasting_noise,
+        )
     return solve_track(
         track, odometry, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden, stages=stages
     )

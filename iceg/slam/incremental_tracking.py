@@ -116,5 +116,5 @@ class IncrementalTracking:
 
     def _calibrate(self) -> None:
         self._is_first_part = False
-        self.calibration = calibrate_odometry(self.track(), self._log.odometry)
+        self.calibration = calibrate_odometry(self.track(), self._log.odometry, self._config.front_end.calibration)
         self.front_end.trust(self.calibration.noise)

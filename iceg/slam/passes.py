@@ -29,7 +29,7 @@ def track_with_gyro(
         the headings by the gyro, None where there are none that are believed.
     """
     followed = _follow(log, matcher, config, progress, None)
-    heading, _ = learn_gyro(followed[1], log) if config.front_end.gyro else (None, None)
+    heading, _ = learn_gyro(followed[1], log, config.front_end.calibration) if config.front_end.gyro else (None, None)
     return (followed if heading is None else _follow(log, matcher, config, progress, heading)), heading
 
 

@@ -32,13 +32,13 @@ def similar_places(
     Returns:
         The earlier and the later key pose of each pair, the most similar first.
     """
-    signatures = place_signatures(track.keys, judge, ANCHOR_SPACING)
+    signatures = place_signatures(track.keys, judge, ANCHOR_SPACING, config.signatures)
     places = signatures.keys
     path = np.cumsum([key.motion.distance for key in track.keys])[places]
     likeness_of, pairs = _most_similar(signatures, path, parts[places], config)
     if not len(pairs):
         return []
-    along = signatures.likeness_along(pairs[:, 1], pairs[:, 0])
+    along = signatures.likeness_along(pairs[:, 1], pairs[:, 0], config.signatures.sequence)
     order = np.argsort(np.minimum(_ranks(likeness_of), _ranks(along)), kind="stable")[: config.places]
     return [(int(places[old]), int(places[new])) for old, new in pairs[order].tolist()]
 

@@ -20,27 +20,8 @@ from iceg.ice.features import FeatureRows
 from iceg.ice.matcher import IceMatcher, Observation
 from iceg.ice.sweeps import joined, starts_of
 from iceg.slam.closures import _signature_kernels as kernels
+from iceg.slam.config import PlaceSignatureConfig
 from iceg.slam.track import KeyScan
-
-_HALF = 5
-"""Key scans on either side that make up the place."""
-_BINS, _REACH, _CELL, _SECTORS = 1024, 6.0, 0.4, 6
-"""Words, hashed into so many bins, are pairs of features within a reach [m]: both kinds, the distance in cells [m], and
-the sectors of both directions against the line between them."""
-_SEEN_TWICE = 2.0
-"""Only features that so many scans of the place saw make words."""
-_FEATURES = 1500
-"""Most features of one place."""
-_POINT_EVERY = 3
-"""Only the points of every so many key scans are counted …"""
-_POINT_REACH, _POINT_CELL = 8.0, 0.4
-"""… within this of the middle, one a cell [m] …"""
-_DISTANCES, _DISTANCE_CELL = 40, 0.25
-"""… in so many bins of distance between two points, each this wide [m]."""
-_SHAPE_WEIGHT = 0.3
-"""What the distances count beside the words."""
-_SEQUENCE = 2
-"""Places on either side that are compared along with a place."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,10 +40,10 @@ class PlaceSignatures:
         """(q, m) how much each of these places, given by their row, looks like every place."""
         return kernels.likeness(self.rows[queries], self.rows)
 
-    def likeness_along(self, ones: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.float32]:
-        """(n,) how similar the places around pairs are, driven the same way or the opposite way."""
+    def likeness_along(self, ones: NDArray[np.int64], others: NDArray[np.int64], half: int) -> NDArray[np.float32]:
+        """(n,) how similar pairs are with `half` places on either side, driven the same or the opposite way."""
         last = len(self.rows) - 1
-        steps = np.arange(-_SEQUENCE, _SEQUENCE + 1)
+        steps = np.arange(-half, half + 1)
         means = [
             np.mean(
                 [
@@ -79,65 +60,69 @@ class PlaceSignatures:
         return np.asarray(np.maximum(*means), dtype=np.float32)
 
 
-def place_signatures(keys: Sequence[KeyScan], matcher: IceMatcher, spacing: int) -> PlaceSignatures:
+def place_signatures(
+    keys: Sequence[KeyScan], matcher: IceMatcher, spacing: int, config: PlaceSignatureConfig
+) -> PlaceSignatures:
     """Signatures of the places along a track.
 
     Args:
         keys: its key scans; only poses of neighbours relative to each other count.
         matcher: extracts the features.
         spacing: key scans from one place to the next.
+        config: what makes a place, and of what its signature is made.
     """
     middles = np.arange(0, len(keys), spacing, dtype=np.int64)
     T_track_keys = np.array([key.T_track_robot for key in keys])
-    words, shapes = np.zeros((len(middles), _BINS)), np.zeros((len(middles), _DISTANCES))
-    latest: deque[Observation] = deque(maxlen=2 * _HALF + 1)
+    words, shapes = np.zeros((len(middles), config.word_bins)), np.zeros((len(middles), config.distance_bins))
+    latest: deque[Observation] = deque(maxlen=2 * config.half + 1)
     seen = 0
     for row, middle in enumerate(middles.tolist()):
-        first, end = max(0, middle - _HALF), min(len(keys), middle + _HALF + 1)
+        first, end = max(0, middle - config.half), min(len(keys), middle + config.half + 1)
         T_middle_members = between(T_track_keys[middle], T_track_keys[first:end])
         latest.extend(matcher.observe(key.scan) for key in keys[max(seen, first) : end])
         seen = end
         observations = list(latest)[first - end :]
-        _count_words([observation.features for observation in observations], T_middle_members, words[row])
-        points = [observation.points.points for observation in observations[::_POINT_EVERY]]
+        _count_words([observation.features for observation in observations], T_middle_members, config, words[row])
+        points = [observation.points.points for observation in observations[:: config.point_every]]
         kernels.count_distances(
             joined(points),
             starts_of(points),
-            T_middle_members[::_POINT_EVERY],
-            _POINT_REACH,
-            _POINT_CELL,
-            _DISTANCE_CELL,
+            T_middle_members[:: config.point_every],
+            config.point_reach,
+            config.point_cell,
+            config.distance_cell,
             shapes[row],
         )
     rarity = log(len(middles) / np.maximum(1, np.count_nonzero(words, axis=0)))
     looks = _unit(np.sqrt(words) * rarity)
     shape = np.sqrt(shapes)
-    shape = _unit(shape - shape.mean(axis=0)) * np.sqrt(_SHAPE_WEIGHT)
+    shape = _unit(shape - shape.mean(axis=0)) * np.sqrt(config.shape_weight)
     return PlaceSignatures(keys=middles, rows=np.hstack([looks, shape]).astype(np.float32))
 
 
 def _count_words(
-    features: list[FeatureRows], T_middle_members: NDArray[np.float64], histogram: NDArray[np.float64]
+    features: list[FeatureRows],
+    T_middle_members: NDArray[np.float64],
+    config: PlaceSignatureConfig,
+    histogram: NDArray[np.float64],
 ) -> None:
     """Count the pairs among the features that several scans of the place saw."""
-    kinds, rows, hits = np.empty(_FEATURES, np.int8), np.empty((_FEATURES, 10)), np.empty(_FEATURES)
+    most = config.max_features
+    kinds, rows, hits = np.empty(most, np.int8), np.empty((most, 10)), np.empty(most)
     n = hypothesis_kernels.merge_features(
         joined([of_scan.kinds for of_scan in features]),
         joined([of_scan.rows for of_scan in features]),
         starts_of([of_scan.kinds for of_scan in features]),
         T_middle_members,
-        _MERGE_RADIUS,
+        config.merge_radius,
         kinds,
         rows,
         hits,
         0,
     )
-    kept = (hits[:n] >= _SEEN_TWICE) & (rows[:n, 8] > 0.5)
-    kernels.count_pairs(kinds[:n][kept], rows[:n][kept], hits[:n][kept], _REACH, _CELL, _SECTORS, histogram)
-
-
-_MERGE_RADIUS = 0.25
-"""Features of different scans closer than this are one [m]."""
+    kept = (hits[:n] >= config.min_scans) & (rows[:n, 8] > 0.5)
+    reach, cell, sectors = config.word_reach, config.word_cell, config.word_sectors
+    kernels.count_pairs(kinds[:n][kept], rows[:n][kept], hits[:n][kept], reach, cell, sectors, histogram)
 
 
 def _unit(rows: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,24 +12,16 @@ from graph.elementary import cos_sin
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse, wrap_angle
+from iceg.slam.config import CalibrationConfig
 from iceg.slam.odometry.delay import whole_delay
 from iceg.slam.odometry.noise import Differences, lasting_noise, odometry_noise, robust_deviation
 from iceg.slam.recording.steps import chained, sudden_steps
 from iceg.slam.track import KeyScan, Track
 
-# Standard deviations of the parameters before any data: what is usual among robots.
-_HEADING_PRIOR = np.array([0.05, 0.05, 0.7])
-_TRANSLATION_PRIOR = np.array([0.05, 0.03, 0.7, 0.2, 0.1])
 _ROBUST_ROUNDS = 15
 """Rounds of iteratively reweighted least squares."""
-_FEWEST_KEYS = 20
-"""Fewest matched key scans to calibrate from."""
 _LATE = 1.0
 """Scans that odometry may be late without harm."""
-_WINDOW = 5
-"""Key scans over which moves are compared: noise in the steps of odometry makes a scale fitted to them too small."""
-_TURNING = 0.3
-"""Only windows that turn by more than this [rad] tell the scale of turns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,7 +82,7 @@ class OdometryCalibration:
         return chained(odometry[0], corrected)
 
 
-def calibrate_odometry(track: Track, odometry: NDArray[np.float64]) -> OdometryCalibration:
+def calibrate_odometry(track: Track, odometry: NDArray[np.float64], config: CalibrationConfig) -> OdometryCalibration:
     """Fit bias, time shift, mount and noise to the motions between key scans that were matched.
 
     A robust linear regression (Cauchy weights, priors of what is usual): the match minus the odometry between two
@@ -99,37 +91,40 @@ def calibrate_odometry(track: Track, odometry: NDArray[np.float64]) -> OdometryC
     Args:
         track: the front end's matches, made with any odometry.
         odometry: (n, 3) raw odometry of the same log.
+        config: what is usual, and what it takes to believe otherwise.
 
     Returns:
         The calibration; with few matches it stays near "nothing is wrong".
     """
-    samples = _Samples.collect(track, odometry)
+    samples = _Samples.collect(track, odometry, config)
     if samples is None:
         return OdometryCalibration(noise=OdometryModel())
-    delay = whole_delay(samples.matched[:, 2], samples.starts, samples.ends, odometry)
+    delay = whole_delay(samples.matched[:, 2], samples.starts, samples.ends, odometry, config)
     if delay:
         in_time = OdometryCalibration(heading_shift=delay, translation_shift=delay, noise=OdometryModel())
-        found = _calibrated(track, in_time.apply(odometry))
+        found = _calibrated(track, in_time.apply(odometry), config)
         return replace(
             found, heading_shift=found.heading_shift + delay, translation_shift=found.translation_shift + delay
         )
-    return _calibrated(track, odometry, samples)
+    return _calibrated(track, odometry, config, samples)
 
 
-def _calibrated(track: Track, odometry: NDArray[np.float64], samples: "_Samples | None" = None) -> OdometryCalibration:
+def _calibrated(
+    track: Track, odometry: NDArray[np.float64], config: CalibrationConfig, samples: "_Samples | None" = None
+) -> OdometryCalibration:
     """Fit to the motions between matched key scans, of which there are enough; odometry is off by a scan or so."""
-    samples = samples or _Samples.collect(track, odometry)
+    samples = samples or _Samples.collect(track, odometry, config)
     assert samples is not None
-    windows = _Samples.collect(track, odometry, _WINDOW) or samples
-    turns = _fit_turns(samples, windows)
+    windows = _Samples.collect(track, odometry, config, config.window) or samples
+    turns = _fit_turns(samples, windows, config)
     # A heading that drifts leads aside, too, and that must not pass for a laser that looks askew.
     turned = turns.apply(odometry)
     samples, windows = samples.claimed_by(turned), windows.claimed_by(turned)
-    translation, deviation = _fit_moves(samples, windows)
+    translation, deviation = _fit_moves(samples, windows, config)
     error, _, rows_x, rows_y = _equations(samples)
     x, y = (error[:, k] - dense.matvec(rows, translation) for k, rows in enumerate((rows_x, rows_y)))
     left = np.column_stack([x, y, error[:, 2]])
-    noise, persistence = odometry_noise(samples.differences(left), turned)
+    noise, persistence = odometry_noise(samples.differences(left), turned, config)
     return replace(
         turns,
         translation_scale=float(translation[0]),
@@ -154,7 +149,9 @@ class _Samples:
     speed_change: NDArray[np.float64]
 
     @classmethod
-    def collect(cls, track: Track, odometry: NDArray[np.float64], window: int = 1) -> "_Samples | None":
+    def collect(
+        cls, track: Track, odometry: NDArray[np.float64], config: CalibrationConfig, window: int = 1
+    ) -> "_Samples | None":
         """Motions over so many key scans, all of them matched."""
         unknown = track.keys_without_odometry()
         pairs = [
@@ -164,7 +161,7 @@ class _Samples:
             and all(map(_is_seen, track.keys[k - window + 1 : k + 1]))
             and unknown.isdisjoint(range(k - window + 1, k + 1))
         ]
-        if len(pairs) < _FEWEST_KEYS:
+        if len(pairs) < config.min_keys:
             return None
         starts = np.array([previous.index for previous, _, _ in pairs])
         ends = np.array([key.index for _, key, _ in pairs])
@@ -214,12 +211,13 @@ def _equations(
     return error, turning, rows_x, rows_y
 
 
-def _fit_turns(samples: _Samples, windows: _Samples) -> OdometryCalibration:
+def _fit_turns(samples: _Samples, windows: _Samples, config: CalibrationConfig) -> OdometryCalibration:
     """What is wrong with the heading; the scale of its turns from windows of several motions."""
     error, rows, _, _ = _equations(samples)
     long_error, long_rows, _, _ = _equations(windows)
-    scale = _turn_scale(long_rows, long_error[:, 2])
-    others, _ = _robust_fit(rows[:, 1:], error[:, 2] - scale * rows[:, 0], _HEADING_PRIOR[1:])
+    prior = np.array([config.scale_sigma, config.drift_sigma, config.delay_sigma])
+    scale = _turn_scale(long_rows, long_error[:, 2], prior, config.min_turn)
+    others, _ = _robust_fit(rows[:, 1:], error[:, 2] - scale * rows[:, 0], prior[1:])
     return OdometryCalibration(
         heading_scale=scale,
         heading_per_metre=float(others[0]),
@@ -228,7 +226,9 @@ def _fit_turns(samples: _Samples, windows: _Samples) -> OdometryCalibration:
     )
 
 
-def _turn_scale(rows: NDArray[np.float64], error: NDArray[np.float64]) -> float:
+def _turn_scale(
+    rows: NDArray[np.float64], error: NDArray[np.float64], prior: NDArray[np.float64], min_turn: float
+) -> float:
     """Scale of turns from the rows of the heading's regression, (n, 3), and match minus odometry, (n,).
 
     Odometry's noise passes for turns that the robot did not make: fitted to what odometry says, the scale would be too
@@ -236,22 +236,31 @@ def _turn_scale(rows: NDArray[np.float64], error: NDArray[np.float64]) -> float:
     the matches say (e = s′m for m = o + so, hence s = s′ / (1 − s′)), and to turns that stand out of the noise.
     """
     matched = rows[:, 0] + error
-    turns = np.where(np.abs(matched) > _TURNING, matched, 0.0)
-    inverse, _ = _robust_fit(np.column_stack([turns, rows[:, 1:]]), error, _HEADING_PRIOR)
+    turns = np.where(np.abs(matched) > min_turn, matched, 0.0)
+    inverse, _ = _robust_fit(np.column_stack([turns, rows[:, 1:]]), error, prior)
     return float(inverse[0] / (1.0 - inverse[0]))
 
 
-def _fit_moves(samples: _Samples, windows: _Samples) -> tuple[NDArray[np.float64], float]:
+def _fit_moves(samples: _Samples, windows: _Samples, config: CalibrationConfig) -> tuple[NDArray[np.float64], float]:
     """(5,) what is wrong with the translation; its scale, from windows, with its standard deviation."""
+    prior = np.array(
+        [
+            config.scale_sigma,
+            config.mount_heading_sigma,
+            config.delay_sigma,
+            config.mount_ahead_sigma,
+            config.mount_aside_sigma,
+        ]
+    )
     long_error, _, long_x, long_y = _equations(windows)
     scaled, deviations = _robust_fit(
-        np.vstack([long_x, long_y]), np.concatenate([long_error[:, 0], long_error[:, 1]]), _TRANSLATION_PRIOR
+        np.vstack([long_x, long_y]), np.concatenate([long_error[:, 0], long_error[:, 1]]), prior
     )
     error, _, rows_x, rows_y = _equations(samples)
     rows = np.vstack([rows_x, rows_y])
     unscaled = np.concatenate([error[:, 0], error[:, 1]]) - scaled[0] * rows[:, 0]
-    others, _ = _robust_fit(rows[:, 1:], unscaled, _TRANSLATION_PRIOR[1:])
-    return np.append(scaled[0], others), float(deviations[0]) * math.sqrt(_WINDOW)  # the windows overlap
+    others, _ = _robust_fit(rows[:, 1:], unscaled, prior[1:])
+    return np.append(scaled[0], others), float(deviations[0]) * math.sqrt(config.window)  # the windows overlap
 
 
 def _steps(track: Track, pairs: Sequence[tuple[KeyScan, KeyScan, RelativePose]]) -> NDArray[np.float64]:

@@ -12,25 +12,25 @@ from numpy.typing import NDArray
 from graph.measurement import NoMatch
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap, logmap
+from iceg.slam.config import CalibrationConfig
 from iceg.slam.odometry.heading_odometry import HeadingOdometry, with_headings
 from iceg.slam.odometry.noise import robust_deviation
 from iceg.slam.track import Track
 
 _BEFORE = 5
 """Scans whose motion tells the velocity."""
-_FEWEST = 10
-"""Steps that tell how well it is kept."""
 _LEAST = (0.005, 0.005, 0.005)
 """Standard deviations are never taken to be smaller [m, m, rad]."""
 
 
 def constant_velocity(
-    track: Track, heading: HeadingOdometry | None = None
+    track: Track, config: CalibrationConfig, heading: HeadingOdometry | None = None
 ) -> tuple[NDArray[np.float64], OdometryModel] | None:
     """Motion and noise that stand in for odometry.
 
     Args:
         track: what the front end found in a log without odometry.
+        config: how many steps it takes.
         heading: what is known of its turns; None for nothing.
 
     Returns:
@@ -40,7 +40,7 @@ def constant_velocity(
     """
     poses = compose(np.array([key.T_track_robot for key in track.keys])[track.key_of_scan], track.T_key_scan)
     errors = _errors(track, poses)
-    if len(errors) < _FEWEST:
+    if len(errors) < config.velocity_min_steps:
         return None
     along, across, turn = (max(robust_deviation(column), low) for column, low in zip(errors.T, _LEAST, strict=True))
     noise = OdometryModel(

@@ -8,20 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.se2 import between, wrap_angle
+from iceg.slam.config import CalibrationConfig
 from iceg.slam.recording.steps import sudden_steps
 
-_MOST = 16
-"""Scans up to which a delay is looked for."""
 _LINEAR = 1
 """Up to so many scans a linear fit tells better, and the delays of turns and of the way apart."""
-_WRONG = 0.3
-"""A match that differs by more [rad] differs by no more than this: it may be wrong itself."""
-_CLEARLY = 2.0
-"""So many times smaller must the mean square of the differences become."""
 
 
 def whole_delay(
-    turns: NDArray[np.float64], starts: NDArray[np.int64], ends: NDArray[np.int64], odometry: NDArray[np.float64]
+    turns: NDArray[np.float64],
+    starts: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    odometry: NDArray[np.float64],
+    config: CalibrationConfig,
 ) -> int:
     """Scans later at which odometry must be read, to a whole number; 0 where that does not clearly explain more.
 
@@ -33,14 +32,15 @@ def whole_delay(
         starts: (m,) the first scan of each …
         ends: … and the last one.
         odometry: (n, 3) raw, one pose per scan.
+        config: how far is looked, and what it must gain.
     """
     if sudden_steps(odometry).any():
         return 0
     heading = np.concatenate([[0.0], np.cumsum(between(odometry[:-1], odometry[1:])[:, 2])])
-    shifts, last = np.arange(-_MOST, _MOST + 1), len(heading) - 1
+    shifts, last = np.arange(-config.max_delay, config.max_delay + 1), len(heading) - 1
     at = np.clip(np.stack([starts, ends])[:, None, :] + shifts[:, None], 0, last)
     differences = wrap_angle(turns - (heading[at[1]] - heading[at[0]]))
-    squares = np.mean(np.minimum(np.abs(differences), _WRONG) ** 2, axis=1)
+    squares = np.mean(np.minimum(np.abs(differences), config.wrong_turn) ** 2, axis=1)
     best = int(np.argmin(squares))
-    is_clear = abs(shifts[best]) > _LINEAR and _CLEARLY * squares[best] < squares[_MOST]
+    is_clear = abs(shifts[best]) > _LINEAR and config.delay_gain * squares[best] < squares[config.max_delay]
     return int(shifts[best]) if is_clear else 0

@@ -15,20 +15,15 @@ from numpy.typing import NDArray
 from frontends.scan import Log
 from graph.measurement import NoMatch
 from graph.se2 import between, wrap_angle
+from iceg.slam.config import CalibrationConfig
 from iceg.slam.odometry.heading_odometry import HeadingNoise, HeadingOdometry, unforeseen_steps, with_headings
 from iceg.slam.odometry.noise import Differences, heading_noise, robust_deviation
 from iceg.slam.odometry.student_fit import StudentFit, chance_of, student_fit
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.track import Track
 
-_LEVEL = 1e-4
-"""A gyro counts, and so does a further axis of it, where chance explains as much less often than this."""
-_FEWEST = 10
-"""Fewest turns between matched key scans that tell anything: four coefficients and their scatter."""
-_MOST_DELAY = 3.0
-"""A delay is looked for up to so many scans …"""
 _DELAY_STEPS = (0.5, 0.1, 0.02)
-"""… in steps [scans] that get finer."""
+"""Of the search for the delay [scans]: they get finer."""
 _BEFORE = 5
 """Scans whose motion tells a constant velocity."""
 
@@ -80,12 +75,13 @@ class GyroFinding:
         return RunWarning(kind="gyro", sentence=f"the turn rates of the gyro are not used: {self.rejection}")
 
 
-def learn_gyro(track: Track, log: Log) -> tuple[HeadingOdometry | None, GyroFinding | None]:
+def learn_gyro(track: Track, log: Log, config: CalibrationConfig) -> tuple[HeadingOdometry | None, GyroFinding | None]:
     """Calibrate a log's gyro by the matches of a track.
 
     Args:
         track: the front end's matches, made with the gyro or without.
         log: with or without gyro.
+        config: what it takes for a gyro to count.
 
     Returns:
         The headings, None where they are not to be used; and what was found, None where the log has no gyro or need not
@@ -94,18 +90,18 @@ def learn_gyro(track: Track, log: Log) -> tuple[HeadingOdometry | None, GyroFind
     if log.gyro is None or log.has_odometry:
         return None, None
     turns = _Turns.of(track)
-    if len(turns.seen) < _FEWEST:
+    if len(turns.seen) < config.gyro_min_turns:
         return None, GyroFinding(
-            rejection=f"only {len(turns.seen)} turns were seen by matches, expected {_FEWEST} or more"
+            rejection=f"only {len(turns.seen)} turns were seen by matches, expected {config.gyro_min_turns} or more"
         )
     if not log.gyro.any():
         return None, GyroFinding(rejection="they are all zero")
-    fit, headings = _fitted(turns, log.gyro, *_clock(log))
+    fit, headings = _fitted(turns, log.gyro, *_clock(log), config)
     finding = replace(fit, deviation_without=robust_deviation(_unforeseen_turns(track, turns)))
-    finding = replace(finding, rejection=_rejection(finding))
+    finding = replace(finding, rejection=_rejection(finding, config.gyro_false_alarm))
     if finding.rejection:
         return None, finding
-    noise, lasting = _noise(track, turns, headings)
+    noise, lasting = _noise(track, turns, headings, config)
     steps = unforeseen_steps(track, headings)
     return HeadingOdometry(headings=headings, noise=noise, lasting_noise=lasting, unforeseen=steps), finding
 
@@ -142,8 +138,8 @@ class _Turns:
         )
 
 
-def _rejection(finding: GyroFinding) -> str:
-    if finding.chance > _LEVEL:
+def _rejection(finding: GyroFinding, false_alarm: float) -> str:
+    if finding.chance > false_alarm:
         return (
             "they may have nothing to do with the turns that the scans show, which chance would explain as well with a "
             f"probability of {finding.chance:.2g}"
@@ -174,20 +170,24 @@ def _read(gyro: NDArray[np.float64], clock: NDArray[np.float64], delay: float) -
 
 
 def _fitted(
-    turns: _Turns, gyro: NDArray[np.float64], clock: NDArray[np.float64], interval: float | None
+    turns: _Turns,
+    gyro: NDArray[np.float64],
+    clock: NDArray[np.float64],
+    interval: float | None,
+    config: CalibrationConfig,
 ) -> tuple[GyroFinding, NDArray[np.float64]]:
     """What explains the turns best, and (n_scans,) the headings by that.
 
     The axis that explains most comes first; a further one counts where it explains more than chance would.
     """
     without = student_fit(_over(turns, clock)[:, None], turns.seen)
-    telling, tries = np.flatnonzero(gyro.any(axis=0)).tolist(), round(2.0 * _MOST_DELAY) + 1
-    singles = [([axis], *_at_best_delay(turns, gyro, clock, interval or 1.0, [axis])) for axis in telling]
+    telling, tries = np.flatnonzero(gyro.any(axis=0)).tolist(), round(config.gyro_max_delay / _DELAY_STEPS[0]) + 1
+    singles = [([axis], *_at_best_delay(turns, gyro, clock, interval or 1.0, [axis], config)) for axis in telling]
     axes, delay, fit = max(singles, key=lambda found: found[2].log_likelihood)
     chance = chance_of(without, fit, freedom=1, tried=len(telling) * tries)
     for axis in [axis for axis in telling if axis not in axes]:
-        further_delay, further = _at_best_delay(turns, gyro, clock, interval or 1.0, [*axes, axis])
-        if chance_of(fit, further, freedom=1, tried=len(telling)) < _LEVEL:
+        further_delay, further = _at_best_delay(turns, gyro, clock, interval or 1.0, [*axes, axis], config)
+        if chance_of(fit, further, freedom=1, tried=len(telling)) < config.gyro_false_alarm:
             axes, delay, fit = [*axes, axis], further_delay, further
     bias, scale = float(fit.coefficients[0]), np.zeros(3)
     scale[axes] = fit.coefficients[1:]
@@ -204,7 +204,12 @@ def _fitted(
 
 
 def _at_best_delay(
-    turns: _Turns, gyro: NDArray[np.float64], clock: NDArray[np.float64], interval: float, axes: list[int]
+    turns: _Turns,
+    gyro: NDArray[np.float64],
+    clock: NDArray[np.float64],
+    interval: float,
+    axes: list[int],
+    config: CalibrationConfig,
 ) -> tuple[float, StudentFit]:
     """The delay that explains most, and the fit there."""
 
@@ -212,7 +217,7 @@ def _at_best_delay(
         read = _over(turns, _read(gyro, clock, shift * interval)[:, axes])
         return student_fit(np.column_stack([_over(turns, clock), read]), turns.seen)
 
-    shift, width = 0.0, _MOST_DELAY
+    shift, width = 0.0, config.gyro_max_delay
     fit = at(shift)
     for step in _DELAY_STEPS:
         n = round(width / step)
@@ -231,7 +236,9 @@ def _unforeseen_turns(track: Track, turns: _Turns) -> NDArray[np.float64]:
     return np.asarray(wrap_angle(turns.seen[late] - velocity * (ends - starts)), dtype=np.float64)
 
 
-def _noise(track: Track, turns: _Turns, headings: NDArray[np.float64]) -> tuple[HeadingNoise, HeadingNoise]:
+def _noise(
+    track: Track, turns: _Turns, headings: NDArray[np.float64], config: CalibrationConfig
+) -> tuple[HeadingNoise, HeadingNoise]:
     """From one key scan to the next, and for a graph."""
     claims = with_headings(track, headings)
     motions = between(claims[turns.starts], claims[turns.ends])
@@ -240,6 +247,6 @@ def _noise(track: Track, turns: _Turns, headings: NDArray[np.float64]) -> tuple[
     claimed = np.zeros_like(errors)
     claimed[:, 2] = turns.claimed
     differences = Differences(errors=errors, claimed=claimed, turns=turns.seen, starts=turns.starts, ends=turns.ends)
-    deviations, persistence = heading_noise(differences, claims)
+    deviations, persistence = heading_noise(differences, claims, config)
     widened = {name: math.sqrt(persistence) * deviation for name, deviation in deviations.items()}
     return HeadingNoise(**deviations), HeadingNoise(**widened)

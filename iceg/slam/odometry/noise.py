@@ -19,22 +19,15 @@ from graph import dense
 from graph.elementary import arctan2, cos_sin
 from graph.odometry import OdometryModel
 from graph.se2 import between
+from iceg.slam.config import CalibrationConfig
 from iceg.slam.match_errors import OWN
 
-_OUTLIER = 3.0
-"""Standard deviations beyond which a difference counts as being so far and no farther."""
 _FIT_ROUNDS = 10
 """Rounds in which the weights follow the fitted variances."""
-_MOST_CLAIMED = 2.0
-"""What cancels from step to step is the match's up to so many times the variance it claims; the rest is clocks."""
-_CLEAR = 10.0
-"""F statistic from which on more coefficients explain more than chance would."""
 _LEVEL = 1e-9
 """A sum of squares that falls by no more than this, relative to what it would without any fit, is at its least."""
 _LAGS = 16
-"""Key scans over which errors of odometry may persist …"""
-_MOST_PERSISTENT = 4.0
-"""… and by how much their variance is widened for it at most."""
+"""Key scans over which errors of odometry may persist."""
 _NOTHING = 1e-300
 """Stands for the variance of errors that are all zero: nothing of them persists."""
 _LEAST = OdometryModel(
@@ -47,9 +40,7 @@ _LEAST = OdometryModel(
     heading_per_metre=0.003,
     heading_per_radian=0.005,
 )
-"""No robot's odometry is believed to be better than this …"""
-_LEAST_FLOOR = 0.05
-"""… nor to be off by less, without any motion, than this share of its usual standard deviation."""
+"""No robot's odometry is believed to be better than this."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,13 +63,14 @@ class Differences:
 
 
 def odometry_noise(
-    differences: Differences, odometry: NDArray[np.float64]
+    differences: Differences, odometry: NDArray[np.float64], config: CalibrationConfig
 ) -> tuple[OdometryModel, NDArray[np.float64]]:
     """Fit the noise of odometry.
 
     Args:
         differences: between matches and odometry.
         odometry: (n_scans, 3).
+        config: what is an outlier, a floor, persistence.
 
     Returns:
         The noise of single motions, and (3,) by how much the variance of a chain of them exceeds the sum of theirs, in
@@ -87,59 +79,64 @@ def odometry_noise(
     paths = _Paths.of(differences, odometry)
     errors, claimed = differences.errors, differences.claimed
     persistence = np.empty(3)
-    heading, persistence[2] = _heading_fit(differences, paths)
+    heading, persistence[2] = _heading_fit(differences, paths, config)
     lever, left = paths.carried_by(heading)
     own = errors[:, :2] - lever * errors[:, 2:]
     known, following = np.empty_like(own), _turned(own[1:], differences.turns[1:])
     for k in range(2):
-        by_match, persistence[k] = _shares(own[:, k], following[:, k], claimed[:, k])
+        by_match, persistence[k] = _shares(own[:, k], following[:, k], claimed[:, k], config)
         known[:, k] = by_match + left[:, k]
-    position = _variance_fit(list(own.T), list(known.T), [paths.rows_x, paths.rows_y], n_floors=2)
+    position = _variance_fit(list(own.T), list(known.T), [paths.rows_x, paths.rows_y], config, n_floors=2)
     variances = {
-        "along_floor": max(position[0], _least_floor(paths.rows_x, position)),
-        "across_floor": max(position[1], _least_floor(paths.rows_y, position)),
+        "along_floor": max(position[0], _least_floor(paths.rows_x, position, config)),
+        "across_floor": max(position[1], _least_floor(paths.rows_y, position, config)),
         "along_per_metre": position[2],
         "across_per_metre": position[3],
         "position_per_radian": position[4],
     }
-    return OdometryModel(**_deviations(variances), **_heading_deviations(paths, heading)), persistence
+    return OdometryModel(**_deviations(variances), **_heading_deviations(paths, heading, config)), persistence
 
 
-def heading_noise(differences: Differences, odometry: NDArray[np.float64]) -> tuple[dict[str, float], float]:
+def heading_noise(
+    differences: Differences, odometry: NDArray[np.float64], config: CalibrationConfig
+) -> tuple[dict[str, float], float]:
     """Fit the noise of the heading alone.
 
     Args:
         differences: between matches and odometry; those of the position do not count.
         odometry: (n_scans, 3).
+        config: what is an outlier, a floor, persistence.
 
     Returns:
         The standard deviations of the heading under their names in `OdometryModel`, and the persistence of its errors.
     """
     paths = _Paths.of(differences, odometry)
-    heading, persistence = _heading_fit(differences, paths)
-    return _heading_deviations(paths, heading), persistence
+    heading, persistence = _heading_fit(differences, paths, config)
+    return _heading_deviations(paths, heading, config), persistence
 
 
-def _heading_fit(differences: Differences, paths: "_Paths") -> tuple[NDArray[np.float64], float]:
+def _heading_fit(
+    differences: Differences, paths: "_Paths", config: CalibrationConfig
+) -> tuple[NDArray[np.float64], float]:
     """(3,) variances of the heading: floor, per metre, per radian; and the persistence of its errors."""
     errors, claimed = differences.errors[:, 2], differences.claimed[:, 2]
-    by_match, persistence = _shares(errors, errors[1:], claimed)
-    return _variance_fit([errors], [by_match], [paths.rows_heading], n_floors=1), persistence
+    by_match, persistence = _shares(errors, errors[1:], claimed, config)
+    return _variance_fit([errors], [by_match], [paths.rows_heading], config, n_floors=1), persistence
 
 
-def _heading_deviations(paths: "_Paths", heading: NDArray[np.float64]) -> dict[str, float]:
+def _heading_deviations(paths: "_Paths", heading: NDArray[np.float64], config: CalibrationConfig) -> dict[str, float]:
     return _deviations(
         {
-            "heading_floor": max(heading[0], _least_floor(paths.rows_heading, heading)),
+            "heading_floor": max(heading[0], _least_floor(paths.rows_heading, heading, config)),
             "heading_per_metre": heading[1],
             "heading_per_radian": heading[2],
         }
     )
 
 
-def _least_floor(rows: NDArray[np.float64], fit: NDArray[np.float64]) -> float:
+def _least_floor(rows: NDArray[np.float64], fit: NDArray[np.float64], config: CalibrationConfig) -> float:
     """Least variance that a motion of no length is believed to have."""
-    return _LEAST_FLOOR**2 * float(np.median(dense.matvec(rows, fit)))
+    return config.min_floor**2 * float(np.median(dense.matvec(rows, fit)))
 
 
 def _deviations(variances: dict[str, float]) -> dict[str, float]:
@@ -251,7 +248,10 @@ def _turned(vectors: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArra
 
 
 def _shares(
-    errors: NDArray[np.float64], following: NDArray[np.float64], claimed: NDArray[np.float64]
+    errors: NDArray[np.float64],
+    following: NDArray[np.float64],
+    claimed: NDArray[np.float64],
+    config: CalibrationConfig,
 ) -> tuple[NDArray[np.float64], float]:
     """What of differences is the matches', and how much that of odometry persists.
 
@@ -263,24 +263,25 @@ def _shares(
         errors: (n,) differences.
         following: (n - 1,) the next one in the axes of each.
         claimed: (n,) variances of the matches.
+        config: what is an outlier, how much is the matches' and how much persists at most.
 
     Returns:
         (n,) variances that are the matches', and the factor on the variance of odometry's own.
     """
     usual = robust_deviation(errors) ** 2
     certain = usual / (usual + claimed)  # how much of a difference is not the uncertainty of its match
-    limit = _OUTLIER * robust_deviation(errors * certain)
+    limit = config.outlier_sigmas * robust_deviation(errors * certain)
     e, after = np.clip(errors * certain, -limit, limit), np.clip(following * certain[1:], -limit, limit)
     last = min(_LAGS, len(e) - 1)
     lags = [dense.vecdot(e[lag:], e[: len(e) - lag]) / len(e) for lag in range(last + 1)]
     cancelling = max(0.5 * (lags[2] + lags[3]), 0.0) - dense.vecdot(e[:-1], after) / len(e)
     claim = max(float(np.mean(certain**2 * claimed)), 1e-12)
-    share = min(max(cancelling / (OWN * claim), 0.0), _MOST_CLAIMED)
+    share = min(max(cancelling / (OWN * claim), 0.0), config.max_claimed)
     chain = lags[0] + 2.0 * sum((1.0 - lag / (last + 1.0)) * lags[lag] for lag in range(1, last + 1))
     persistence = chain / max(lags[0] - share * claim, 0.5 * lags[0], _NOTHING)
     chance = 2.0 * math.sqrt(4.0 * last / (3.0 * len(e)))  # two relative standard deviations of the sum
     is_clear = persistence * (1.0 - chance) > 1.0
-    return share * claimed, min(persistence, _MOST_PERSISTENT) if is_clear else 1.0
+    return share * claimed, min(persistence, config.max_persistence) if is_clear else 1.0
 
 
 def robust_deviation(residual: NDArray[np.float64]) -> float:
@@ -292,6 +293,7 @@ def _variance_fit(
     errors: Sequence[NDArray[np.float64]],
     known: Sequence[NDArray[np.float64]],
     rows: Sequence[NDArray[np.float64]],
+    config: CalibrationConfig,
     *,
     n_floors: int,
 ) -> NDArray[np.float64]:
@@ -302,23 +304,29 @@ def _variance_fit(
     """
     usual = np.concatenate([np.full(len(error), robust_deviation(error) ** 2) for error in errors])
     squared, sure, columns = np.concatenate(errors) ** 2, np.concatenate(known), np.concatenate(rows)
-    growing = np.append(np.zeros(n_floors), _reweighted(squared, sure, columns[:, n_floors:], usual))
-    whole = _reweighted(squared, sure, columns, usual)
+    growing = np.append(
+        np.zeros(n_floors), _reweighted(squared, sure, columns[:, n_floors:], usual, config.outlier_sigmas)
+    )
+    whole = _reweighted(squared, sure, columns, usual, config.outlier_sigmas)
     expected = _expected(dense.matvec(columns, whole), sure)
-    excess = np.minimum(squared, _OUTLIER**2 * expected) - sure
+    excess = np.minimum(squared, config.outlier_sigmas**2 * expected) - sure
     left, left_by_growing = (
         float(np.sum(((excess - dense.matvec(columns, fit)) / expected) ** 2)) for fit in (whole, growing)
     )
-    return whole if (left_by_growing - left) * len(squared) > n_floors * _CLEAR * left else growing
+    return whole if (left_by_growing - left) * len(squared) > n_floors * config.floor_gain * left else growing
 
 
 def _reweighted(
-    squared: NDArray[np.float64], known: NDArray[np.float64], rows: NDArray[np.float64], usual: NDArray[np.float64]
+    squared: NDArray[np.float64],
+    known: NDArray[np.float64],
+    rows: NDArray[np.float64],
+    usual: NDArray[np.float64],
+    outlier: float,
 ) -> NDArray[np.float64]:
     """Iteratively reweighted least squares: the larger a square is expected to be, the more it scatters."""
     expected, fit = usual + known, np.zeros(rows.shape[1])
     for _ in range(_FIT_ROUNDS):
-        excess = np.minimum(squared, _OUTLIER**2 * expected) - known
+        excess = np.minimum(squared, outlier**2 * expected) - known
         fit = _non_negative_fit(rows / expected[:, None], excess / expected)
         expected = _expected(dense.matvec(rows, fit), known)
     return fit

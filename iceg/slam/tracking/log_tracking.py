@@ -80,7 +80,7 @@ def track_calibrating(
         n_first = _enough_to_calibrate(log, config)
         journey.advance(n_first, odometry)
         first = journey.track()
-        calibration = calibrate_odometry(first, log.odometry[:n_first])
+        calibration = calibrate_odometry(first, log.odometry[:n_first], config.calibration)
         odometry = calibration.apply(log.odometry)
         if first.failures or calibration.is_late:
             journey = _Journey(log, matcher, calibration.noise, config, progress)
