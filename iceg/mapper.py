@@ -193,7 +193,10 @@ class Mapper:
     def _learn_the_laser(self) -> None:
         """Begin anew where the laser is noisier than the settings allow for, or sees open ground."""
         log = self._log.log()
-        self._laser, self._is_open_ground = laser_noise(log, self._given), is_open_ground(log)
+        self._laser, self._is_open_ground = (
+            laser_noise(log, self._given),
+            is_open_ground(log, self._given.front_end.open_ground),
+        )
         if self._is_open_ground or beyond_allowed(self._laser) != PLAIN:
             self._begin()
             for _ in range(len(log) - 2):

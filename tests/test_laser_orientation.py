@@ -16,7 +16,7 @@ from iceg.demo import demo_log_path, demo_truth_path
 from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
 from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
-from iceg.slam.config import FinishConfig, FrontEndConfig
+from iceg.slam.config import FinishConfig, FrontEndConfig, MountConfig
 from iceg.slam.pipeline import run
 from iceg.slam.tracking.laser_orientation import laser_orientation
 from iceg.slam.tracking.log_tracking import track_log
@@ -66,7 +66,7 @@ def test_a_laser_mounted_otherwise_is_found_and_said(
 def test_a_few_degrees_are_left_to_the_calibration(log: Log) -> None:
     askew = _turned(log, np.radians(10.0))
     track = track_log(askew, IceMatcher(), OdometryModel(), FrontEndConfig())
-    assert laser_orientation(track, askew.odometry).is_as_said
+    assert laser_orientation(track, askew.odometry, MountConfig()).is_as_said
 
 
 def test_beams_of_a_scanner_that_leaves_one_out_at_its_left_are_mirrored_with_their_bearings(log: Log) -> None:
@@ -77,7 +77,7 @@ def test_beams_of_a_scanner_that_leaves_one_out_at_its_left_are_mirrored_with_th
         geometry=replace(log.geometry, bearings=log.geometry.bearings[:-1]),
     )
     track = track_log(cut, IceMatcher(), OdometryModel(), FrontEndConfig())
-    corrected = laser_orientation(track, cut.odometry).corrected(cut)
+    corrected = laser_orientation(track, cut.odometry, MountConfig()).corrected(cut)
     np.testing.assert_allclose(corrected.geometry.bearings, log.geometry.bearings[1:])
     np.testing.assert_array_equal(corrected.ranges, log.ranges[:, 1:])
 
@@ -86,13 +86,13 @@ def test_odometry_that_says_nothing_of_where_the_robot_goes_mounts_no_laser(log:
     rng = np.random.default_rng(0)
     steps = rng.normal(0.0, (0.3, 0.3, 0.3), (len(log), 3))
     track = track_log(log, IceMatcher(), OdometryModel(), FrontEndConfig())
-    assert laser_orientation(track, np.cumsum(steps, axis=0)).is_as_said
+    assert laser_orientation(track, np.cumsum(steps, axis=0), MountConfig()).is_as_said
 
 
 def test_a_robot_that_never_moves_says_nothing(log: Log) -> None:
     still = replace(log, ranges=log.ranges[:3], odometry=log.odometry[:3], stamps=log.stamps[:3])
     track = track_log(still, IceMatcher(), OdometryModel(), FrontEndConfig())
-    assert laser_orientation(track, still.odometry).is_as_said
+    assert laser_orientation(track, still.odometry, MountConfig()).is_as_said
 
 
 def test_scans_that_see_nothing_do_not_count_as_matching_nothing(log: Log) -> None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from frontends.logs import read_log
 from frontends.scan import Log
 from iceg.demo import demo_log_path
+from iceg.slam.config import StandstillConfig
 from iceg.slam.recording.standstill import (
     between_readings,
     dead_intervals,
@@ -34,7 +35,7 @@ def _held(odometry: NDArray[np.float64], n: int) -> NDArray[np.float64]:
 def test_a_reading_for_several_scans_is_noticed_and_the_move_spread_over_them(n: int) -> None:
     truth = _straight(60 * n + 1)
     seldom = _held(truth, n)
-    assert reading_period(seldom) == n
+    assert reading_period(seldom, StandstillConfig()) == n
     np.testing.assert_allclose(between_readings(seldom, n), truth, atol=1e-12)
 
 
@@ -47,40 +48,40 @@ def test_in_a_bend_the_readings_stay_and_the_rest_lies_near(log: Log) -> None:
 
 def test_a_stop_is_no_slow_reading_and_ends_as_late_as_a_reading_allows() -> None:
     truth = np.concatenate([_straight(100), np.tile(_straight(100)[-1], (50, 1)), _straight(200)[100:]])
-    assert reading_period(truth) == 1
+    assert reading_period(truth, StandstillConfig()) == 1
     seldom = _held(truth, 5)
-    assert reading_period(seldom) == 5
+    assert reading_period(seldom, StandstillConfig()) == 5
     spread = between_readings(seldom, 5)
     np.testing.assert_allclose(spread[100:145, 0], truth[100:145, 0], atol=1e-9)
 
 
 def test_odometry_read_at_every_scan_is_left_alone(log: Log) -> None:
-    assert with_odometry_between_readings(log) is log
+    assert with_odometry_between_readings(log, StandstillConfig()) is log
     short = replace(log, odometry=log.odometry[:1], ranges=log.ranges[:1], stamps=log.stamps[:1])
-    assert with_odometry_between_readings(short) is short
+    assert with_odometry_between_readings(short, StandstillConfig()) is short
 
 
 def test_a_run_is_told_that_odometry_was_interpolated(log: Log) -> None:
-    better = with_odometry_between_readings(replace(log, odometry=_held(log.odometry, 4)))
+    better = with_odometry_between_readings(replace(log, odometry=_held(log.odometry, 4)), StandstillConfig())
     assert better.warnings[-1] == "the odometry is read anew only once in 4 scans: it is interpolated in between"
 
 
 def test_odometry_that_stops_counting_is_dead_from_there_on(log: Log) -> None:
     dying = log.odometry[np.minimum(np.arange(len(log)), 900)]
-    assert dead_intervals(dying, log.ranges) == [(900, len(log) - 1)]
+    assert dead_intervals(dying, log.ranges, StandstillConfig()) == [(900, len(log) - 1)]
     pausing = log.odometry.copy()
     pausing[500:560] = pausing[500]
-    assert dead_intervals(pausing, log.ranges) == [(500, 559)]
+    assert dead_intervals(pausing, log.ranges, StandstillConfig()) == [(500, 559)]
 
 
 def test_a_robot_that_stands_among_noise_and_people_has_no_dead_odometry(log: Log) -> None:
-    assert not dead_intervals(log.odometry, log.ranges)
+    assert not dead_intervals(log.odometry, log.ranges, StandstillConfig())
     rng = np.random.default_rng(1)
     standing = np.tile(log.ranges[300], (400, 1)) + rng.normal(0.0, 0.03, (400, log.ranges.shape[1]))
     standing[rng.random(standing.shape) < 0.3] = 0.7
     covered = standing.astype(np.float32)
     covered[100:200] = np.nan
-    assert not dead_intervals(np.tile([3.0, 2.0, 1.0], (400, 1)), covered)
+    assert not dead_intervals(np.tile([3.0, 2.0, 1.0], (400, 1)), covered, StandstillConfig())
 
 
 def test_a_laser_that_sees_the_move_a_little_before_the_odometry_does_is_no_contradiction(log: Log) -> None:
@@ -88,4 +89,4 @@ def test_a_laser_that_sees_the_move_a_little_before_the_odometry_does_is_no_cont
     ranges = np.concatenate([np.tile(moving[0], (40, 1)), moving])
     late = 2
     odometry = np.concatenate([np.tile(log.odometry[500], (40 + late, 1)), log.odometry[500 : 560 - late]])
-    assert not dead_intervals(odometry, ranges)
+    assert not dead_intervals(odometry, ranges, StandstillConfig())

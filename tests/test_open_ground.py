@@ -16,7 +16,7 @@ from graph.odometry import OdometryModel
 from graph.se2 import between
 from iceg.evaluation.degradation import DEGRADATIONS
 from iceg.ice.matcher import IceMatcher
-from iceg.slam.config import FrontEndConfig
+from iceg.slam.config import FrontEndConfig, OpenGroundConfig
 from iceg.slam.tracking.log_tracking import track_log
 from iceg.slam.tracking.open_ground import is_open_ground
 
@@ -44,24 +44,24 @@ def seen(share: float, distance: float, near: float = 0.0) -> Log:
 
 
 def test_few_returns_from_afar_are_open_ground() -> None:
-    assert is_open_ground(seen(0.3, 20.0))
-    assert is_open_ground(seen(0.6, 20.0, near=0.1))  # between buildings
-    assert not is_open_ground(seen(0.6, 20.0, near=0.15))  # a hall
-    assert not is_open_ground(seen(0.1, 3.0))  # a short-sighted laser
-    assert not is_open_ground(seen(0.0, 20.0))
+    assert is_open_ground(seen(0.3, 20.0), OpenGroundConfig())
+    assert is_open_ground(seen(0.6, 20.0, near=0.1), OpenGroundConfig())  # between buildings
+    assert not is_open_ground(seen(0.6, 20.0, near=0.15), OpenGroundConfig())  # a hall
+    assert not is_open_ground(seen(0.1, 3.0), OpenGroundConfig())  # a short-sighted laser
+    assert not is_open_ground(seen(0.0, 20.0), OpenGroundConfig())
 
 
 def test_beams_that_never_return_are_hidden_and_tell_nothing() -> None:
     log = seen(0.5, 20.0, near=0.2)
     half_hidden = np.column_stack([log.ranges, np.full_like(log.ranges, np.nan)])
-    assert not is_open_ground(log)
-    assert not is_open_ground(log_of(half_hidden))
+    assert not is_open_ground(log, OpenGroundConfig())
+    assert not is_open_ground(log_of(half_hidden), OpenGroundConfig())
 
 
 @pytest.mark.parametrize("fault", ["", "every 4th beam", "half the readings", "half the view", "4 m"])
 def test_a_building_is_none_whatever_the_laser_lacks(fault: str) -> None:
     log = read_log(iceg.demo_log_path())
-    assert not is_open_ground(DEGRADATIONS[fault](log).log if fault else log)
+    assert not is_open_ground(DEGRADATIONS[fault](log).log if fault else log, OpenGroundConfig())
 
 
 def wood() -> str:
@@ -77,7 +77,7 @@ def wood() -> str:
 def test_trunks_hold_a_robot_in_a_wood() -> None:
     geometry = ScanGeometry(bearings=np.radians(np.arange(-90.0, 91.0)), range_min=0.05, range_max=40.0)
     run = simulate(parse_scene(wood(), Path("wood.world")), seed=1, laser=Laser(geometry=geometry, period=0.2))
-    assert is_open_ground(run.log)
+    assert is_open_ground(run.log, OpenGroundConfig())
     without, tracked = (
         track_log(run.log, IceMatcher(open_ground=trunks), OdometryModel(), FrontEndConfig())
         for trunks in (False, True)

@@ -8,6 +8,7 @@ import pytest
 from frontends.logs import read_log
 from frontends.scan import Log
 from iceg.demo import demo_log_path
+from iceg.slam.config import StandstillConfig
 from iceg.slam.recording.repeated_scans import frozen_intervals, is_repeated, without_frozen_scans
 from iceg.slam.recording.standstill import with_odometry_between_readings
 
@@ -52,4 +53,4 @@ def test_lines_written_twice_are_neither_a_frozen_laser_nor_a_slow_odometry(log:
     twice = np.repeat(np.arange(len(log)), 2)
     doubled = replace(log, ranges=log.ranges[twice], odometry=log.odometry[twice], stamps=log.stamps[twice])
     assert without_frozen_scans(doubled) is doubled
-    assert with_odometry_between_readings(doubled) is doubled
+    assert with_odometry_between_readings(doubled, StandstillConfig()) is doubled

@@ -62,6 +62,83 @@ class SightConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class OpenGroundConfig:
+    """When a log was taken on open ground, where posts and trunks count as features."""
+
+    near: float = 10.0
+    """Returns from within this are nearby [m] …"""
+    max_near_beams: float = 0.12
+    """… on open ground fewer of the beams than this share …"""
+    max_near_returns: float = 0.5
+    """… and no more than this share of those that return."""
+    scans: int = 500
+    """So many scans, spread over the log, tell."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError, positive=("scans",))
+
+
+@dataclass(frozen=True, kw_only=True)
+class StandstillConfig:
+    """When odometry stands still although the robot moves."""
+
+    seldom_share: float = 0.5
+    """Where more of the moves than this follow upon a standstill, odometry is read more seldom than the laser."""
+    min_moves: int = 20
+    """Fewest moves that tell how often the odometry is read."""
+    ends: int = 3
+    """Scans at either end of a standstill that may show the robot's move already, or still: two clocks."""
+    samples: int = 64
+    """Scans of a standstill that are compared with its beginning."""
+    min_change: float = 0.1
+    """Change of the readings that only a move explains [m] …"""
+    min_change_factor: float = 3.0
+    """… and how many times that from one scan to the next …"""
+    unchanged_share: float = 0.25
+    """… if no more than this share of the beams is changed less, for people hide what is behind them …"""
+    changed_samples: int = 3
+    """… and scans that must show it."""
+    min_common: float = 0.2
+    """Share of the beams that two scans need in common."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError, positive=("samples",))
+        check_between(self, SlamConfigError, "standstill: ", unchanged_share=(0.0, 1.0), min_common=(0.0, 1.0))
+        check_between(self, SlamConfigError, "standstill: ", samples=(1, 100_000))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MountConfig:
+    """When the matches say that the laser is mounted otherwise than the log does."""
+
+    min_turn: Radians = 6.0 * (pi / 180.0)
+    """Turns between two key scans tell their sense if they are larger than this [rad] …"""
+    max_turn: Radians = 2.0 * pi / 3.0
+    """… and smaller than this [rad]."""
+    against_share: float = 0.8
+    """Share of the turns, weighed by their size, from which on they are made against the odometry …"""
+    min_motions: int = 10
+    """… by at least so many."""
+    straight_turn: Radians = pi / 18.0
+    """A motion tells where the laser looks if it turns by less than this [rad] …"""
+    straight_distance: float = 0.15
+    """… and moves by more than this [m]."""
+    askew: Radians = 5.0 * pi / 36.0
+    """A laser that looks farther aside than this is more than the calibration deals with [rad] …"""
+    askew_share: float = 0.25
+    """… in so many of the motions …"""
+    askew_agreement: float = 0.8
+    """… and length of the mean of the directions of motion, each as a vector of length 1, if these agree."""
+    lost_share: float = 0.3
+    """Where more of the key scans than this match nothing, a laser that looks backwards is tried …"""
+    lost_gain: float = 0.5
+    """… which must leave no more of them than this share."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError)
+
+
+@dataclass(frozen=True, kw_only=True)
 class OdometryCheckConfig:
     """When a match contradicts odometry, and what it takes to be believed all the same."""
 
@@ -190,6 +267,12 @@ class FrontEndConfig:
     key_scans: KeyScanConfig = field(default_factory=KeyScanConfig)
     sight: SightConfig = field(default_factory=SightConfig)
     """What a scan must see."""
+    open_ground: OpenGroundConfig = field(default_factory=OpenGroundConfig)
+    """When posts and trunks count."""
+    standstill: StandstillConfig = field(default_factory=StandstillConfig)
+    """When odometry is dead, or read seldom."""
+    mount: MountConfig = field(default_factory=MountConfig)
+    """When the laser is mounted otherwise."""
     odometry_check: OdometryCheckConfig = field(default_factory=OdometryCheckConfig)
     """When a match contradicts odometry."""
     tracking: TrackingConfig = field(default_factory=TrackingConfig)

@@ -70,9 +70,9 @@ def find(
         laser = laser_noise(log, given)
         noise = beyond_allowed(laser)
         config = widened(given, sqrt(noise.typical))
-        on_open_ground = is_open_ground(log)
+        on_open_ground = is_open_ground(log, config.front_end.open_ground)
         matcher = matcher_of(config, noise, stages, on_open_ground=on_open_ground)
-        log = with_odometry_between_readings(without_frozen_scans(log))
+        log = with_odometry_between_readings(without_frozen_scans(log), config.front_end.standstill)
         (log, track, first), heading = track_with_gyro(log, matcher, config, progress)
     with clock.stage("sweep"):
         (log, track, first), sweep = track_with_sweep((log, track, first), matcher, config, progress, heading)
@@ -86,19 +86,7 @@ def find(
         solution = _with_factors(solution, guided, config)
         track = _reassigned(track, solution, log, matcher)
     with clock.stage("finish"):
-        rounds: list[Round] = []
-        if config.finish.enabled and len(track.keys) > 1:
-            solution, rounds = matched_again(
-                solution,
-                track,
-                matcher,
-                config.loops,
-                config.finish,
-                config.graph,
-                kept=guided.consistent,
-                is_forbidden=is_forbidden,
-                stages=stages,
-            )
+        solution, rounds = _matched_again(solution, track, matcher, config, guided, is_forbidden, stages)
     findings = Findings(
         log=log,
         kept=kept,
@@ -152,6 +140,31 @@ def _solve(
         )
     return solve_track(
         track, odometry, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden, stages=stages
+    )
+
+
+def _matched_again(
+    solution: Solution,
+    track: Track,
+    matcher: MapMatcher,
+    config: Config,
+    guided: Corrected,
+    is_forbidden: Forbids,
+    stages: Stages,
+) -> tuple[Solution, list[Round]]:
+    """See `matched_again`; the solution as it is where there is nothing to match again, or that is switched off."""
+    if not config.finish.enabled or len(track.keys) < 2:
+        return solution, []
+    return matched_again(
+        solution,
+        track,
+        matcher,
+        config.loops,
+        config.finish,
+        config.graph,
+        kept=guided.consistent,
+        is_forbidden=is_forbidden,
+        stages=stages,
     )
 
 

@@ -71,4 +71,4 @@ def _follow(
     def follow(log: Log) -> tuple[Track, OdometryCalibration]:
         return track_calibrating(log, matcher, config.odometry, config.front_end, report, heading)
 
-    return track_as_mounted(log, follow)
+    return track_as_mounted(log, follow, config.front_end.mount)

@@ -166,7 +166,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "mount": Rule(
             what="finds lasers that look backwards or are upside down",
-            without={f"{_SLAM}.passes:track_as_mounted": lambda log, follow: (log, *follow(log))},
+            without={f"{_SLAM}.passes:track_as_mounted": lambda log, follow, *_: (log, *follow(log))},
         ),
         "slow odometry": Rule(
             what="interpolates odometry that is read seldom",

@@ -8,35 +8,19 @@ from numpy.typing import NDArray
 
 from frontends.scan import Log
 from graph.se2 import between, compose
+from iceg.slam.config import StandstillConfig
 from iceg.slam.recording.repeated_scans import is_repeated
 from iceg.slam.recording.steps import is_moving
 from iceg.slam.run_warning import RunWarning
 
-_SELDOM = 0.5
-"""Where more of the moves than this follow upon a standstill, odometry is read more seldom than the laser."""
-_FEWEST_MOVES = 20
-"""Fewest moves that tell how often the odometry is read."""
-_ENDS = 3
-"""Scans at either end of a standstill that may show the robot's move already, or still: two clocks."""
-_SAMPLES = 64
-"""Scans of a standstill that are compared with its beginning."""
-_CHANGED, _CHANGED_FACTOR = 0.1, 3.0
-"""Change of the readings [m], and how many times that from one scan to the next, that only a move explains …"""
-_UNCHANGED = 0.25
-"""… if no more than this share of the beams is changed less, for people hide what is behind them …"""
-_CHANGED_SAMPLES = 3
-"""… and scans that must show it."""
-_RETURNS = 0.2
-"""Share of the beams that two scans need in common."""
 
-
-def with_odometry_between_readings(log: Log) -> Log:
+def with_odometry_between_readings(log: Log, config: StandstillConfig) -> Log:
     """The same log; where its odometry is read more seldom than its laser, with odometry at every scan."""
     if not log.has_odometry:
         return log
     is_new = ~is_repeated(log.ranges)  # lines written twice hold the same scan with the same odometry
     odometry = log.odometry[is_new]
-    period = reading_period(odometry)
+    period = reading_period(odometry, config)
     if period == 1:
         return log
     spread = between_readings(odometry, period)[np.cumsum(is_new) - 1]
@@ -44,17 +28,18 @@ def with_odometry_between_readings(log: Log) -> Log:
     return replace(log, odometry=spread, warnings=(*log.warnings, warning))
 
 
-def reading_period(odometry: NDArray[np.float64]) -> int:
+def reading_period(odometry: NDArray[np.float64], config: StandstillConfig) -> int:
     """How many scans lie from one reading of the odometry to the next, while the robot moves.
 
     Args:
         odometry: (n, 3) at each scan.
+        config: how many moves tell it.
 
     Returns:
         1 where there is one for each scan, as there should be.
     """
     waits = np.diff(_moves(odometry))
-    if len(waits) < _FEWEST_MOVES or float(np.mean(waits > 1)) <= _SELDOM:
+    if len(waits) < config.min_moves or float(np.mean(waits > 1)) <= config.seldom_share:
         return 1
     return int(np.median(waits))
 
@@ -79,17 +64,24 @@ def between_readings(odometry: NDArray[np.float64], period: int) -> NDArray[np.f
     return spread
 
 
-def dead_intervals(odometry: NDArray[np.float64], ranges: NDArray[np.float32]) -> list[tuple[int, int]]:
+def dead_intervals(
+    odometry: NDArray[np.float64], ranges: NDArray[np.float32], config: StandstillConfig
+) -> list[tuple[int, int]]:
     """Intervals of a log over which the odometry stands still while the scans say that the robot moves.
 
     Args:
         odometry: (n, 3) at each scan.
         ranges: (n, n_beams) [m], NaN where nothing came back.
+        config: how much must change.
 
     Returns:
         First and last scan of each; between them, odometry says nothing.
     """
-    return [(first, last) for first, last in _standstills(odometry) if _scans_change(ranges[first : last + 1])]
+    return [
+        (first, last)
+        for first, last in _standstills(odometry, config)
+        if _scans_change(ranges[first : last + 1], config)
+    ]
 
 
 def describe_dead(first: int, last: int) -> RunWarning:
@@ -100,30 +92,31 @@ def describe_dead(first: int, last: int) -> RunWarning:
     return RunWarning(kind="odometry stands still", sentence=sentence, scan=first)
 
 
-def _standstills(odometry: NDArray[np.float64]) -> Iterator[tuple[int, int]]:
+def _standstills(odometry: NDArray[np.float64], config: StandstillConfig) -> Iterator[tuple[int, int]]:
     """First and last scan of each run of equal readings that is long enough to be judged."""
     moves = _moves(odometry).tolist()
     for first, last in zip([0, *(move + 1 for move in moves)], [*moves, len(odometry) - 1], strict=True):
-        if last - first > 2 * _ENDS + _CHANGED_SAMPLES:
+        if last - first > 2 * config.ends + config.changed_samples:
             yield first, last
 
 
-def _scans_change(ranges: NDArray[np.float32]) -> bool:
+def _scans_change(ranges: NDArray[np.float32], config: StandstillConfig) -> bool:
     """Whether several scans differ from one at the beginning by more than noise and passers-by explain."""
-    samples = np.unique(np.linspace(_ENDS + 1, len(ranges) - 1 - _ENDS, _SAMPLES).astype(int))
-    changes = _changes(ranges[_ENDS], ranges[samples])
-    if np.count_nonzero(changes > _CHANGED) < _CHANGED_SAMPLES:
+    samples = np.unique(np.linspace(config.ends + 1, len(ranges) - 1 - config.ends, config.samples).astype(int))
+    changes = _changes(ranges[config.ends], ranges[samples], config)
+    if np.count_nonzero(changes > config.min_change) < config.changed_samples:
         return False
-    noise = np.median(_changes(ranges[samples - 1], ranges[samples]))
-    return int(np.sum(changes > max(_CHANGED, _CHANGED_FACTOR * noise))) >= _CHANGED_SAMPLES
+    noise = np.median(_changes(ranges[samples - 1], ranges[samples], config))
+    return int(np.sum(changes > max(config.min_change, config.min_change_factor * noise))) >= config.changed_samples
 
 
-def _changes(before: NDArray[np.float32], after: NDArray[np.float32]) -> NDArray[np.float64]:
+def _changes(before: NDArray[np.float32], after: NDArray[np.float32], config: StandstillConfig) -> NDArray[np.float64]:
     """Change of the beams that scans have in common, the least but for a few; 0 if these are few.
 
     Args:
         before: (n_beams,) or (n, n_beams) [m].
         after: (n, n_beams) [m].
+        config: how many may be changed less, and must be in common.
 
     Returns:
         (n,) [m].
@@ -132,8 +125,8 @@ def _changes(before: NDArray[np.float32], after: NDArray[np.float32]) -> NDArray
     differences[~np.isfinite(differences)] = np.inf
     differences.sort(axis=1)
     common = np.count_nonzero(differences < np.inf, axis=1)
-    changes, rows = np.zeros(len(differences)), np.flatnonzero(common > _RETURNS * differences.shape[1])
-    at = _UNCHANGED * (common[rows] - 1)
+    changes, rows = np.zeros(len(differences)), np.flatnonzero(common > config.min_common * differences.shape[1])
+    at = config.unchanged_share * (common[rows] - 1)
     below = at.astype(np.int64)
     least, next_least = differences[rows, below], differences[rows, np.minimum(below + 1, common[rows] - 1)]
     changes[rows] = least + (at - below) * (next_least - least)

@@ -16,24 +16,10 @@ from frontends.scan import Log
 from graph.elementary import arctan2, cos_sin
 from graph.measurement import NoMatch
 from graph.se2 import between, compose, wrap_angle
+from iceg.slam.config import MountConfig
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.track import Track
 from iceg.slam.tracking.front_end import COVERED
-
-_TURNS = (math.radians(6.0), math.radians(120.0))
-"""Turns between two key scans that tell their sense [rad]."""
-_AGAINST = 0.8
-"""Share of the turns, weighed by their size, from which on they are made against the odometry …"""
-_FEWEST = 10
-"""… by at least so many."""
-_STRAIGHT, _MOVED = math.radians(10.0), 0.15
-"""A motion tells where the laser looks if it turns by less [rad] and moves by more [m]."""
-_ASKEW = math.radians(25.0)
-"""What the calibration does not deal with …"""
-_SOME = 0.25
-"""… in so many of the motions …"""
-_TOGETHER = 0.8
-"""… and length of the mean of the directions of motion, each as a vector of length 1, if these agree."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,18 +63,17 @@ class LaserOrientation:
 _BACKWARDS = LaserOrientation(heading=math.pi)
 _MOST_CORRECTIONS = 2
 """A laser may be mounted upside down and turned."""
-_MOSTLY_LOST, _CLEARLY_LESS = 0.3, 0.5
-"""Where more of the key scans than this match nothing, a laser that looks backwards is tried; it must halve them."""
 
 
 def track_as_mounted(
-    log: Log, follow: Callable[[Log], tuple[Track, OdometryCalibration]]
+    log: Log, follow: Callable[[Log], tuple[Track, OdometryCalibration]], config: MountConfig
 ) -> tuple[Log, Track, OdometryCalibration]:
     """Track a log; once more with a corrected one where the laser turns out to be mounted otherwise than it says.
 
     Args:
         log: the log.
         follow: tracks one.
+        config: what it takes to be believed.
 
     Returns:
         The log, corrected if need be, and what tracking it gave.
@@ -97,35 +82,36 @@ def track_as_mounted(
     if not log.has_odometry:
         return log, track, calibration
     for _ in range(_MOST_CORRECTIONS):
-        orientation = laser_orientation(track, log.odometry)
+        orientation = laser_orientation(track, log.odometry, config)
         if orientation.is_as_said:
             break
         log = orientation.corrected(log)
         track, calibration = follow(log)
     lost = _share_lost(track)
-    if lost > _MOSTLY_LOST:
+    if lost > config.lost_share:
         turned = _BACKWARDS.corrected(log)
         turned_track, turned_calibration = follow(turned)
-        if _share_lost(turned_track) < _CLEARLY_LESS * lost:
+        if _share_lost(turned_track) < config.lost_gain * lost:
             return turned, turned_track, turned_calibration
     return log, track, calibration
 
 
-def laser_orientation(track: Track, odometry: NDArray[np.float64]) -> LaserOrientation:
+def laser_orientation(track: Track, odometry: NDArray[np.float64], config: MountConfig) -> LaserOrientation:
     """What the matches of a track say about how its laser is mounted.
 
     Args:
         track: what the front end found.
         odometry: (n, 3) of the log.
+        config: what it takes.
 
     Returns:
         As the log says, unless the matches contradict it clearly. Where beams run the other way round, directions say
         nothing yet: they do once the log is corrected.
     """
     seen, claimed = _motions(track, odometry)
-    if _turns_against(seen[:, 2], claimed[:, 2]):
+    if _turns_against(seen[:, 2], claimed[:, 2], config):
         return LaserOrientation(is_mirrored=True)
-    return LaserOrientation(heading=_heading(seen, claimed))
+    return LaserOrientation(heading=_heading(seen, claimed, config))
 
 
 def _motions(track: Track, odometry: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -142,27 +128,29 @@ def _motions(track: Track, odometry: NDArray[np.float64]) -> tuple[NDArray[np.fl
     )
 
 
-def _turns_against(seen: NDArray[np.float64], claimed: NDArray[np.float64]) -> bool:
+def _turns_against(seen: NDArray[np.float64], claimed: NDArray[np.float64], config: MountConfig) -> bool:
     """Whether turns seen, (n,), have the sense opposite to those claimed, and about their size."""
     least = np.minimum(np.abs(seen), np.abs(claimed))
-    telling = (least > _TURNS[0]) & (least < _TURNS[1])
+    telling = (least > config.min_turn) & (least < config.max_turn)
     against = telling & (seen * claimed < 0.0)
-    return int(against.sum()) >= _FEWEST and float(least[against].sum()) >= _AGAINST * float(least[telling].sum())
+    share = config.against_share * float(least[telling].sum())
+    return int(against.sum()) >= config.min_motions and float(least[against].sum()) >= share
 
 
-def _heading(seen: NDArray[np.float64], claimed: NDArray[np.float64]) -> float:
+def _heading(seen: NDArray[np.float64], claimed: NDArray[np.float64], config: MountConfig) -> float:
     """By how much the laser is turned [rad], 0 where that is little.
 
     Along a corridor a match follows odometry wherever it goes: some of the motions are enough if they agree.
     """
     lengths = np.minimum(np.hypot(seen[:, 0], seen[:, 1]), np.hypot(claimed[:, 0], claimed[:, 1]))
-    straight = (lengths > _MOVED) & (np.maximum(np.abs(seen[:, 2]), np.abs(claimed[:, 2])) < _STRAIGHT)
+    turns = np.maximum(np.abs(seen[:, 2]), np.abs(claimed[:, 2]))
+    straight = (lengths > config.straight_distance) & (turns < config.straight_turn)
     directions = wrap_angle(_direction(claimed[straight]) - _direction(seen[straight]))
-    askew = directions[np.abs(directions) > _ASKEW]
-    if len(askew) < max(_FEWEST, _SOME * len(directions)):
+    askew = directions[np.abs(directions) > config.askew]
+    if len(askew) < max(config.min_motions, config.askew_share * len(directions)):
         return 0.0
     cos, sin = (float(part.mean()) for part in cos_sin(askew))
-    return math.atan2(sin, cos) if math.hypot(sin, cos) > _TOGETHER else 0.0
+    return math.atan2(sin, cos) if math.hypot(sin, cos) > config.askew_agreement else 0.0
 
 
 def _share_lost(track: Track) -> float:

@@ -114,7 +114,7 @@ class _Journey:
         self._turns = None if heading is None else np.diff(heading.headings, prepend=0.0)
         self._front_end = FrontEnd(matcher, noise if log.has_odometry else None, config, heading)
         self._sudden = sudden_steps(log.odometry, log.stamps)
-        self._dead = dead_intervals(log.odometry, log.ranges) if log.has_odometry else []
+        self._dead = dead_intervals(log.odometry, log.ranges, config.standstill) if log.has_odometry else []
         self._is_known = _known_steps(self._dead, len(log))
         is_plain = self._is_known & ~self._sudden & log.has_odometry
         self._not_plain = np.flatnonzero(~np.append(False, is_plain)).tolist()

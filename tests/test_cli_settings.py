@@ -1,0 +1,76 @@
+"""Settings on the command line: flags, files, and what is refused."""
+
+from pathlib import Path
+
+import pytest
+
+from iceg.cli import main
+from iceg.cli.parsing import parse
+from iceg.cli.run import Run
+from iceg.cli.tools import PrintConfig
+from iceg.config import Config, format_config, parse_config
+
+
+def test_flags_override_the_file_which_overrides_the_defaults(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("seed = 5\n[grid]\nresolution = 0.2\nmode = 'binary'\n")
+    command = parse(["run", "a.clf", "-o", "out", "--config", str(file), "--grid.resolution", "0.1"])
+    assert isinstance(command, Run)
+    assert (command.log, command.output) == (Path("a.clf"), Path("out"))
+    assert command.settings.seed == 5
+    assert command.settings.grid.mode == "binary"
+    assert command.settings.grid.resolution == 0.1
+    assert command.settings.grid.max_range == Config().grid.max_range
+    again = parse(["run", "--grid.resolution=0.1", f"--config={file}", "a.clf", "-o", "out"])
+    assert isinstance(again, Run)
+    assert again.settings == command.settings
+    plain = parse(["run", "a.clf", "-o", "out"])
+    assert isinstance(plain, Run)
+    assert plain.settings == Config()
+
+
+def test_a_run_without_flags_for_settings_is_parsed_as_one_with_them(tmp_path: Path) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text("seed = 5\n")
+    words = ["run", "a.clf", "-o", "out", "--config", str(file), "--closures=by-hand.csv", "--skip-bad-lines"]
+    command = parse(words)
+    assert command == parse([*words, "--seed", "5"])
+    assert isinstance(command, Run)
+    assert (command.closures, command.skip_bad_lines, command.overwrite) == (Path("by-hand.csv"), True, False)
+    assert parse([*words, "--overwrite"]) == parse(["run", "--overwrite", "--seed=5", *words[1:]])
+
+
+def test_config_prints_a_file_that_reads_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["config"]) == 0
+    text = capsys.readouterr().out
+    assert text == format_config(Config())
+    assert parse_config(text) == Config()
+    file = tmp_path / "mine.toml"
+    file.write_text("[grid]\nresolution = 0.2\n")
+    command = parse(["config", "--config", str(file), "--seed", "3"])
+    assert isinstance(command, PrintConfig)
+    assert (command.settings.seed, command.settings.grid.resolution) == (3, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[grid]\nresolutoin = 1\n", "did you mean 'grid.resolution'?"),
+        ("[grid]\nresolution = -1\n", "grid.resolution: "),
+    ],
+)
+def test_bad_settings_in_a_file_are_a_usage_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, message: str
+) -> None:
+    file = tmp_path / "mine.toml"
+    file.write_text(text)
+    assert main(["run", "a.clf", "-o", str(tmp_path / "out"), "--config", str(file)]) == 2
+    error = capsys.readouterr().err
+    assert error.startswith(f"iceg: {file}: ")
+    assert message in error
+    assert error.count("\n") == 1
+
+
+def test_a_flag_out_of_range_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["run", "a.clf", "-o", str(tmp_path / "out"), "--grid.resolution", "-1"]) == 2
+    assert "resolution is -1.0" in capsys.readouterr().err
