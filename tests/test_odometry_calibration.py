@@ -10,9 +10,9 @@ from frontends.scan import Scan, ScanGeometry
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse
-from iceg.slam.config import CalibrationConfig
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.track import KeyScan, Track
+from iceg.slam.tracking_config import CalibrationConfig
 
 _GEOMETRY = ScanGeometry(bearings=np.linspace(-1.5, 1.5, 31), range_min=0.1, range_max=20.0)
 

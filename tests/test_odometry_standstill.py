@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from frontends.logs import read_log
 from frontends.scan import Log
 from iceg.demo import demo_log_path
-from iceg.slam.config import StandstillConfig
 from iceg.slam.recording.standstill import (
     between_readings,
     dead_intervals,
     reading_period,
     with_odometry_between_readings,
 )
+from iceg.slam.tracking_config import StandstillConfig
 
 
 @pytest.fixture(scope="module")

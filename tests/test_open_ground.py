@@ -16,9 +16,10 @@ from graph.odometry import OdometryModel
 from graph.se2 import between
 from iceg.evaluation.degradation import DEGRADATIONS
 from iceg.ice.matcher import IceMatcher
-from iceg.slam.config import FrontEndConfig, OpenGroundConfig
+from iceg.slam.config import FrontEndConfig
 from iceg.slam.tracking.log_tracking import track_log
 from iceg.slam.tracking.open_ground import is_open_ground
+from iceg.slam.tracking_config import OpenGroundConfig
 
 
 def log_of(ranges: NDArray[np.float64]) -> Log:

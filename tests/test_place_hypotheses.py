@@ -25,9 +25,10 @@ from iceg.slam.broken_path.hypothesis_verification import FitCount
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_single_steps
 from iceg.slam.broken_path.relocalisation import relocalise
+from iceg.slam.closure_config import RelocalisationConfig, TrackingFailureConfig
 from iceg.slam.closures.attempt import Attempt, Place, closure_factor
 from iceg.slam.closures.candidates import Candidate
-from iceg.slam.config import FrontEndConfig, LoopClosureConfig, RelocalisationConfig, TrackingFailureConfig
+from iceg.slam.config import FrontEndConfig, LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log

@@ -11,9 +11,10 @@ from frontends.simulator.simulation import simulate
 from graph.odometry import OdometryModel
 from graph.se2 import compose, transform_points
 from iceg.ice.matcher import IceMatcher
+from iceg.slam.closure_config import PlaceSignatureConfig
 from iceg.slam.closures import _signature_kernels as kernels
 from iceg.slam.closures.place_signature import PlaceSignatures, place_signatures
-from iceg.slam.config import FrontEndConfig, PlaceSignatureConfig
+from iceg.slam.config import FrontEndConfig
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
 

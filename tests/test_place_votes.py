@@ -14,10 +14,11 @@ from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import BackEnd, Solution
 from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, describe_vote, unsettled
+from iceg.slam.closure_config import PlaceVotesConfig, VerificationConfig
 from iceg.slam.closures.attempt import Attempt, Place
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.closures.rival import best_rival
-from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig, PlaceVotesConfig, VerificationConfig
+from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.finish import matched_again
 from iceg.slam.loop_closure import LoopCloser

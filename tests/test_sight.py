@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from frontends.scan import Scan, ScanGeometry
-from iceg.slam.config import SightConfig
 from iceg.slam.tracking.sight import is_blind, sees_little
+from iceg.slam.tracking_config import SightConfig
 
 
 def scan_of(n_beams: int, returns: int, distance: float, others: int = 0) -> Scan:

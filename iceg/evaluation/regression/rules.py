@@ -22,7 +22,8 @@ from iceg.slam.broken_path.estimate import Estimate
 from iceg.slam.broken_path.path_break import TrackingFailure
 from iceg.slam.broken_path.place_votes import Vote
 from iceg.slam.broken_path.relocalisation import relocalise
-from iceg.slam.config import ConfirmedAreaConfig, LoopClosureConfig
+from iceg.slam.closure_config import ConfirmedAreaConfig
+from iceg.slam.config import LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 

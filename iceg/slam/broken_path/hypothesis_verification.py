@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from graph.se2 import between, compose
 from iceg.slam.agreement import agree
 from iceg.slam.broken_path.place_hypothesis import Hypothesis
+from iceg.slam.closure_config import RelocalisationConfig
 from iceg.slam.closures.attempt import Attempt, closed_pose
 from iceg.slam.closures.candidates import ANCHOR_SPACING, Candidate
-from iceg.slam.config import RelocalisationConfig
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 

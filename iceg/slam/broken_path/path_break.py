@@ -8,7 +8,7 @@ import numpy as np
 
 from graph.factors import Factor
 from graph.measurement import NoMatch
-from iceg.slam.config import TrackingFailureConfig
+from iceg.slam.closure_config import TrackingFailureConfig
 from iceg.slam.run_warning import Kind, RunWarning
 from iceg.slam.track import Track
 

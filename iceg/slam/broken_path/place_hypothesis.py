@@ -16,8 +16,8 @@ from graph.noise import chi2_gate, squared_norm
 from graph.se2 import compose, inverse, logmap
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
 from iceg.slam.broken_path.path_parts import PathParts
+from iceg.slam.closure_config import RelocalisationConfig
 from iceg.slam.closures.attempt import Attempt, closed_pose, closure_factor
-from iceg.slam.config import RelocalisationConfig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from graph.se2 import between, compose
 from iceg.slam.agreement import agree, are_small
+from iceg.slam.closure_config import PlaceVotesConfig
 from iceg.slam.closures.attempt import Attempt
-from iceg.slam.config import LoopClosureConfig, PlaceVotesConfig
+from iceg.slam.config import LoopClosureConfig
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.track import Track
 

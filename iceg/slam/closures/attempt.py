@@ -11,7 +11,7 @@ from graph.factors import Factor, RobustKernel
 from graph.measurement import RelativePose
 from graph.se2 import between, compose
 from iceg.slam.agreement import Tolerance, agree
-from iceg.slam.config import VerificationConfig
+from iceg.slam.closure_config import VerificationConfig
 
 FORBIDDEN = "forbidden by hand"
 

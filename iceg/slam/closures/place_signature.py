@@ -19,8 +19,8 @@ from iceg.ice import _hypothesis_kernels as hypothesis_kernels
 from iceg.ice.features import FeatureRows
 from iceg.ice.matcher import IceMatcher, Observation
 from iceg.ice.sweeps import joined, starts_of
+from iceg.slam.closure_config import PlaceSignatureConfig
 from iceg.slam.closures import _signature_kernels as kernels
-from iceg.slam.config import PlaceSignatureConfig
 from iceg.slam.track import KeyScan
 
 

@@ -12,11 +12,11 @@ from graph.elementary import cos_sin
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse, wrap_angle
-from iceg.slam.config import CalibrationConfig
 from iceg.slam.odometry.delay import whole_delay
 from iceg.slam.odometry.noise import Differences, lasting_noise, odometry_noise, robust_deviation
 from iceg.slam.recording.steps import chained, sudden_steps
 from iceg.slam.track import KeyScan, Track
+from iceg.slam.tracking_config import CalibrationConfig
 
 _ROBUST_ROUNDS = 15
 """Rounds of iteratively reweighted least squares."""

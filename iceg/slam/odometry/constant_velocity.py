@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from graph.measurement import NoMatch
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap, logmap
-from iceg.slam.config import CalibrationConfig
 from iceg.slam.odometry.heading_odometry import HeadingOdometry, with_headings
 from iceg.slam.odometry.noise import robust_deviation
 from iceg.slam.track import Track
+from iceg.slam.tracking_config import CalibrationConfig
 
 _BEFORE = 5
 """Scans whose motion tells the velocity."""

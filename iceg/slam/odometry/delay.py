@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.se2 import between, wrap_angle
-from iceg.slam.config import CalibrationConfig
 from iceg.slam.recording.steps import sudden_steps
+from iceg.slam.tracking_config import CalibrationConfig
 
 _LINEAR = 1
 """Up to so many scans a linear fit tells better, and the delays of turns and of the way apart."""

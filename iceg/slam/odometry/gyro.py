@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from frontends.scan import Log
 from graph.measurement import NoMatch
 from graph.se2 import between, wrap_angle
-from iceg.slam.config import CalibrationConfig
 from iceg.slam.odometry.heading_odometry import HeadingNoise, HeadingOdometry, unforeseen_steps, with_headings
 from iceg.slam.odometry.noise import Differences, heading_noise, robust_deviation
 from iceg.slam.odometry.student_fit import StudentFit, chance_of, student_fit
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.track import Track
+from iceg.slam.tracking_config import CalibrationConfig
 
 _DELAY_STEPS = (0.5, 0.1, 0.02)
 """Of the search for the delay [scans]: they get finer."""

@@ -19,8 +19,8 @@ from graph import dense
 from graph.elementary import arctan2, cos_sin
 from graph.odometry import OdometryModel
 from graph.se2 import between
-from iceg.slam.config import CalibrationConfig
 from iceg.slam.match_errors import OWN
+from iceg.slam.tracking_config import CalibrationConfig
 
 _FIT_ROUNDS = 10
 """Rounds in which the weights follow the fitted variances."""

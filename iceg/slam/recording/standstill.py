@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from frontends.scan import Log
 from graph.se2 import between, compose
-from iceg.slam.config import StandstillConfig
 from iceg.slam.recording.repeated_scans import is_repeated
 from iceg.slam.recording.steps import is_moving
 from iceg.slam.run_warning import RunWarning
+from iceg.slam.tracking_config import StandstillConfig
 
 
 def with_odometry_between_readings(log: Log, config: StandstillConfig) -> Log:

@@ -16,10 +16,10 @@ from frontends.scan import Log
 from graph.elementary import arctan2, cos_sin
 from graph.measurement import NoMatch
 from graph.se2 import between, compose, wrap_angle
-from iceg.slam.config import MountConfig
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.track import Track
 from iceg.slam.tracking.front_end import COVERED
+from iceg.slam.tracking_config import MountConfig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

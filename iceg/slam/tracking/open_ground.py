@@ -3,7 +3,7 @@
 import numpy as np
 
 from frontends.scan import Log
-from iceg.slam.config import OpenGroundConfig
+from iceg.slam.tracking_config import OpenGroundConfig
 
 
 def is_open_ground(log: Log, config: OpenGroundConfig) -> bool:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from frontends.scan import Scan
-from iceg.slam.config import SightConfig
+from iceg.slam.tracking_config import SightConfig
 
 
 def is_blind(scan: Scan, config: SightConfig) -> bool:

@@ -1,0 +1,232 @@
+"""Settings of tracking: what a scan must see, when odometry and mount are believed, when tracking is lost."""
+
+from dataclasses import dataclass
+from math import pi
+
+from graph.ranges import check_between, check_numbers
+from graph.units import Radians
+from iceg.slam.agreement import Tolerance
+from iceg.slam.config_error import SlamConfigError
+
+_RATES = (1e-9, 0.5)
+"""Of false alarms."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SightConfig:
+    """What a scan must see to be matched, or to speak against odometry."""
+
+    blind_range: float = 0.5
+    """A scan most of whose beams end within this sees nothing: the laser is covered [m]."""
+    blind_share: float = 0.8
+    """Least share of the returns that end so close in a scan that sees nothing."""
+    min_returns: float = 0.1
+    """A scan with a smaller share of returns sees nothing either …"""
+    min_far_returns: int = 20
+    """… unless so many return, most of them from afar: on open ground a laser of many beams meets little, but sees."""
+    few_returns: float = 1.0 / 3.0
+    """Where a smaller share of the beams returns, people close by pass for walls …"""
+    far: float = 10.0
+    """… but not where most of those that return come from beyond this [m]."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OpenGroundConfig:
+    """When a log was taken on open ground, where posts and trunks count as features."""
+
+    near: float = 10.0
+    """Returns from within this are nearby [m] …"""
+    max_near_beams: float = 0.12
+    """… on open ground fewer of the beams than this share …"""
+    max_near_returns: float = 0.5
+    """… and no more than this share of those that return."""
+    scans: int = 500
+    """So many scans, spread over the log, tell."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError, positive=("scans",))
+
+
+@dataclass(frozen=True, kw_only=True)
+class StandstillConfig:
+    """When odometry stands still although the robot moves."""
+
+    seldom_share: float = 0.5
+    """Where more of the moves than this follow upon a standstill, odometry is read more seldom than the laser."""
+    min_moves: int = 20
+    """Fewest moves that tell how often the odometry is read."""
+    ends: int = 3
+    """Scans at either end of a standstill that may show the robot's move already, or still: two clocks."""
+    samples: int = 64
+    """Scans of a standstill that are compared with its beginning."""
+    min_change: float = 0.1
+    """Change of the readings that only a move explains [m] …"""
+    min_change_factor: float = 3.0
+    """… and how many times that from one scan to the next …"""
+    unchanged_share: float = 0.25
+    """… if no more than this share of the beams is changed less, for people hide what is behind them …"""
+    changed_samples: int = 3
+    """… and scans that must show it."""
+    min_common: float = 0.2
+    """Share of the beams that two scans need in common."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError, positive=("samples",))
+        check_between(self, SlamConfigError, "standstill: ", unchanged_share=(0.0, 1.0), min_common=(0.0, 1.0))
+        check_between(self, SlamConfigError, "standstill: ", samples=(1, 100_000))
+
+
+@dataclass(frozen=True, kw_only=True)
+class MountConfig:
+    """When the matches say that the laser is mounted otherwise than the log does."""
+
+    min_turn: Radians = 6.0 * (pi / 180.0)
+    """Turns between two key scans tell their sense if they are larger than this [rad] …"""
+    max_turn: Radians = 2.0 * pi / 3.0
+    """… and smaller than this [rad]."""
+    against_share: float = 0.8
+    """Share of the turns, weighed by their size, from which on they are made against the odometry …"""
+    min_motions: int = 10
+    """… by at least so many."""
+    straight_turn: Radians = pi / 18.0
+    """A motion tells where the laser looks if it turns by less than this [rad] …"""
+    straight_distance: float = 0.15
+    """… and moves by more than this [m]."""
+    askew: Radians = 5.0 * pi / 36.0
+    """A laser that looks farther aside than this is more than the calibration deals with [rad] …"""
+    askew_share: float = 0.25
+    """… in so many of the motions …"""
+    askew_agreement: float = 0.8
+    """… and length of the mean of the directions of motion, each as a vector of length 1, if these agree."""
+    lost_share: float = 0.3
+    """Where more of the key scans than this match nothing, a laser that looks backwards is tried …"""
+    lost_gain: float = 0.5
+    """… which must leave no more of them than this share."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError)
+
+
+@dataclass(frozen=True, kw_only=True)
+class OdometryCheckConfig:
+    """When a match contradicts odometry, and what it takes to be believed all the same."""
+
+    false_alarm: float = 1.544e-5
+    """A match contradicts odometry where chance puts it so far off with this probability only (χ², 3 degrees of
+    freedom; 5 σ)."""
+    min_evidence: float = 0.75
+    """A match constrained to odometry is preferred if it explains this share of what the free one does …"""
+    evidence_slope: float = 1.0 / 800.0
+    """… and all of it but for so much per squared Mahalanobis distance of the free one from odometry."""
+    jump_distance: float = 0.3
+    """A match farther from odometry than this [m] …"""
+    jump_turn: Radians = 0.26
+    """… or this [rad] …"""
+    jump_false_alarm: float = 6.334e-5
+    """… which chance explains with this probability only (normal distribution; 4 σ) is a jump …"""
+    jump_inlier_ratio: float = 0.75
+    """… and needs this share of the beams on the map to agree with it …"""
+    jump_free_space: float = 0.75
+    """… and this share of the map in view to be seen (free-space consistency)."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError)
+        check_between(self, SlamConfigError, "odometry check: ", false_alarm=_RATES, jump_false_alarm=_RATES)
+
+    @property
+    def jump(self) -> Tolerance:
+        """No match so near to odometry is a jump."""
+        return Tolerance(self.jump_distance, self.jump_turn)
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackingConfig:
+    """Which pose of a scan is believed, and when tracking is lost."""
+
+    odometry_ratio: float = 4.0
+    """Ratio of variances (match over odometry) from which on a direction is shared with odometry."""
+    refuted_distance2: float = 200.0
+    """Squared Mahalanobis distance from which on odometry is no longer imprecise but wrong: the match stands alone."""
+    same_optimum_distance: float = 4.0
+    """Poses no farther apart than so many standard deviations of a tracked position are one optimum …"""
+    same_optimum_turn: float = 5.0
+    """… nor than so many of a tracked heading."""
+    turning_step: float = 2.0
+    """A step that is no longer than so many of the one before is sudden, if it is, for its turn."""
+    known_overlap: float = 0.3
+    """A scan is explained if this share of its beams is on the map …"""
+    known_agreement: float = 0.8
+    """… where this share of the beams agrees, and of the map in view is seen."""
+    tentative_evidence: float = 0.5
+    """The key scans of a tentative map come along to the known one if together they explain this share of what the
+    newest does there."""
+    loss_keys: int = 3
+    """After so many key scans that match only each other tracking is lost: the tentative map takes over."""
+    unknown_scans: int = 5
+    """After so many scans that neither odometry nor a match speaks for, a robot may be anywhere."""
+    polished: float = 0.15
+    """Where turns are known and nearly all guesses lie nearer than this [m], a polished guess is enough. Farther off,
+    it is found credible where it stands: along a corridor a wrong place explains as many beams, and a wrong turn no
+    longer gives it away."""
+    max_step: float = 10.0
+    """No robot moves farther from one scan to the next [m]: 180 km/h at 5 Hz."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError, positive=("loss_keys",))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationConfig:
+    """What the matches of a log tell of its odometry: bias, delay, mount, noise; and of its gyro."""
+
+    min_keys: int = 20
+    """Fewest matched key scans to calibrate from."""
+    window: int = 5
+    """Key scans over which moves are compared: the noise of single steps makes a scale fitted to them too small."""
+    min_turn: Radians = 0.3
+    """Only windows that turn by more than this tell the scale of turns [rad]."""
+    scale_sigma: float = 0.05
+    """Standard deviation, before any data, of the scale of moves and of turns."""
+    drift_sigma: float = 0.05
+    """… of the drift of the heading [rad/m]."""
+    delay_sigma: float = 0.7
+    """… of the delay [scans]."""
+    mount_ahead_sigma: float = 0.2
+    """… of where the laser sits, ahead [m] …"""
+    mount_aside_sigma: float = 0.1
+    """… and aside [m]."""
+    mount_heading_sigma: Radians = 0.03
+    """… of the heading of the laser [rad]."""
+    max_delay: int = 16
+    """Scans up to which a delay is looked for."""
+    delay_gain: float = 2.0
+    """So many times smaller must the mean square of the differences become by a delay of several scans."""
+    wrong_turn: Radians = 0.3
+    """A match that differs by more differs by no more than this: it may be wrong itself [rad]."""
+    outlier_sigmas: float = 3.0
+    """Standard deviations beyond which a difference counts as being so far and no farther."""
+    max_claimed: float = 2.0
+    """What cancels from step to step is the match's up to so many times the variance it claims; the rest is clocks."""
+    floor_gain: float = 10.0
+    """F statistic from which on an error that does not grow with the way explains more than chance would."""
+    min_floor: float = 0.05
+    """No odometry is believed to be off by less, without any motion, than this share of its usual deviation."""
+    max_persistence: float = 4.0
+    """By how much the variance is widened at most for errors that persist."""
+    gyro_false_alarm: float = 1e-4
+    """A gyro counts, and so does a further axis of it, where chance explains as much with a smaller probability."""
+    gyro_min_turns: int = 10
+    """Fewest turns between matched key scans that tell anything of a gyro: four coefficients and their scatter."""
+    gyro_max_delay: float = 3.0
+    """Scans up to which the delay of a gyro is looked for."""
+    velocity_min_steps: int = 10
+    """Fewest steps that tell how well a constant velocity is kept."""
+
+    def __post_init__(self) -> None:
+        sigmas = ("scale_sigma", "drift_sigma", "delay_sigma", "mount_ahead_sigma", "mount_aside_sigma")
+        check_numbers(self, SlamConfigError, positive=(*sigmas, "mount_heading_sigma", "window", "min_keys"))
+        check_between(self, SlamConfigError, "calibration: ", gyro_false_alarm=_RATES, max_delay=(0, 1000))
+        check_between(self, SlamConfigError, "calibration: ", gyro_min_turns=(5, 10**6), velocity_min_steps=(1, 10**6))
