@@ -20,33 +20,33 @@ class VerificationConfig:
     """A key scan that overlaps with a pass by less than this share of `min_overlap`, at the pose where the estimate
     puts it, is not matched: on four public logs none was accepted that overlaps by less than 0.75 of it."""
     trusted_distance: float = 0.3
-    """Up to this standard deviation in position a search trusts the estimate [m] …"""
+    """Largest standard deviation in position at which a search trusts the estimate [m]."""
     trusted_turn: Radians = 0.1
-    """… and up to this one in heading [rad]."""
+    """Largest standard deviation in heading at which a search trusts the estimate [rad]."""
     uncertain_distance: float = 1.0
     """From this standard deviation on no match is believed without asking what else fits, however close it is [m]."""
     refined_distance: float = 0.03
-    """Standard deviation in position of a match around a pose that a wide search found [m] …"""
+    """Standard deviation in position of a match around a pose that a wide search found [m]."""
     refined_turn: Radians = 0.01
-    """… and in heading [rad]."""
+    """Standard deviation in heading of a match around a pose that a wide search found [rad]."""
     anywhere_distance: float = 1.0
-    """Two similar places are searched within three times this [m] …"""
+    """Two similar places are searched within three times this [m]."""
     anywhere_turn: Radians = pi / 3.0
-    """… and this [rad]."""
+    """Two similar places are searched within three times this turn [rad]."""
     near_distance: float = 0.4
-    """A closure no farther than this from the estimate [m] …"""
+    """A closure agrees with the estimate if it is no farther off than this [m]."""
     near_turn: Radians = 0.12
-    """… and this [rad] is near it."""
+    """A closure agrees with the estimate if it is turned by no more than this [rad]."""
     partner_distance: float = 0.25
-    """Two closures are consistent that differ by less than this [m] …"""
+    """Two closures are consistent that differ by less than this [m]."""
     partner_turn: Radians = 0.05
-    """… and this [rad] …"""
+    """Two closures are consistent that are turned against each other by less than this [rad]."""
     partner_keys: int = 60
-    """… if no more than so many key poses lie between them."""
+    """Most key poses between two closures that can be consistent."""
     place_distance: float = 0.5
-    """Poses of one key scan no farther apart than this [m] …"""
+    """Poses of one key scan no farther apart than this are one place [m]."""
     place_turn: Radians = 0.1
-    """… and this [rad] are one place."""
+    """Poses of one key scan turned by no more than this are one place [rad]."""
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError)
@@ -89,29 +89,29 @@ class PlaceSignatureConfig:
     half: int = 5
     """Key scans on either side that make up the place."""
     word_reach: float = 6.0
-    """Words are pairs of features within this [m]: both kinds, …"""
+    """Pairs of features within this are words [m]: both kinds, distance and directions."""
     word_cell: float = 0.4
-    """… the distance in cells [m] …"""
+    """Cell of the distance in a word [m]."""
     word_sectors: int = 6
-    """… and the sectors of both directions against the line between them, …"""
+    """Sectors of the directions of both features against the line between them in a word."""
     word_bins: int = 1024
-    """… hashed into so many bins."""
+    """Bins into which words are hashed."""
     min_scans: float = 2.0
-    """Only features that so many scans of the place saw make words, …"""
+    """Fewest scans of the place that must have seen a feature of a word."""
     merge_radius: float = 0.25
-    """… those of different scans closer than this being one [m]."""
+    """Features of different scans closer than this are one [m]."""
     max_features: int = 1500
     """Most features of one place."""
     point_every: int = 3
-    """Only the points of every so many key scans are counted …"""
+    """Only the points of every so many key scans are counted."""
     point_reach: float = 8.0
-    """… within this of the middle [m] …"""
+    """Farthest from the middle of the place that points are counted [m]."""
     point_cell: float = 0.4
-    """… one a cell [m] …"""
+    """Cell of which one point is counted [m]."""
     distance_bins: int = 40
-    """… in so many bins of distance between two points …"""
+    """Bins of distance between two points."""
     distance_cell: float = 0.25
-    """… each this wide [m]."""
+    """Width of a bin of distance [m]."""
     shape_weight: float = 0.3
     """What the distances count beside the words."""
     sequence: int = 2
@@ -141,15 +141,15 @@ class PlaceVotesConfig:
     """When another place fits key scans as well as that of a closure (perceptual aliasing)."""
 
     rival_share: float = 1.0 / 3.0
-    """Another place does not count that so small a share of the key scans fit …"""
+    """Another place does not count that no larger share of the key scans fit."""
     many: int = 6
-    """… nor does one where so many key scans fit this one better …"""
+    """Fewest key scans that can outweigh another place by fitting this one better."""
     margin: float = 0.05
-    """… by this misfit, in the mean."""
+    """Least difference of the misfits, in the mean, by which they do."""
     strong_share: float = 0.5
-    """A vote is strong if this share of the key scans searched fit a place …"""
+    """Least share of the key scans searched that must fit a place whose vote is strong."""
     strong_misfit: float = 0.1
-    """… but for this misfit, in the mean."""
+    """Largest misfit, in the mean, of a place whose vote is strong."""
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError)
@@ -171,10 +171,10 @@ class TrackingFailureConfig:
     beyond_chance_distance2: float = 99.0
     """Squared Mahalanobis distance of a match from odometry that no chance explains."""
     min_inlier_ratio: float = 0.7
-    """A match that explains less of a scan is suspect where few closures span the step …"""
+    """A match that explains less of a scan is suspect where few closures span the step."""
     believed_inlier_ratio: float = 0.8
-    """… and the path is believed where one explains this share, if nothing else speaks against it: those who walk past
-    evenly spaced doors, or similar rooms, find many key scans that agree about another place."""
+    """A step whose match explains this share of its scan is believed, if nothing else speaks against it: those who
+    walk past evenly spaced doors, or similar rooms, find many key scans that agree about another place."""
     settling_closures: int = 10
     """So many closures that span a step settle what failed there."""
     log_end: float = 12.0
@@ -194,9 +194,9 @@ class RelocalisationConfig:
     max_fits: int = 3
     """Of a pair of similar places that fit several ways, so many are kept."""
     found_distance: float = 0.1
-    """Standard deviation in position of a place that a search found [m] …"""
+    """Standard deviation in position of a place that a search found [m]."""
     found_turn: Radians = 0.03
-    """… and in heading [rad]."""
+    """Standard deviation in heading of a place that a search found [rad]."""
     same_pass: int = 3
     """Similar places so few places apart are one pass."""
     most_share: float = 0.75
@@ -211,30 +211,30 @@ class RelocalisationConfig:
     bias_sigmas: float = 3.0
     """The path explains an offset if a bias of up to so many standard deviations at every step does."""
     min_agreeing: int = 6
-    """A hypothesis needs at least so many scans that agree with it …"""
+    """Fewest scans that must agree with a hypothesis."""
     majority: float = 3.0
-    """… and so many times those that contradict it …"""
+    """Least number of scans that agree with a hypothesis for each that contradicts it."""
     min_credible: int = 3
-    """… or so many and a majority, where something else says the same …"""
+    """Fewest scans, and a majority, that are enough where something else says the same."""
     lead: float = 2.0
-    """… and so many times what speaks for the present estimate …"""
+    """How many times what speaks for the present estimate, or a rival, must speak for a hypothesis."""
     dissent: int = 2
-    """… but to contradict a path in which nothing else has failed, the least number must be left when each scan against
-    it has taken so many with it."""
+    """How many scans that agree each one against it outweighs where nothing else has failed on the path; the fewest
+    that must agree must be left."""
     scan_distance: float = 0.3
-    """Standard deviation in position of a scan that verifies a hypothesis [m] …"""
+    """Standard deviation in position of a scan that verifies a hypothesis [m]."""
     scan_turn: Radians = 0.1
-    """… and in heading [rad]."""
+    """Standard deviation in heading of a scan that verifies a hypothesis [rad]."""
     min_overlap: float = 0.5
     """From this overlap on a scan that does not agree contradicts what was seen there."""
     reach: float = 8.0
-    """Key scans within so much path of a closure verify it [m] …"""
+    """Farthest along the path from a closure that key scans verify it [m]."""
     pass_length: float = 16.0
-    """… against the pass of the closure, within so much path [m] …"""
+    """Farthest along the path from a closure that they are matched against [m]."""
     spacing: float = 1.4
-    """… one so often [m], lest few be left in a log of few scans …"""
+    """Path from one such key scan to the next [m], lest few be left in a log of few scans."""
     max_keys: int = 24
-    """… at most so many."""
+    """Most key scans that verify a hypothesis."""
     rival_distance: float = 2.0
     """Hypotheses that put the same scans so far apart are about different places [m]."""
     rival_support: float = 0.5
@@ -260,19 +260,20 @@ class ConfirmedAreaConfig:
     """Where passes show nothing new, so that loops are looked for more seldom."""
 
     distance: float = 0.1
-    """An area is confirmed where earlier passes put the newest pose no farther off than this [m] …"""
+    """An area is confirmed where earlier passes put the newest pose no farther off than this [m]."""
     turn: Radians = 0.03
-    """… and this [rad] …"""
+    """An area is confirmed where earlier passes turn the newest pose by no more than this [rad]."""
     passes: int = 3
-    """… if so many do."""
+    """Fewest earlier passes that confirm an area."""
     spacing: float = 3.0
-    """There loops are looked for so many times more seldom."""
+    """How many times more seldom loops are looked for in a confirmed area."""
     small_distance: float = 0.05
-    """Closures that move the newest pose by less than this [m] …"""
+    """Closures that move the newest pose by less than this leave all poses before the last search where they are
+    [m]."""
     small_turn: Radians = 0.015
-    """… and this [rad] leave all poses before the last search where they are …"""
+    """Closures that turn the newest pose by less than this do so, too [rad]."""
     max_waiting: int = 15
-    """… but not so many in a row."""
+    """Most such closures in a row."""
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError, positive=("spacing",))

@@ -21,13 +21,14 @@ class SightConfig:
     blind_share: float = 0.8
     """Least share of the returns that end so close in a scan that sees nothing."""
     min_returns: float = 0.1
-    """A scan with a smaller share of returns sees nothing either …"""
+    """A scan with a smaller share of returns sees nothing, unless many of them come from afar."""
     min_far_returns: int = 20
-    """… unless so many return, most of them from afar: on open ground a laser of many beams meets little, but sees."""
+    """So many returns, most of them from afar, are enough: on open ground a laser of many beams meets little, but
+    sees."""
     few_returns: float = 1.0 / 3.0
-    """Where a smaller share of the beams returns, people close by pass for walls …"""
+    """Where a smaller share of the beams returns, and most from nearby, people close by pass for walls."""
     far: float = 10.0
-    """… but not where most of those that return come from beyond this [m]."""
+    """Returns from beyond this come from afar [m]."""
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError)
@@ -38,11 +39,11 @@ class OpenGroundConfig:
     """When a log was taken on open ground, where posts and trunks count as features."""
 
     near: float = 10.0
-    """Returns from within this are nearby [m] …"""
+    """Returns from within this are nearby [m]."""
     max_near_beams: float = 0.12
-    """… on open ground fewer of the beams than this share …"""
+    """On open ground fewer of the beams than this share meet something nearby."""
     max_near_returns: float = 0.5
-    """… and no more than this share of those that return."""
+    """On open ground no more of the returns than this share come from nearby."""
     scans: int = 500
     """So many scans, spread over the log, tell."""
 
@@ -63,13 +64,13 @@ class StandstillConfig:
     samples: int = 64
     """Scans of a standstill that are compared with its beginning."""
     min_change: float = 0.1
-    """Change of the readings that only a move explains [m] …"""
+    """Least change of the readings that only a move explains [m]."""
     min_change_factor: float = 3.0
-    """… and how many times that from one scan to the next …"""
+    """Least change of the readings that only a move explains, in changes from one scan to the next."""
     unchanged_share: float = 0.25
-    """… if no more than this share of the beams is changed less, for people hide what is behind them …"""
+    """Largest share of the beams that may change less when the robot moves: people hide what is behind them."""
     changed_samples: int = 3
-    """… and scans that must show it."""
+    """Fewest scans that must show the change."""
     min_common: float = 0.2
     """Share of the beams that two scans need in common."""
 
@@ -84,27 +85,28 @@ class MountConfig:
     """When the matches say that the laser is mounted otherwise than the log does."""
 
     min_turn: Radians = 6.0 * (pi / 180.0)
-    """Turns between two key scans tell their sense if they are larger than this [rad] …"""
+    """Smallest turn between two key scans that tells its sense [rad]."""
     max_turn: Radians = 2.0 * pi / 3.0
-    """… and smaller than this [rad]."""
+    """Largest turn between two key scans that tells its sense [rad]."""
     against_share: float = 0.8
-    """Share of the turns, weighed by their size, from which on they are made against the odometry …"""
+    """Share of the turns, weighed by their size, from which on the scans turn against the odometry."""
     min_motions: int = 10
-    """… by at least so many."""
+    """Fewest motions that tell how the laser is mounted."""
     straight_turn: Radians = pi / 18.0
-    """A motion tells where the laser looks if it turns by less than this [rad] …"""
+    """Largest turn of a motion that tells where the laser looks [rad]."""
     straight_distance: float = 0.15
-    """… and moves by more than this [m]."""
+    """Shortest motion that tells where the laser looks [m]."""
     askew: Radians = 5.0 * pi / 36.0
-    """A laser that looks farther aside than this is more than the calibration deals with [rad] …"""
+    """Least angle between where the laser looks and where the log says that calibration does not deal with
+    [rad]."""
     askew_share: float = 0.25
-    """… in so many of the motions …"""
+    """Share of the motions that must say that the laser looks so far aside."""
     askew_agreement: float = 0.8
-    """… and length of the mean of the directions of motion, each as a vector of length 1, if these agree."""
+    """Least length of the mean of their directions, each as a vector of length 1."""
     lost_share: float = 0.3
-    """Where more of the key scans than this match nothing, a laser that looks backwards is tried …"""
+    """Where more of the key scans than this match nothing, a laser that looks backwards is tried."""
     lost_gain: float = 0.5
-    """… which must leave no more of them than this share."""
+    """Largest share of the unmatched key scans that a laser taken to look backwards may leave."""
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError)
@@ -118,19 +120,20 @@ class OdometryCheckConfig:
     """A match contradicts odometry where chance puts it so far off with this probability only (χ², 3 degrees of
     freedom; 5 σ)."""
     min_evidence: float = 0.75
-    """A match constrained to odometry is preferred if it explains this share of what the free one does …"""
+    """Least share of what a match explains that one constrained to odometry must explain to be preferred."""
     evidence_slope: float = 1.0 / 800.0
-    """… and all of it but for so much per squared Mahalanobis distance of the free one from odometry."""
+    """How much less it may explain per squared Mahalanobis distance of the free match from odometry."""
     jump_distance: float = 0.3
-    """A match farther from odometry than this [m] …"""
+    """A match may be a jump that is farther from odometry than this [m]."""
     jump_turn: Radians = 0.26
-    """… or this [rad] …"""
+    """A match may be a jump that is turned against odometry by more than this [rad]."""
     jump_false_alarm: float = 6.334e-5
-    """… which chance explains with this probability only (normal distribution; 4 σ) is a jump …"""
+    """A match is a jump that chance puts so far from odometry with this probability only (normal distribution; 4
+    σ)."""
     jump_inlier_ratio: float = 0.75
-    """… and needs this share of the beams on the map to agree with it …"""
+    """Least share of the beams on the map that must agree with it after a jump."""
     jump_free_space: float = 0.75
-    """… and this share of the map in view to be seen (free-space consistency)."""
+    """Least share of the map in view that must be seen after a jump (free-space consistency)."""
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError)
@@ -151,15 +154,15 @@ class TrackingConfig:
     refuted_distance2: float = 200.0
     """Squared Mahalanobis distance from which on odometry is no longer imprecise but wrong: the match stands alone."""
     same_optimum_distance: float = 4.0
-    """Poses no farther apart than so many standard deviations of a tracked position are one optimum …"""
+    """Poses no farther apart than so many standard deviations of a tracked position are one optimum."""
     same_optimum_turn: float = 5.0
-    """… nor than so many of a tracked heading."""
+    """Poses turned by no more than so many standard deviations of a tracked heading are one optimum."""
     turning_step: float = 2.0
     """A step that is no longer than so many of the one before is sudden, if it is, for its turn."""
     known_overlap: float = 0.3
-    """A scan is explained if this share of its beams is on the map …"""
+    """Least share of the beams on the map in a scan that is explained though it sees much new."""
     known_agreement: float = 0.8
-    """… where this share of the beams agrees, and of the map in view is seen."""
+    """Least share of those beams that agree with the map, and of the map in view that is seen, in such a scan."""
     tentative_evidence: float = 0.5
     """The key scans of a tentative map come along to the known one if together they explain this share of what the
     newest does there."""
@@ -191,15 +194,15 @@ class CalibrationConfig:
     scale_sigma: float = 0.05
     """Standard deviation, before any data, of the scale of moves and of turns."""
     drift_sigma: float = 0.05
-    """… of the drift of the heading [rad/m]."""
+    """Standard deviation, before any data, of the drift of the heading [rad/m]."""
     delay_sigma: float = 0.7
-    """… of the delay [scans]."""
+    """Standard deviation, before any data, of the delay [scans]."""
     mount_ahead_sigma: float = 0.2
-    """… of where the laser sits, ahead [m] …"""
+    """Standard deviation, before any data, of how far ahead the laser sits [m]."""
     mount_aside_sigma: float = 0.1
-    """… and aside [m]."""
+    """Standard deviation, before any data, of how far aside the laser sits [m]."""
     mount_heading_sigma: Radians = 0.03
-    """… of the heading of the laser [rad]."""
+    """Standard deviation, before any data, of the heading of the laser [rad]."""
     max_delay: int = 16
     """Scans up to which a delay is looked for."""
     delay_gain: float = 2.0
