@@ -168,12 +168,32 @@ class RefinementConfig:
     """Below this share the search is repeated in the wide window."""
     min_inliers: float = 0.45
     """A match needs at least this share of its points on the reference."""
+    min_points: int = 15
+    """Fewest returns of a scan that is matched."""
+    new_overlap: float = 0.3
+    """Least share of the beams on the map in a scan that is matched though it sees much new."""
+    new_agreement: float = 0.8
+    """Least share of those beams that agree with the map, and of the map in view that is seen, in such a scan."""
+    lead: float = 1.03
+    """A hypothesis must have so many times the support of the polished guess to be preferred to it."""
+    contradiction: float = 3.0
+    """One beam that contradicts the reference outweighs this many points that agree with it."""
+    hopeful: float = 0.5
+    """Among alternatives one is polished whose points lie near the reference to this share of what is asked in the
+    end."""
+    agreeing: float = 2.0
+    """A point within so many widths of its weight agrees with the reference."""
+    view_reach: float = 8.0
+    """Surfels within this of the laser are judged by its beams [m]."""
+    contradiction_reach: float = 20.0
+    """Surfaces farther than this from a laser contradict nothing: its heading is not known that well [m]."""
     margin: float = 0.2
     """A beam sees a surface of the reference if it ends within this of it [m]."""
     across: float = 0.15
     """A beam contradicts a surface seen at a flat angle only if it ends this far beyond it [m]."""
 
     def __post_init__(self) -> None:
+        _require(self.min_points >= 1, f"refinement.min_points must be at least 1, found {self.min_points}")
         _require(
             0 < self.scale <= self.coarse_scale,
             f"refinement: need 0 < scale <= coarse_scale, found {self.scale} and {self.coarse_scale}",

@@ -28,22 +28,12 @@ from iceg.ice.segments import segment_rows, smoothed_on_segments
 from iceg.ice.tracking import Followed, Limits, Polish, Standing, follow_scans
 from iceg.ice.verification import Agreement, JoinedScans, agreement, agreements, contradictions, view
 
-_CLEARLY_MORE = 1.03
-"""A hypothesis must have so many times the support of the polished guess to be preferred to it."""
-_DENIED = 3.0
-"""One beam that contradicts the reference outweighs this many points that agree with it."""
-_FEWEST_POINTS = 15
-"""Fewest returns of a scan that is matched."""
-_NEW_GROUND, _OLD_GROUND = 0.3, 0.8
-"""A scan that sees much new needs this share of its beams on the map; beams and map must agree to this share."""
 _ROOM_TO_GROW = 4.0
 """A local map is made so much wider than its points reach, lest every scan that extends it widens it anew [m]."""
 _HYPOTHESIS_PRIOR = 1.0
 """Pull of the features that made a hypothesis, in points: along a corridor nothing else holds it."""
 _SEPARATION_M, _SEPARATION_RAD = 0.15, 0.06
 """Hypotheses nearer than this to a better one are not polished."""
-_HOPEFUL = 0.5
-"""Among alternatives one is polished whose points lie near the reference to this share of what is asked in the end."""
 _MET_M, _MET_RAD = 0.05, 0.02
 """Hypotheses this near to each other after the wide stage of their polish lead to the same pose."""
 _HOLD = 30.0
@@ -165,7 +155,7 @@ class IceMatcher:
         """As `match`, but only the (3,) pose: a tenth of the time. A weak direction stays where the guess puts it."""
         scan_points = self._points(scan)
         config = self.config.refinement
-        if config.enabled and len(scan_points) >= _FEWEST_POINTS:
+        if config.enabled and len(scan_points) >= self.config.refinement.min_points:
             refined = refine_on_points(
                 scan_points, reference, T_ref_guess, config, wide=False, prior_weight=config.tracking_prior
             )
@@ -193,7 +183,7 @@ class IceMatcher:
             iterations=refinement.iterations,
             prior_weight=refinement.tracking_prior,
             facing=FACING,
-            fewest=_FEWEST_POINTS,
+            fewest=self.config.refinement.min_points,
             credible=refinement.credible,
             window=hypotheses.min_window,
             turn=hypotheses.min_turn,
@@ -244,12 +234,15 @@ class IceMatcher:
     def match_near(self, reference: LocalMap, scan: Scan, T_ref_guess: NDArray[np.float64]) -> RelativePose | NoMatch:
         """The match nearest to a (3,) guess that is right but for centimetres: along what is weak it stays there."""
         scan_points = self._points(scan)
-        if len(scan_points) < _FEWEST_POINTS:
-            return NoMatch(reason=f"only {len(scan_points)} beams returned, a match needs {_FEWEST_POINTS}")
+        if len(scan_points) < self.config.refinement.min_points:
+            return self._too_few(len(scan_points))
         refined = refine_on_points(
             scan_points, reference, T_ref_guess, self.config.refinement, wide=False, prior_weight=_HOLD
         )
         return self._measured(reference, scan, refined)
+
+    def _too_few(self, n_points: int) -> NoMatch:
+        return NoMatch(reason=f"only {n_points} beams returned, a match needs {self.config.refinement.min_points}")
 
     def _measured(self, reference: LocalMap, scan: Scan, refined: Refined) -> RelativePose:
         """A pose with its covariance and what speaks for it."""
@@ -303,15 +296,16 @@ class IceMatcher:
     ) -> Refined | NoMatch:
         """The best pose around the guess, or why none is credible."""
         n_points = len(self._points(scan))
-        if n_points < _FEWEST_POINTS:
-            return NoMatch(reason=f"only {n_points} beams returned, a match needs {_FEWEST_POINTS}")
+        if n_points < self.config.refinement.min_points:
+            return self._too_few(n_points)
         window = search_window(T_ref_guess, covariance_guess, self.config.hypotheses)
         refined = self.align(reference, scan, window)
         share = refined.inliers / n_points
         if share >= self.config.refinement.min_inliers:
             return refined
         support = self.agreement(reference, scan, refined.T_ref_cur)
-        if support.overlap >= _NEW_GROUND and min(support.fit, support.view) >= _OLD_GROUND:
+        config = self.config.refinement
+        if support.overlap >= config.new_overlap and min(support.fit, support.view) >= config.new_agreement:
             return refined
         return NoMatch(reason=f"only {share:.0%} of the beams agree with the local map")
 
@@ -346,12 +340,12 @@ class IceMatcher:
     def _explains(self, reference: LocalMap, scan: Scan, refined: Refined) -> bool:
         """Whether beams and map agree in both directions, though the scan sees much that is new."""
         if (
-            refined.used < _NEW_GROUND * len(self._points(scan))
+            refined.used < self.config.refinement.new_overlap * len(self._points(scan))
             or refined.inliers < self.config.refinement.credible * refined.used
         ):
             return False
         seen, contradicted = view(scan, reference, refined.T_ref_cur, self.config.refinement)
-        return seen >= _OLD_GROUND * (seen + contradicted)
+        return seen >= self.config.refinement.new_agreement * (seen + contradicted)
 
     def _polished_guess(self, reference: LocalMap, scan: Scan, window: SearchWindow) -> Refined | None:
         """The guess polished on points, None if that leaves the window.
@@ -380,7 +374,7 @@ class IceMatcher:
         if not inside:
             return best
         found = self._choose(reference, scan, inside)
-        return found if best is None or found.support > _CLEARLY_MORE * best.support else best
+        return found if best is None or found.support > self.config.refinement.lead * best.support else best
 
     def _polish(
         self, reference: LocalMap, scan: Scan, T_ref_starts: NDArray[np.float64], least: float = 0.0
@@ -417,7 +411,7 @@ class IceMatcher:
             if refined.support <= most:
                 break
             denied = contradictions(scan, points, reference, refined.T_ref_cur, cell, self.config.refinement)
-            score = refined.support - _DENIED * denied
+            score = refined.support - self.config.refinement.contradiction * denied
             if score > most:
                 best, most = refined, score
         return best
@@ -430,12 +424,14 @@ class IceMatcher:
         covariance_guess: NDArray[np.float64],
     ) -> list[NDArray[np.float64]]:
         """Distinct polished (3,) poses in the window, the best first: where several fit, the place is ambiguous."""
-        if len(self._points(scan)) < _FEWEST_POINTS:
+        if len(self._points(scan)) < self.config.refinement.min_points:
             return []
         window = search_window(T_ref_guess, covariance_guess, self.config.hypotheses)
         hypotheses, ranking = self.rank(reference, self.observe(scan), window)
         min_inliers = self.config.refinement.min_inliers
-        least_hopeful = _HOPEFUL * min_inliers if self.config.hypotheses.fitness == "points" else 0.0
+        least_hopeful = (
+            self.config.refinement.hopeful * min_inliers if self.config.hypotheses.fitness == "points" else 0.0
+        )
         hopeful = ranking.at_least(least_hopeful)
         leading = distinct(hypotheses, hopeful, self.config.hypotheses.alternatives)
         polished = self._polish(reference, scan, hypotheses[leading], min_inliers)

@@ -15,12 +15,6 @@ from iceg.ice.points import ScanPoints
 from iceg.ice.refinement import FACING
 from iceg.ice.sweeps import Sweeps, joined, starts_of, sweeps_of
 
-_AGREEING = 2.0
-"""A point within so many widths of its weight agrees with the reference."""
-_NEAR = 8.0
-"""Surfels within this of the laser are judged by its beams [m]."""
-_REACH = 20.0
-"""Surfaces farther than this from a laser contradict nothing: its heading is not known that well [m]."""
 _JUDGED_POINTS = 2000
 """Points that the scans of the reference judge in all; of a scan every second or third point if there are more."""
 _EVEN_ODDS = 5.0
@@ -163,8 +157,8 @@ def agreements(
         local_map.fine.origin,
         local_map.fine.cell,
         FACING,
-        _AGREEING * config.scale,
-        _NEAR,
+        config.agreeing * config.scale,
+        config.view_reach,
         config.margin,
         least_overlap,
         least_fit,
@@ -187,7 +181,7 @@ def view(scan: Scan, local_map: LocalMap, T_ref_cur: NDArray[np.float64], config
         geometry.bearings[0],
         geometry.resolution,
         scan.ranges,
-        _NEAR,
+        config.view_reach,
         config.margin,
     )
     return seen, contradicted
@@ -225,7 +219,7 @@ def contradictions(
         geometry.bearings[0],
         geometry.resolution,
         scan.ranges,
-        _REACH,
+        config.contradiction_reach,
         config.margin,
         config.across,
         cell,
@@ -238,7 +232,7 @@ def contradictions(
         every,
         T_ref_cur,
         local_map.sweeps,
-        _REACH,
+        config.contradiction_reach,
         config.margin,
         config.across,
         np.empty(len(scan_points), np.int8),

@@ -225,6 +225,8 @@ class CalibrationConfig:
     """Fewest turns between matched key scans that tell anything of a gyro: four coefficients and their scatter."""
     gyro_max_delay: float = 3.0
     """Scans up to which the delay of a gyro is looked for."""
+    velocity_scans: int = 5
+    """Scans whose motion tells the velocity that is taken to be constant."""
     velocity_min_steps: int = 10
     """Fewest steps that tell how well a constant velocity is kept."""
 
@@ -232,4 +234,11 @@ class CalibrationConfig:
         sigmas = ("scale_sigma", "drift_sigma", "delay_sigma", "mount_ahead_sigma", "mount_aside_sigma")
         check_numbers(self, SlamConfigError, positive=(*sigmas, "mount_heading_sigma", "window", "min_keys"))
         check_between(self, SlamConfigError, "calibration: ", gyro_false_alarm=_RATES, max_delay=(0, 1000))
-        check_between(self, SlamConfigError, "calibration: ", gyro_min_turns=(5, 10**6), velocity_min_steps=(1, 10**6))
+        check_between(
+            self,
+            SlamConfigError,
+            "calibration: ",
+            gyro_min_turns=(5, 10**6),
+            velocity_min_steps=(1, 10**6),
+            velocity_scans=(1, 1000),
+        )

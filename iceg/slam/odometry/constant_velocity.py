@@ -17,8 +17,6 @@ from iceg.slam.odometry.noise import robust_deviation
 from iceg.slam.track import Track
 from iceg.slam.tracking_config import CalibrationConfig
 
-_BEFORE = 5
-"""Scans whose motion tells the velocity."""
 _LEAST = (0.005, 0.005, 0.005)
 """Standard deviations are never taken to be smaller [m, m, rad]."""
 
@@ -39,7 +37,7 @@ def constant_velocity(
         where too few steps tell it.
     """
     poses = compose(np.array([key.T_track_robot for key in track.keys])[track.key_of_scan], track.T_key_scan)
-    errors = _errors(track, poses)
+    errors = _errors(track, poses, config.velocity_scans)
     if len(errors) < config.velocity_min_steps:
         return None
     along, across, turn = (max(robust_deviation(column), low) for column, low in zip(errors.T, _LEAST, strict=True))
@@ -58,14 +56,14 @@ def constant_velocity(
     return with_headings(track, heading.headings), heading.lasting_noise.within(noise)
 
 
-def _errors(track: Track, poses: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(m, 3) steps between key scans that were seen in all directions, less those of a constant velocity."""
+def _errors(track: Track, poses: NDArray[np.float64], scans: int) -> NDArray[np.float64]:
+    """(m, 3) steps seen in all directions, less those of the velocity over so many scans before."""
     steps = [
         (earlier.index, later.index)
         for earlier, later in zip(track.keys, track.keys[1:], strict=False)
-        if earlier.index >= _BEFORE and not isinstance(later.match, NoMatch) and later.match.is_fully_observed
+        if earlier.index >= scans and not isinstance(later.match, NoMatch) and later.match.is_fully_observed
     ]
     start, end = np.array(steps, dtype=np.int64).reshape(-1, 2).T
-    velocity = logmap(between(poses[start - _BEFORE], poses[start])) / _BEFORE
+    velocity = logmap(between(poses[start - scans], poses[start])) / scans
     expected = expmap(velocity * (end - start)[:, None])
     return between(expected, between(poses[start], poses[end]))

@@ -24,8 +24,6 @@ from iceg.slam.tracking_config import CalibrationConfig
 
 _DELAY_STEPS = (0.5, 0.1, 0.02)
 """Of the search for the delay [scans]: they get finer."""
-_BEFORE = 5
-"""Scans whose motion tells a constant velocity."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +95,7 @@ def learn_gyro(track: Track, log: Log, config: CalibrationConfig) -> tuple[Headi
     if not log.gyro.any():
         return None, GyroFinding(rejection="they are all zero")
     fit, headings = _fitted(turns, log.gyro, *_clock(log), config)
-    finding = replace(fit, deviation_without=robust_deviation(_unforeseen_turns(track, turns)))
+    finding = replace(fit, deviation_without=robust_deviation(_unforeseen_turns(track, turns, config.velocity_scans)))
     finding = replace(finding, rejection=_rejection(finding, config.gyro_false_alarm))
     if finding.rejection:
         return None, finding
@@ -227,12 +225,12 @@ def _at_best_delay(
     return shift * interval, fit
 
 
-def _unforeseen_turns(track: Track, turns: _Turns) -> NDArray[np.float64]:
-    """(m,) turns less those of the velocity before them [rad]."""
+def _unforeseen_turns(track: Track, turns: _Turns, scans: int) -> NDArray[np.float64]:
+    """(m,) turns less those of the velocity over so many scans before them [rad]."""
     headings = track.trajectory(np.array([key.T_track_robot for key in track.keys]))[:, 2]
-    late = turns.starts >= _BEFORE
+    late = turns.starts >= scans
     starts, ends = turns.starts[late], turns.ends[late]
-    velocity = wrap_angle(headings[starts] - headings[starts - _BEFORE]) / _BEFORE
+    velocity = wrap_angle(headings[starts] - headings[starts - scans]) / scans
     return np.asarray(wrap_angle(turns.seen[late] - velocity * (ends - starts)), dtype=np.float64)
 
 

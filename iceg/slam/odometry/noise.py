@@ -20,14 +20,13 @@ from graph.elementary import arctan2, cos_sin
 from graph.odometry import OdometryModel
 from graph.se2 import between
 from iceg.slam.match_errors import OWN
+from iceg.slam.odometry.student_fit import LAGS
 from iceg.slam.tracking_config import CalibrationConfig
 
 _FIT_ROUNDS = 10
 """Rounds in which the weights follow the fitted variances."""
 _LEVEL = 1e-9
 """A sum of squares that falls by no more than this, relative to what it would without any fit, is at its least."""
-_LAGS = 16
-"""Key scans over which errors of odometry may persist."""
 _NOTHING = 1e-300
 """Stands for the variance of errors that are all zero: nothing of them persists."""
 _LEAST = OdometryModel(
@@ -272,7 +271,7 @@ def _shares(
     certain = usual / (usual + claimed)  # how much of a difference is not the uncertainty of its match
     limit = config.outlier_sigmas * robust_deviation(errors * certain)
     e, after = np.clip(errors * certain, -limit, limit), np.clip(following * certain[1:], -limit, limit)
-    last = min(_LAGS, len(e) - 1)
+    last = min(LAGS, len(e) - 1)
     lags = [dense.vecdot(e[lag:], e[: len(e) - lag]) / len(e) for lag in range(last + 1)]
     cancelling = max(0.5 * (lags[2] + lags[3]), 0.0) - dense.vecdot(e[:-1], after) / len(e)
     claim = max(float(np.mean(certain**2 * claimed)), 1e-12)

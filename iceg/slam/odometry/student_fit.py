@@ -17,8 +17,8 @@ _ROUNDS, _SETTLED = 30, 1e-6
 then is far below the standard deviations."""
 _LEAST = 1e-6
 """Least scale of residuals: of a perfect fit the likelihood has no bound."""
-_LAGS = 16
-"""Steps over which residuals may resemble each other."""
+LAGS = 16
+"""Steps over which errors may persist."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -92,5 +92,5 @@ def _shared_persistence(a: NDArray[np.float64], b: NDArray[np.float64]) -> float
     energy = dense.vecdot(a, a) * dense.vecdot(b, b)
     if not energy > 0.0:
         return 0.0
-    lags = range(1, min(_LAGS, len(a) - 1) + 1)
+    lags = range(1, min(LAGS, len(a) - 1) + 1)
     return sum(dense.vecdot(a[lag:], a[:-lag]) * dense.vecdot(b[lag:], b[:-lag]) for lag in lags) / energy
