@@ -254,7 +254,7 @@ def box_around(
     lower, upper = T_ref_scans[-1, :2].copy(), T_ref_scans[-1, :2].copy()
     center = lower.tolist()
     surfel_kernels.widen_box(joined(points), starts_of(points), T_ref_scans, lower, upper)
-    # On whole metres, so that the cells of every reference coincide.
+    # On whole metres, so that the cells of every reference lie alike.
     first = [floor(max(low, at - reach) - margin) for low, at in zip(lower.tolist(), center, strict=True)]
     last = [ceil(min(high, at + reach) + margin) for high, at in zip(upper.tolist(), center, strict=True)]
     return np.array(first, dtype=np.float64), np.array(last, dtype=np.float64)
