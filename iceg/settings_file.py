@@ -28,7 +28,7 @@ _LONGEST_SHOWN = 200  # characters of a value in a message
 _MOST_WHOLE = 2**63 - 1  # as TOML has it
 _CLOSE = 0.7
 """How like another a name must be to be meant by it (`difflib`: 1 for the same)."""
-_RENAMED = {
+RENAMED = {
     "ice.refinement.doubtful": "ice.refinement.wide_below",
     "loops.odometry_doubt": "loops.odometry_inflation",
 }
@@ -150,8 +150,8 @@ class _Reader:
         return converted
 
     def unknown(self, key: str) -> ConfigError:
-        if key in _RENAMED:
-            return ConfigError(f"{self.where}: '{key}' is now '{_RENAMED[key]}'")
+        if key in RENAMED:
+            return ConfigError(f"{self.where}: '{key}' is now '{RENAMED[key]}'")
         section, _, name = key.rpartition(".")
         by_name = {known.rpartition(".")[2]: known for known in reversed(self.known)}
         here = {known.rpartition(".")[2]: known for known in self.known if known.rpartition(".")[0] == section}

@@ -74,3 +74,11 @@ def test_bad_settings_in_a_file_are_a_usage_error(
 def test_a_flag_out_of_range_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["run", "a.clf", "-o", str(tmp_path / "out"), "--grid.resolution", "-1"]) == 2
     assert "resolution is -1.0" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("flag", [["--loops.odometry-doubt", "3"], ["--loops.odometry-doubt=3"]])
+def test_a_flag_that_had_another_name_is_told_by_the_present_one(
+    flag: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", "a.clf", "-o", "out", *flag]) == 2
+    assert "'--loops.odometry-doubt' is now '--loops.odometry-inflation'" in capsys.readouterr().err

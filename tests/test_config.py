@@ -15,8 +15,9 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from graph.errors import IcegError
+from iceg.cli.settings_flags import setting_names
 from iceg.config import Config, ConfigError, format_config, parse_config, read_config
-from iceg.settings_file import field_documentation
+from iceg.settings_file import RENAMED, field_documentation
 
 
 def leaves(cls: type, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
@@ -140,3 +141,30 @@ def test_numbers_that_a_run_cannot_work_with_are_refused(setting: str, value: st
 
 def test_what_has_no_end_may_be_infinite() -> None:
     assert parse_config("loops.min_path = inf").loops.min_path == np.inf
+
+
+def test_a_setting_that_had_another_name_is_told_by_the_present_one() -> None:
+    known = set(setting_names(Config))
+    for before, now in RENAMED.items():
+        assert before not in known
+        assert now in known
+        section, _, name = before.rpartition(".")
+        with pytest.raises(ConfigError, match=rf"'{before}' is now '{now}'"):
+            parse_config(f"[{section}]\n{name} = 1.0")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[front_end.odometry_check]\nfalse_alarm = 0.0",
+        "[front_end.odometry_check]\njump_false_alarm = 0.6",
+        "[front_end.calibration]\ngyro_false_alarm = 1e-12",
+        "[front_end.standstill]\nsamples = 0",
+        "[loops.relocalisation]\nfalse_alarm = 1.0",
+        "[loops.signatures]\nword_bins = 100_000_000",
+        "[loops.verification]\nnear_distance = -0.1",
+    ],
+)
+def test_thresholds_are_refused_that_mean_nothing(text: str) -> None:
+    with pytest.raises(ConfigError):
+        parse_config(text)

@@ -13,7 +13,7 @@ import tyro
 
 from iceg.cli.commands import COMMANDS, Command, Entry
 from iceg.cli.settings_flags import flags_of, listed_flags_of, named_settings, setting_names, with_flags
-from iceg.settings_file import read_settings
+from iceg.settings_file import RENAMED, ConfigError, read_settings
 
 _HELP, _HELP_ALL = ("-h", "--help"), "--help-all"
 _USAGE = 2
@@ -51,6 +51,7 @@ def _parsed(entry: Entry, words: Sequence[str], name: str) -> Command:
     if any(word in _HELP for word in words):
         more = f" 'iceg {name} --help-all' shows {len(everything) - len(entry.common)} more settings."
         _tell(entry, name, listed_flags_of(settings, entry.common), more)
+    _refuse_renamed(words, entry.prefix)
     # To ask about each of the settings takes longer than to read the log.
     named = named_settings(words, entry.settings, entry.prefix, _own_flags(entry.kind))
     names = everything if named is None else named
@@ -60,6 +61,19 @@ def _parsed(entry: Entry, words: Sequence[str], name: str) -> Command:
     own = {field.name: getattr(parsed, field.name) for field in _own_fields(entry.kind)}
     chosen = with_flags(settings, parsed.flags) if names else settings
     return entry.kind(**{**own, "settings": chosen})
+
+
+def _refuse_renamed(words: Sequence[str], prefix: str) -> None:
+    """Say what the flag of a setting is called that had another name.
+
+    Raises:
+        ConfigError: there is one among the words.
+    """
+    for word in words:
+        flag = word.partition("=")[0]
+        now = RENAMED.get(flag.removeprefix("--").removeprefix(prefix).replace("-", "_")) if flag[:2] == "--" else None
+        if now is not None:
+            raise ConfigError(f"'{flag}' is now '--{prefix}{now.replace('_', '-')}'")
 
 
 def _tell(entry: Entry, name: str, flags: object, more: str = "") -> NoReturn:
