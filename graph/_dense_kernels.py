@@ -15,11 +15,23 @@ def multiply(a: Floats, b: Floats, out: Floats) -> None:
     """Add a · b to `out`: (n or 1, i, k), (n or 1, k, j) and (n, i, j)."""
     for n in range(len(out)):
         left, right = a[n if len(a) > 1 else 0], b[n if len(b) > 1 else 0]
+        fours = left.shape[1] // 4 * 4
         for i in range(left.shape[0]):
-            for k in range(left.shape[1]):
+            for k in range(0, fours, 4):
+                _add_four(left[i, k : k + 4], right[k : k + 4], out[n, i])
+            for k in range(fours, left.shape[1]):
                 factor = left[i, k]
                 for j in range(right.shape[1]):
                     out[n, i, j] += factor * right[k, j]
+
+
+@compiled
+def _add_four(factors: Floats, rows: Floats, out: Floats) -> None:
+    """Add four rows, each times its factor, to a row, in their order: one way through it instead of four."""
+    a, b, c, d = factors[0], factors[1], factors[2], factors[3]
+    first, second, third, fourth = rows[0], rows[1], rows[2], rows[3]
+    for j in range(len(out)):
+        out[j] = (((out[j] + a * first[j]) + b * second[j]) + c * third[j]) + d * fourth[j]
 
 
 @compiled

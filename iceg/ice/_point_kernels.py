@@ -95,7 +95,7 @@ def scan_points(
     n = _returns(ranges, directions, origin, points, beams)
     surfaces, moments = _room_for_surfaces(n), _room_for_moments(n)
     _surfaces(points[:n], beams, origin, _resolution(directions), jump, noise, surfaces)
-    _sum_up(points, surfaces, ZERO, ONE, n, reach * reach, moments)
+    _sum_up(points, surfaces, n, ZERO, ONE, n, reach * reach, moments)
     _normals(moments, n, points, origin, normals)
     if slim:
         _face_slim(points, beams, surfaces, n, origin, normals)
@@ -150,7 +150,7 @@ def thinned_points(
         kept = max(0, -((offsets[scan] - n) // every))
         for k in range(kept):
             assign(points[count + k], returns[offsets[scan] + k * every])
-        _sum_up(returns, surfaces, offsets[scan], every, kept, reach * reach, moments)
+        _sum_up(returns, surfaces, n, offsets[scan], every, kept, reach * reach, moments)
         _normals(moments, kept, points[count:], origin, normals[count:])
         _spread(points[count : count + kept], normals[count:], origin, noise, spreads[count:])
         count += kept
@@ -274,39 +274,56 @@ def _surfaces(
 
 
 @compiled
-def _sum_up(points: F64, surfaces: Surfaces, first: int, every: int, n: int, reach2: float, moments: Moments) -> None:
-    """Moments of the neighbourhoods of n points: the first, and one in so many after it."""
+def _sum_up(
+    points: F64, surfaces: Surfaces, size: int, first: int, every: int, n: int, reach2: float, moments: Moments
+) -> None:
+    """Moments of the neighbourhoods of n of `size` points: the first, and one in so many after it."""
+    before, after = np.empty(size), np.empty(size)
+    _neighbourhoods(points[:size], surfaces, reach2, before, after)
     sums = surfaces.sums
     for k in range(n):
         i = first + k * every
-        wide2 = reach2 + _REACH_SIGMAS2 * surfaces.noise[i]
-        most = int(_MOST_NEIGHBOURS * sqrt(wide2 / reach2))
-        a, b = _neighbourhood(points, surfaces.begin[i], surfaces.end[i], i, wide2, most)
+        a, b = i - int(before[i]), i + int(after[i])
         moments.noise[k] = surfaces.noise[i]
-        before, upto = sums[a], sums[b + 1]
+        begin, end = sums[a], sums[b + 1]
         moments.n[k] = b + 1 - a
-        moments.x[k], moments.y[k] = upto[0] - before[0], upto[1] - before[1]
-        moments.xx[k], moments.xy[k], moments.yy[k] = upto[2] - before[2], upto[3] - before[3], upto[4] - before[4]
+        moments.x[k], moments.y[k] = end[0] - begin[0], end[1] - begin[1]
+        moments.xx[k], moments.xy[k], moments.yy[k] = end[2] - begin[2], end[3] - begin[3], end[4] - begin[4]
 
 
 @compiled
-def _neighbourhood(points: F64, begin: int, end: int, i: int, reach2: float, most: int) -> tuple[int, int]:
-    """First and last point around i on its surface, begin..end: up to the reach, but 2 to `most` on either side."""
-    x, y = points[i, 0], points[i, 1]
-    first, last = i, i
-    stop = max(begin, i - most)
-    while first > stop:
-        first -= 1
-        dx, dy = points[first, 0] - x, points[first, 1] - y
-        if dx * dx + dy * dy >= reach2 and i - first >= 2:
-            break
-    stop = min(end, i + most)
-    while last < stop:
-        last += 1
-        dx, dy = points[last, 0] - x, points[last, 1] - y
-        if dx * dx + dy * dy >= reach2 and last - i >= 2:
-            break
-    return first, last
+def _neighbourhoods(points: F64, surfaces: Surfaces, reach2: float, before: F64, after: F64) -> None:
+    """How many points before and after each are its neighbours: of its surface, to the first one beyond the reach.
+
+    Those next to it count however far they are, and more than some do not: see `_MOST_NEIGHBOURS`.
+    """
+    n, widest = len(points), 0
+    x, y, wide2, squares = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    for i in range(n):
+        x[i], y[i] = points[i, 0], points[i, 1]
+        wide2[i] = reach2 + _REACH_SIGMAS2 * surfaces.noise[i]
+        most = int(_MOST_NEIGHBOURS * sqrt(wide2[i] / reach2))
+        before[i], after[i] = min(most, i - surfaces.begin[i]), min(most, surfaces.end[i] - i)
+        widest = max(widest, most)
+    for away in range(2, min(widest + 1, n)):
+        _distances2(x[:-away], y[:-away], x[away:], y[away:], squares)
+        _end_at(squares, wide2[:-away], float(away), after)
+        _end_at(squares, wide2[away:], float(away), before[away:])
+
+
+@compiled
+def _distances2(x: F64, y: F64, u: F64, v: F64, squares: F64) -> None:
+    """Squared distances of points (x, y) from others (u, v)."""
+    for i in range(len(x)):
+        dx, dy = u[i] - x[i], v[i] - y[i]
+        squares[i] = dx * dx + dy * dy
+
+
+@compiled
+def _end_at(squares: F64, wide2: F64, away: float, steps: F64) -> None:
+    """No more steps than up to the neighbour so many away where that one lies beyond the reach."""
+    for i in range(len(wide2)):
+        steps[i] = min(steps[i], away if squares[i] >= wide2[i] else np.inf)
 
 
 @compiled
