@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from collections import Counter
 from pathlib import Path
 
@@ -57,7 +58,7 @@ def test_a_run_calls_what_is_listed_and_compiles_nothing() -> None:
 
 def test_nothing_is_compiled_twice(monkeypatch: pytest.MonkeyPatch) -> None:
     ahead.compile_ahead()
-    monkeypatch.setattr(ahead, "_compile_in_processes", lambda _: pytest.fail("they are there"))
+    monkeypatch.setattr(ahead, "_worker", lambda: pytest.fail("they are there"))
     ahead.compile_ahead()
 
 
@@ -70,3 +71,16 @@ def test_an_outdated_list_is_no_error_and_is_tried_again(tmp_path: Path, monkeyp
     ahead.compile_ahead(lambda done, known: told.append((done, known)))
     assert told == [(1, 1)]
     assert not mark.exists()
+
+
+def test_what_is_not_waited_for_is_left(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    mark = tmp_path / "kernels" / "listed.compiled"
+    monkeypatch.setattr(ahead, "_mark", lambda: mark)
+    monkeypatch.setattr(ahead, "_WORKER", "tests.silent_worker")
+    before = threading.active_count()
+    with pytest.raises(ValueError, match="no such log"), ahead.compiling_ahead():
+        raise ValueError("no such log")
+    assert threading.active_count() == before
+    assert not mark.exists()
+    with ahead.compiling_ahead():  # nobody holds the lock any more
+        pass

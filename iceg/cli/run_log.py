@@ -51,18 +51,13 @@ def run_log(
         IcegError: the log cannot be read, or the results not be written.
     """
     from iceg.results import check_directory, write_results
-    from iceg.show.progress import ProgressBar, compile_note, prepare_kernels, reading_bar
+    from iceg.show.progress import ProgressBar, compile_note
 
     check_directory(directory, overwrite=overwrite)
     before = written_at(directory)
     started = time.perf_counter()
     try:
-        from frontends.logs import read_log
-
-        with reading_bar(path) as reading:
-            log = read_log(path, skip_bad_lines=skip_bad_lines, progress=reading, **dataclasses.asdict(config.log))
-        tell_warnings(log)
-        prepare_kernels()
+        log = _read_while_compiling(path, config, skip_bad_lines=skip_bad_lines)
         with compile_note():
             if truth is not None:
                 log = _with_truth(log, truth)
@@ -80,6 +75,22 @@ def run_log(
         files = f"{page}map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more"
         telling.say(f"Results are in {directory}: {files}")
         telling.keep(results=str(directory))
+
+
+def _read_while_compiling(path: Path, config: Config, *, skip_bad_lines: bool) -> "Log":
+    """The log; with what the run needs loaded, and all kernels compiled."""
+    from iceg.show.progress import preparing_kernels, reading_bar
+
+    with preparing_kernels() as wait_for_kernels:
+        from frontends.logs import read_log
+
+        with reading_bar(path) as reading:
+            log = read_log(path, skip_bad_lines=skip_bad_lines, progress=reading, **dataclasses.asdict(config.log))
+        tell_warnings(log)
+        import iceg.slam.pipeline  # noqa: F401 while others compile
+
+        wait_for_kernels()
+    return log
 
 
 def _corrected_run(

@@ -146,10 +146,26 @@ def compiling_bar() -> Iterator[Callable[[int, int], None]]:
 
 def prepare_kernels() -> None:
     """Compile what is not compiled yet, with a bar; at once where that was done before."""
-    from iceg.kernels.ahead import compile_ahead
+    with preparing_kernels() as wait:
+        wait()
 
-    with compiling_bar() as told:
-        compile_ahead(told)
+
+@contextmanager
+def preparing_kernels() -> Iterator[Callable[[], None]]:
+    """Compile what is not compiled yet, while the block goes on.
+
+    Yields:
+        What waits until all is compiled, with a bar.
+    """
+    from iceg.kernels.ahead import compiling_ahead
+
+    with compiling_ahead() as wait:
+
+        def wait_with_bar() -> None:
+            with compiling_bar() as told:
+                wait(told)
+
+        yield wait_with_bar
 
 
 @contextmanager
