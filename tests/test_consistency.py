@@ -162,7 +162,7 @@ def test_false_closures_are_left_out() -> None:
         Factor(kind="closure", i=k, j=80 + k, T_i_j=np.array([*rng.uniform(-20, 20, 2), 0.0]), covariance=LOOP)
         for k in range(0, 40, 2)
     ]
-    # Five of them agree with one another, as look-alike places do.
+    # Five of them agree with one another, as similar places do (perceptual aliasing).
     off = np.array([3.0, 1.0, 0.2])
     false += [
         Factor(kind="closure", i=k, j=80 + k, T_i_j=compose(off, between(truth[k], truth[80 + k])), covariance=LOOP)

@@ -210,7 +210,7 @@ def _with_heading_noise(truth: NDArray[np.float64], persists: int) -> NDArray[np
 
 
 def test_errors_that_persist_weigh_less_in_a_graph() -> None:
-    # Key scans lie 6 steps apart: errors that last for 18 steps make three motions err alike, ρ = 2/3 and 1/3 one and
+    # Key scans lie 6 steps apart: errors that last for 18 steps correlate three motions, ρ = 2/3 and 1/3 one and
     # two motions on, and 1 + 2 (16/17 · 2/3 + 15/17 · 1/3) is 2.8 times the variance.
     truth = _drive(6000)
     fresh = calibrate_odometry(_track(truth, 6, noise=0.0005), _with_heading_noise(truth, 6), CalibrationConfig())

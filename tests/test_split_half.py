@@ -159,7 +159,7 @@ def test_a_track_too_short_for_a_local_map_is_believed() -> None:
 
 
 def test_ranges_that_come_in_steps_inflate_the_covariances() -> None:
-    # Neighbouring beams are off alike by up to half a step: the match moves with them.
+    # Neighbouring beams share an error of up to half a step: the match moves with them.
     log = simulate("room", seed=4, laser=Laser(quantisation=0.16)).log
     stepped = track_log(log, IceMatcher(), OdometryModel(), FrontEndConfig())
     far, usual = (split_half_distances(track, IceMatcher(), 200) for track in (stepped, _track()))

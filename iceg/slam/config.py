@@ -274,6 +274,11 @@ class FinishConfig:
     """Φ of dynamic covariance scaling on closures (squared standard deviations)."""
     outlier_weight: float = 0.01
     """A closure whose robust kernel leaves it a smaller weight than this is an outlier, and is taken out."""
+    by_hand_sigmas: float = 10.0
+    """By so many of its standard deviations the path is bent for a closure by hand that costs no other one: successive
+    matches and wheels have a bias, so that a long path is off by several times what it claims."""
+    told_sigmas: float = 5.0
+    """From so many standard deviations on it is told that the path is bent."""
     joint: JointRefinementConfig = field(default_factory=JointRefinementConfig)
     """In the end, poses and map together."""
 

@@ -207,5 +207,4 @@ def corrected_by(
     def closer() -> LoopCloser:
         return LoopCloser(matcher, track, config.loops)
 
-    kernel, outlier_weight = closure_kernel(config.finish), config.finish.outlier_weight
-    return corrected(solution, corrections, track, closer, kernel, outlier_weight, config.graph)
+    return corrected(solution, corrections, track, closer, closure_kernel(config.finish), config.finish, config.graph)

@@ -103,13 +103,13 @@ def _faults(outcomes: Sequence[Outcome]) -> list[Row]:
             families.setdefault(outcome.family, []).append(outcome)
     return [
         {
-            "fault": alike[0].fault,
-            "log": alike[0].source,
-            "without it [m]": f"{alike[0].usual_m:.3f}",
-            "with it [m]": ", ".join(f"{outcome.error_m:.3f}" for outcome in alike),
-            "verdict": "; ".join(dict.fromkeys(in_words(outcome) for outcome in alike)),
+            "fault": family[0].fault,
+            "log": family[0].source,
+            "without it [m]": f"{family[0].usual_m:.3f}",
+            "with it [m]": ", ".join(f"{outcome.error_m:.3f}" for outcome in family),
+            "verdict": "; ".join(dict.fromkeys(in_words(outcome) for outcome in family)),
         }
-        for alike in families.values()
+        for family in families.values()
     ]
 
 

@@ -13,6 +13,7 @@ from iceg.slam.back_end import Solution
 from iceg.slam.broken_path.path_break import Break, Outcome
 from iceg.slam.closures.attempt import FORBIDDEN, Attempt, Verdict, closure_factor
 from iceg.slam.closures.closure import Closure
+from iceg.slam.config import FinishConfig
 from iceg.slam.corrections.by_hand import ByHand, closures_by_hand
 from iceg.slam.corrections.corrections import Corrections, Distrusted, Pinned
 from iceg.slam.corrections.forbidden import forbids
@@ -48,7 +49,7 @@ def corrected(
     track: Track,
     closer: Callable[[], LoopCloser],
     kernel: RobustKernel,
-    outlier_weight: float,
+    finish: FinishConfig,
     graph_config: PoseGraphConfig,
 ) -> Corrected:
     """Apply corrections to a graph.
@@ -59,7 +60,7 @@ def corrected(
         track: key scans.
         closer: makes what matches closures by hand that only name scans.
         kernel: of closures that are not pinned.
-        outlier_weight: a closure whose kernel leaves it less is an outlier.
+        finish: which closures are outliers, and how far the path is bent for one by hand.
         graph_config: of the graph.
 
     Returns:
@@ -76,10 +77,12 @@ def corrected(
     by_hand = closures_by_hand(corrections.added, track, matcher, solution.poses, kernel)
     there = [each for each in by_hand if each.factor is not None]
     added = [each.factor for each in there if each.factor is not None]
-    here = settled([*found.chain, *found.loops, *added], [f for f in added if f.kernel is not None], solution.poses)
-    against = {id(factor): contradiction(here, factor, solution.poses) for factor in (*found.pinned, *added)}
+    here = settled(
+        [*found.chain, *found.loops, *added], [f for f in added if f.kernel is not None], solution.poses, finish
+    )
+    against = {id(factor): contradiction(here, factor, solution.poses, finish) for factor in (*found.pinned, *added)}
     conflicts = {id(each): None if each.factor is None else against[id(each.factor)] for each in by_hand}
-    lost = [f for f in added if f.kernel is not None and here.weight_of(f) < outlier_weight]
+    lost = [f for f in added if f.kernel is not None and here.weight_of(f) < finish.outlier_weight]
     in_force = [factor for factor in here.factors if not any(factor is other for other in lost)]
     after = replace(
         solution,

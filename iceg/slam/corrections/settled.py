@@ -15,14 +15,10 @@ from graph.batch import optimize
 from graph.factors import Factor
 from graph.problem import Problem
 from iceg.slam.broken_path.estimate import BATCH
+from iceg.slam.config import FinishConfig
 
 _GAIN = 1e-6
 """Costs that differ by less are equal."""
-_PATH_SIGMAS = 10.0
-"""By so many of its standard deviations the path is bent for a closure by hand that costs no other one: successive
-matches and wheels have a bias, so that a long path is off by several times what it claims."""
-_TOLD_SIGMAS = 5.0
-"""From so many on it is told."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,13 +72,16 @@ class Settled:
         return next(row for row, other in enumerate(self.factors) if other is factor)
 
 
-def settled(factors: Sequence[Factor], added: Sequence[Factor], poses: NDArray[np.float64]) -> Settled:
+def settled(
+    factors: Sequence[Factor], added: Sequence[Factor], poses: NDArray[np.float64], config: FinishConfig
+) -> Settled:
     """The best optimum of a graph with closures by hand.
 
     Args:
         factors: of the graph, those closures among them.
         added: the closures by hand that have a robust kernel.
         poses: (k, 3) first guesses.
+        config: how far the path is bent for one of them.
     """
     best = _solved(factors, poses)
     rejected = [factor for factor in added if best.weight_of(factor) < 1.0]
@@ -92,19 +91,22 @@ def settled(factors: Sequence[Factor], added: Sequence[Factor], poses: NDArray[n
             continue
         found = _solved(factors, _pulled(factors, trial, best.poses))
         loses_none = not best.holding - found.holding
-        most = best.cost + 0.5 * _PATH_SIGMAS**2 * len(trial) if loses_none else best.cost - _GAIN
+        most = best.cost + 0.5 * config.by_hand_sigmas**2 * len(trial) if loses_none else best.cost - _GAIN
         if found.cost < most and all(found.weight_of(factor) >= 1.0 for factor in trial):
             best = found
     return best
 
 
-def contradiction(here: Settled, factor: Factor, poses: NDArray[np.float64]) -> Contradiction | None:
+def contradiction(
+    here: Settled, factor: Factor, poses: NDArray[np.float64], config: FinishConfig
+) -> Contradiction | None:
     """What a closure by hand contradicts; None if it agrees with the rest.
 
     Args:
         here: the optimum with it.
         factor: the closure; one without a kernel is believed there, and is judged by what was without it.
         poses: (k, 3) of the graph without it.
+        config: from where on it is told that the path is bent.
     """
     if factor.kernel is None:
         without = _solved([other for other in here.factors if other is not factor], poses)
@@ -115,7 +117,7 @@ def contradiction(here: Settled, factor: Factor, poses: NDArray[np.float64]) -> 
         without = _solved([other for other in here.factors if other is not factor], poses)
         bent = (2.0 * max(0.0, here.cost - without.cost)) ** 0.5
         lost = without.holding - here.holding
-        return Contradiction(sigmas=bent, closures=len(lost), is_followed=True) if bent > _TOLD_SIGMAS else None
+        return Contradiction(sigmas=bent, closures=len(lost), is_followed=True) if bent > config.told_sigmas else None
     believed = _at(here.factors, _pulled(here.factors, [factor], here.poses))
     lost = here.holding - believed.holding - {id(factor)}
     return Contradiction(sigmas=here.sigmas_of(factor), closures=len(lost))
