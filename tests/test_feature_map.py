@@ -15,7 +15,6 @@ from iceg.maps import _association_kernels as kernels
 from iceg.maps import feature_map as feature_map_module
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
 from iceg.maps.feature_map import FeatureMap, Landmarks, build_feature_map
-from iceg.maps.landmark_arrays import Observed
 from tests.kernels import from_python
 from tests.walls import distances
 
@@ -435,20 +434,7 @@ def test_close_pairs_equal_their_slow_twin(seed: int, n_features: int, n_near: i
     rng = np.random.default_rng(seed)
     positions, near = rng.uniform(-2, 2, (n_features, 2)), rng.uniform(-2, 2, (n_near, 2))
     rows = [(CORNER, x, y, 0.0, 1.5) for x, y in positions]
-    features, scan = features_of(*rows), scan_of()
-    seen = Observed(
-        features.kinds,
-        np.ascontiguousarray(features.positions),
-        np.ascontiguousarray(features.directions),
-        features.covariances,
-        features.direction_variances,
-        features.distances,
-        features.real,
-        scan.ranges,
-        scan.geometry.bearings,
-        scan.geometry.T_robot_laser,
-    )
-    pairs = close_pairs(seen, near, 0.8)
+    pairs = close_pairs(feature_map_module._records([features_of(*rows)]), near, 0.8)
     assert len(pairs[0]) == len(set(zip(*(column.tolist() for column in pairs), strict=True)))
     assert set(zip(*(column.tolist() for column in pairs), strict=True)) == close_slowly(positions, near, 0.8)
 
