@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from graph._assign_kernels import assign
 from graph.compiled import compiled
 from iceg.maps.landmark_arrays import INTERSECTION, Records, Settings
 
@@ -31,63 +30,40 @@ def _observation_noise(features: Records, settings: Settings) -> F64:
 @compiled
 def _associate(
     features: Records, noise: F64, landmarks: Records, near: I64, near_p: F64, near_turn: F64, settings: Settings
-) -> tuple[I64, Bool, Bool]:
+) -> tuple[I64, Bool]:
     """Give each real feature at most one landmark and each landmark at most one feature, cheapest pairs first.
 
     Returns:
-        For each feature its place in `near` or -1, for each near landmark whether it has a feature, and whether a
-        feature without landmark lies close to it: a weak one, or one that failed a gate.
+        For each feature its place in `near` or -1, and for each near landmark whether it is accounted for: it has a
+        feature, or one without landmark lies close to it, a weak one, or one that failed a gate.
     """
     n_features, n_near = len(features), len(near)
     landmark_of = np.full(n_features, -1, np.int64)
-    taken = np.zeros(n_near, np.bool_)
+    accounted = np.zeros(n_near, np.bool_)
     close_feature, close_near = _close_pairs(features, near_p, settings.max_distance)
     cost = _pair_costs(close_feature, close_near, features, noise, landmarks, near, near_p, near_turn, settings)
     for pair in _ascending(cost):
         f, j = close_feature[pair], close_near[pair]
-        if landmark_of[f] < 0 and not taken[j]:
+        if landmark_of[f] < 0 and not accounted[j]:
             landmark_of[f] = j
-            taken[j] = True
-    explained = np.zeros(n_near, np.bool_)
+            accounted[j] = True
     for pair in range(len(cost)):
-        explained[close_near[pair]] |= landmark_of[close_feature[pair]] < 0
-    return landmark_of, taken, explained
+        accounted[close_near[pair]] |= landmark_of[close_feature[pair]] < 0
+    return landmark_of, accounted
 
 
 @compiled
 def _close_pairs(features: Records, near_p: F64, max_distance: float) -> tuple[I64, I64]:
     """All pairs of a feature and a near landmark within max_distance [m]."""
-    all_xs = np.empty(len(features))
-    for f in range(len(features)):
-        all_xs[f] = features[f].position[0]
-    order = _ascending(all_xs)
-    xs = np.empty(len(order))
-    for rank in range(len(order)):
-        xs[rank] = all_xs[order[rank]]
-    pair_feature, pair_near = np.empty(256, np.int64), np.empty(256, np.int64)
+    n_features, n_near = len(features), len(near_p)
+    pair_feature, pair_near = np.empty(n_features * n_near, np.int64), np.empty(n_features * n_near, np.int64)
     n_pairs = 0
-    if len(order) == 0:
-        return pair_feature[:0], pair_near[:0]
-    lowest, highest = np.inf, -np.inf
-    for rank in range(len(order)):
-        y = features[order[rank]].position[1]
-        lowest, highest = min(lowest, y), max(highest, y)
-    for j in range(len(near_p)):
-        x, y = near_p[j, 0], near_p[j, 1]
-        outside = max(xs[0] - x, x - xs[len(xs) - 1], lowest - y, y - highest)
-        if outside > 0.0 and outside * outside > max_distance * max_distance:
-            continue  # as all that lies behind the robot
-        for rank in range(np.searchsorted(xs, x - max_distance), len(xs)):
-            dx = xs[rank] - x
-            if dx > max_distance:
-                break
-            dy = features[order[rank]].position[1] - y
-            if dx * dx + dy * dy > max_distance * max_distance:
-                continue
-            if n_pairs == len(pair_near):
-                pair_feature, pair_near = _twice_as_long(pair_feature), _twice_as_long(pair_near)
-            pair_feature[n_pairs], pair_near[n_pairs] = order[rank], j
-            n_pairs += 1
+    for j in range(n_near):
+        for f in range(n_features):
+            dx, dy = features[f].position[0] - near_p[j, 0], features[f].position[1] - near_p[j, 1]
+            if dx * dx + dy * dy <= max_distance * max_distance:
+                pair_feature[n_pairs], pair_near[n_pairs] = f, j
+                n_pairs += 1
     return pair_feature[:n_pairs], pair_near[:n_pairs]
 
 
@@ -106,14 +82,6 @@ def _ascending(values: F64) -> I64:
         order[at] = i
         n += 1
     return order[:n]
-
-
-@compiled
-def _twice_as_long(numbers: I64) -> I64:
-    """A copy with room for as many more."""
-    longer = np.empty(2 * len(numbers), np.int64)
-    assign(longer[: len(numbers)], numbers)
-    return longer
 
 
 @compiled

@@ -51,9 +51,9 @@ def observe(
         near, near_p, near_turn = _nearby(key, frames, observed, landmarks, valid[:n_valid], settings)
         features = observed.features
         noise = _observation_noise(features, settings)
-        landmark_of, taken, explained = _associate(features, noise, landmarks, near, near_p, near_turn, settings)
+        landmark_of, accounted = _associate(features, noise, landmarks, near, near_p, near_turn, settings)
         _fuse(key, features, noise, landmarks, near, near_p, near_turn, landmark_of, settings)
-        _judge(key, observed, landmarks, near, near_p, near_turn, taken | explained, settings)
+        _judge(key, observed, landmarks, near, near_p, near_turn, accounted, settings)
         more = _add(key, features, landmarks, count, landmark_of, settings)
         n_valid = _drop_expired(valid, n_valid, landmarks)
         for new in range(count, more):
@@ -281,8 +281,7 @@ def _open_bearing(
     window = max(1.5 * spacing, position_slack / distance)
     if bearing - window < bearings[0] or bearing + window > bearings[n - 1]:
         return np.nan
-    first = np.searchsorted(bearings, bearing - window)
-    end = np.searchsorted(bearings, bearing + window)
+    first, end = _first_from(bearings, bearing - window), _first_from(bearings, bearing + window)
     returns = 0
     for i in range(first, end):
         if np.isnan(ranges[i]):
@@ -291,6 +290,19 @@ def _open_bearing(
             return np.nan
         returns += 1
     return bearing if 2 * returns > end - first else np.nan
+
+
+@compiled
+def _first_from(ascending: F64, value: float) -> int:
+    """Where the first of ascending numbers stands that is not below a value."""
+    low, high = ZERO, len(ascending)
+    while low < high:
+        middle = (low + high) // 2
+        if ascending[middle] < value:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
 @compiled
