@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from frontends.scan import Scan, ScanGeometry
 from iceg.ice.features import CORNER, END_OF_WALL, INTERSECTION, Features
 from iceg.maps import _association_kernels as kernels
+from iceg.maps import _landmark_kernels
 from iceg.maps import feature_map as feature_map_module
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
 from iceg.maps.feature_map import FeatureMap, Landmarks, build_feature_map
@@ -20,6 +21,7 @@ from tests.walls import distances
 
 close_pairs = from_python(kernels._close_pairs)
 ascending = from_python(kernels._ascending)
+first_from = from_python(_landmark_kernels._first_from)
 wrap = from_python(kernels._wrap)
 wrap_line = from_python(kernels._wrap_line)
 
@@ -452,6 +454,12 @@ def test_the_order_of_a_few_values_is_that_of_a_stable_sort(values: list[float])
     numbers = np.array(values, dtype=np.float64)
     stable = [i for i in np.argsort(numbers, kind="stable") if math.isfinite(numbers[i])]
     assert ascending(numbers).tolist() == stable
+
+
+@given(st.lists(st.integers(-5, 5), max_size=12), st.integers(-12, 12))
+def test_the_first_that_is_not_below_a_value_is_found(numbers: list[int], twice: int) -> None:
+    ascending_numbers = np.sort(np.array(numbers, dtype=np.float64))
+    assert first_from(ascending_numbers, 0.5 * twice) == np.searchsorted(ascending_numbers, 0.5 * twice)
 
 
 @pytest.mark.parametrize("field_of_view", [80.0, 179.0, 180.0, 181.0, 270.0, 359.0])
