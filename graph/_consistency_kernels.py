@@ -53,7 +53,7 @@ def consistent_pairs(
         carry[1, 0], carry[1, 1], carry[1, 2] = sa, ca, -loops[a, 0]
         for b in range(a + 1, m):
             turn = loops[a, 2] - loops[b, 2]
-            turn -= 2.0 * np.pi * np.round(turn / (2.0 * np.pi))
+            turn -= 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
             c, sn = np.cos(turn), np.sin(turn)  # E_a · E_b⁻¹
             x = loops[a, 0] - (c * loops[b, 0] - sn * loops[b, 1])
             y = loops[a, 1] - (sn * loops[b, 0] + c * loops[b, 1])

@@ -11,7 +11,7 @@ Ints = NDArray[np.int64]
 
 @compiled
 def _wrapped(angle: float) -> float:
-    return float(angle - 2.0 * np.pi * np.round(angle / (2.0 * np.pi)))
+    return float(angle - 2.0 * np.pi * np.rint(angle / (2.0 * np.pi)))
 
 
 @compiled

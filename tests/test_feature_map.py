@@ -12,15 +12,16 @@ from numpy.typing import ArrayLike, NDArray
 from frontends.scan import Scan, ScanGeometry
 from iceg.ice.features import CORNER, END_OF_WALL, INTERSECTION, Features
 from iceg.maps import _association_kernels as kernels
+from iceg.maps import _landmark_kernels
 from iceg.maps import feature_map as feature_map_module
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
 from iceg.maps.feature_map import FeatureMap, Landmarks, build_feature_map
-from iceg.maps.landmark_arrays import Observed
 from tests.kernels import from_python
 from tests.walls import distances
 
 close_pairs = from_python(kernels._close_pairs)
 ascending = from_python(kernels._ascending)
+first_from = from_python(_landmark_kernels._first_from)
 wrap = from_python(kernels._wrap)
 wrap_line = from_python(kernels._wrap_line)
 
@@ -435,20 +436,7 @@ def test_close_pairs_equal_their_slow_twin(seed: int, n_features: int, n_near: i
     rng = np.random.default_rng(seed)
     positions, near = rng.uniform(-2, 2, (n_features, 2)), rng.uniform(-2, 2, (n_near, 2))
     rows = [(CORNER, x, y, 0.0, 1.5) for x, y in positions]
-    features, scan = features_of(*rows), scan_of()
-    seen = Observed(
-        features.kinds,
-        np.ascontiguousarray(features.positions),
-        np.ascontiguousarray(features.directions),
-        features.covariances,
-        features.direction_variances,
-        features.distances,
-        features.real,
-        scan.ranges,
-        scan.geometry.bearings,
-        scan.geometry.T_robot_laser,
-    )
-    pairs = close_pairs(seen, near, 0.8)
+    pairs = close_pairs(feature_map_module._records([features_of(*rows)]), near, 0.8)
     assert len(pairs[0]) == len(set(zip(*(column.tolist() for column in pairs), strict=True)))
     assert set(zip(*(column.tolist() for column in pairs), strict=True)) == close_slowly(positions, near, 0.8)
 
@@ -466,6 +454,12 @@ def test_the_order_of_a_few_values_is_that_of_a_stable_sort(values: list[float])
     numbers = np.array(values, dtype=np.float64)
     stable = [i for i in np.argsort(numbers, kind="stable") if math.isfinite(numbers[i])]
     assert ascending(numbers).tolist() == stable
+
+
+@given(st.lists(st.integers(-5, 5), max_size=12), st.integers(-12, 12))
+def test_the_first_that_is_not_below_a_value_is_found(numbers: list[int], twice: int) -> None:
+    ascending_numbers = np.sort(np.array(numbers, dtype=np.float64))
+    assert first_from(ascending_numbers, 0.5 * twice) == np.searchsorted(ascending_numbers, 0.5 * twice)
 
 
 @pytest.mark.parametrize("field_of_view", [80.0, 179.0, 180.0, 181.0, 270.0, 359.0])

@@ -8,8 +8,9 @@ import threading
 from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
-from numba import types
+from numba import from_dtype, types
 
 from iceg.kernels import ahead
 from iceg.kernels.signatures import Kernel, listed_kernels, plain_type, type_of
@@ -36,6 +37,8 @@ def test_types_survive_the_list() -> None:
 def test_what_the_list_has_no_words_for_is_refused() -> None:
     with pytest.raises(ValueError, match="expected numbers, arrays and tuples"):
         plain_type(types.unicode_type)
+    with pytest.raises(ValueError, match="expected one of iceg"):
+        plain_type(from_dtype(np.dtype([("weight", np.float64)]))[:])
     with pytest.raises((AttributeError, TypeError)):
         type_of("no_type")
 

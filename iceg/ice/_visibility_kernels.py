@@ -118,7 +118,7 @@ def beams_through(
     """
     through[:] = False
     laser = _laser(T_ref_robot, T_robot_laser)
-    n_beams = len(ranges)
+    n_beams, count = len(ranges), 0
     for k in range(len(surfels)):
         beam, distance, facing = _place(
             surfels[k, 0], surfels[k, 1], surfels[k, 2], surfels[k, 3], laser, first_bearing, resolution, n_beams, reach
@@ -130,9 +130,10 @@ def beams_through(
             continue
         half = floor(0.5 * cell * facing / (distance * resolution) + 0.5)
         for q in range(max(0, beam - half), min(n_beams, beam + half + 1)):
-            if ranges[q] > distance + allowed:
+            if ranges[q] > distance + allowed and not through[q]:
                 through[q] = True
-    return int(np.count_nonzero(through))
+                count += 1
+    return count
 
 
 @compiled
@@ -235,4 +236,7 @@ def judge_points_by_all(
             across,
             verdicts,
         )
-    return int(np.count_nonzero(verdicts == SEEN_THROUGH))
+    count = 0
+    for verdict in verdicts:
+        count += 1 if verdict == SEEN_THROUGH else 0
+    return count

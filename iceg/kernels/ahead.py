@@ -34,6 +34,8 @@ _GROUPS = (
 that all processes end together. Every other module is a group of its own …"""
 _LAST = ("frontends.logs._number_kernels", "frontends.logs._sweep_kernels")
 """… and these come last: by then the process that reads a log meanwhile has compiled what it needs of them."""
+_NO_COLOURS = {"NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING": "1"}
+"""Where colorama is installed, numba would colour a message for each overload it tries in vain: 3 % of the time."""
 
 Told = Callable[[int, int], None]
 """Called with how many kernels are compiled, and how many there are."""
@@ -189,7 +191,7 @@ def _worker() -> "Iterator[subprocess.Popen[str]]":
     paths = [str(_ROOT), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", _WORKER],
-        env=os.environ | {"PYTHONPATH": os.pathsep.join(paths)},
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(paths), **_NO_COLOURS},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,

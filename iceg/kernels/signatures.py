@@ -8,11 +8,13 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from numba import types
+from numba import from_dtype, types
 
 SIGNATURES = Path(__file__).with_name("signatures.json")
 """Kernel by kernel; `python -m iceg.kernels.record` writes it anew."""
-_ARRAY = re.compile(r"(\w+)\[(\d)([CFA])( readonly)?\]")
+_ARRAY = re.compile(r"([\w.]+)\[(\d)([CFA])( readonly)?\]")
+_RECORDS = ("iceg.maps.landmark_arrays.FEATURE", "iceg.maps.landmark_arrays.LANDMARK")
+"""Where the structured types of arrays are that kernels take."""
 
 
 class Kernel(NamedTuple):
@@ -21,8 +23,8 @@ class Kernel(NamedTuple):
     Attributes:
         module: where it is.
         name: of the function there.
-        arguments: types as plain data: "float64", "float64[2C]", "uint8[1C readonly]", a list for a tuple,
-            {"module.Class": list} for a named one.
+        arguments: types as plain data: "float64", "float64[2C]", "uint8[1C readonly]", "module.DTYPE[1C]", a list for a
+            tuple, {"module.Class": list} for a named one.
     """
 
     module: str
@@ -60,11 +62,19 @@ def type_of(plain: Any) -> Any:  # noqa: ANN401
     if array := _ARRAY.fullmatch(plain):
         scalar, n_axes, layout, readonly = array.groups()
         array_type: Any = types.Array
-        return array_type(getattr(types, scalar), int(n_axes), layout, readonly=bool(readonly))
+        dtype = _record(scalar) if "." in scalar else getattr(types, scalar)
+        return array_type(dtype, int(n_axes), layout, readonly=bool(readonly))
     found = types.boolean if plain == "bool" else getattr(types, plain)
     if not isinstance(found, types.Type):
         raise TypeError(f"found {plain!r}, expected the name of a type")
     return found
+
+
+def _record(place: str) -> types.Type:
+    """The type of what an array of a structured type holds."""
+    module, name = place.rsplit(".", 1)
+    made: types.Type = from_dtype(getattr(import_module(module), name))
+    return made
 
 
 def _tuple(fields: Sequence[types.Type], named: type | None = None) -> Any:  # noqa: ANN401
@@ -84,7 +94,15 @@ def plain_type(given: Any) -> Any:  # noqa: ANN401
         named = getattr(given, "instance_class", tuple)
         return fields if named is tuple else {f"{named.__module__}.{named.__qualname__}": fields}
     if isinstance(given, types.Array):
-        return f"{given.dtype}[{given.ndim}{given.layout}{'' if given.mutable else ' readonly'}]"
+        dtype = _place_of(given.dtype) if isinstance(given.dtype, types.Record) else given.dtype
+        return f"{dtype}[{given.ndim}{given.layout}{'' if given.mutable else ' readonly'}]"
     if isinstance(given, types.Number | types.Boolean):
         return str(given)
     raise ValueError(f"found {given}, expected numbers, arrays and tuples of them")
+
+
+def _place_of(record: types.Record) -> str:
+    for place in _RECORDS:
+        if _record(place) == record:
+            return place
+    raise ValueError(f"found {record}, expected one of {', '.join(_RECORDS)}")

@@ -3,9 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from graph._assign_kernels import assign
 from graph.compiled import compiled
-from iceg.maps.landmark_arrays import INTERSECTION, Observed, Settings, Store
+from iceg.maps.landmark_arrays import INTERSECTION, Records, Settings
 
 F64 = NDArray[np.float64]
 I64 = NDArray[np.int64]
@@ -13,15 +12,15 @@ Bool = NDArray[np.bool_]
 
 
 @compiled
-def _observation_noise(observed: Observed, settings: Settings) -> F64:
+def _observation_noise(features: Records, settings: Settings) -> F64:
     """(n_features, 3) entries xx, xy, yy of each feature's covariance, the error of the key pose included.
 
     That error is a shift, and a turn that moves the feature across its line of sight.
     """
-    noise = np.empty((len(observed.kinds), 3))
-    for f in range(len(observed.kinds)):
-        x, y = observed.positions[f, 0], observed.positions[f, 1]
-        covariance = observed.covariances[f]
+    noise = np.empty((len(features), 3))
+    for f in range(len(features)):
+        covariance = features[f].covariance
+        x, y = features[f].position
         noise[f, 0] = covariance[0, 0] + settings.pose_variance + settings.heading_variance * y * y
         noise[f, 1] = covariance[0, 1] - settings.heading_variance * x * y
         noise[f, 2] = covariance[1, 1] + settings.pose_variance + settings.heading_variance * x * x
@@ -30,61 +29,41 @@ def _observation_noise(observed: Observed, settings: Settings) -> F64:
 
 @compiled
 def _associate(
-    observed: Observed, noise: F64, store: Store, near: I64, near_p: F64, near_turn: F64, settings: Settings
-) -> tuple[I64, Bool, Bool]:
+    features: Records, noise: F64, landmarks: Records, near: I64, near_p: F64, near_turn: F64, settings: Settings
+) -> tuple[I64, Bool]:
     """Give each real feature at most one landmark and each landmark at most one feature, cheapest pairs first.
 
     Returns:
-        For each feature its place in `near` or -1, for each near landmark whether it has a feature, and whether a
-        feature without landmark lies close to it: a weak one, or one that failed a gate.
+        For each feature its place in `near` or -1, and for each near landmark whether it is accounted for: it has a
+        feature, or one without landmark lies close to it, a weak one, or one that failed a gate.
     """
-    n_features, n_near = len(observed.kinds), len(near)
+    n_features, n_near = len(features), len(near)
     landmark_of = np.full(n_features, -1, np.int64)
-    taken = np.zeros(n_near, np.bool_)
-    close_feature, close_near = _close_pairs(observed, near_p, settings.max_distance)
-    cost = _pair_costs(close_feature, close_near, observed, noise, store, near, near_p, near_turn, settings)
+    accounted = np.zeros(n_near, np.bool_)
+    close_feature, close_near = _close_pairs(features, near_p, settings.max_distance)
+    cost = _pair_costs(close_feature, close_near, features, noise, landmarks, near, near_p, near_turn, settings)
     for pair in _ascending(cost):
         f, j = close_feature[pair], close_near[pair]
-        if landmark_of[f] < 0 and not taken[j]:
+        if landmark_of[f] < 0 and not accounted[j]:
             landmark_of[f] = j
-            taken[j] = True
-    explained = np.zeros(n_near, np.bool_)
+            accounted[j] = True
     for pair in range(len(cost)):
-        explained[close_near[pair]] |= landmark_of[close_feature[pair]] < 0
-    return landmark_of, taken, explained
+        accounted[close_near[pair]] |= landmark_of[close_feature[pair]] < 0
+    return landmark_of, accounted
 
 
 @compiled
-def _close_pairs(observed: Observed, near_p: F64, max_distance: float) -> tuple[I64, I64]:
+def _close_pairs(features: Records, near_p: F64, max_distance: float) -> tuple[I64, I64]:
     """All pairs of a feature and a near landmark within max_distance [m]."""
-    order = _ascending(observed.positions[:, 0].copy())
-    xs = np.empty(len(order))
-    for rank in range(len(order)):
-        xs[rank] = observed.positions[order[rank], 0]
-    pair_feature, pair_near = np.empty(256, np.int64), np.empty(256, np.int64)
+    n_features, n_near = len(features), len(near_p)
+    pair_feature, pair_near = np.empty(n_features * n_near, np.int64), np.empty(n_features * n_near, np.int64)
     n_pairs = 0
-    if len(order) == 0:
-        return pair_feature[:0], pair_near[:0]
-    lowest, highest = np.inf, -np.inf
-    for rank in range(len(order)):
-        y = observed.positions[order[rank], 1]
-        lowest, highest = min(lowest, y), max(highest, y)
-    for j in range(len(near_p)):
-        x, y = near_p[j, 0], near_p[j, 1]
-        outside = max(xs[0] - x, x - xs[len(xs) - 1], lowest - y, y - highest)
-        if outside > 0.0 and outside * outside > max_distance * max_distance:
-            continue  # as all that lies behind the robot
-        for rank in range(np.searchsorted(xs, x - max_distance), len(xs)):
-            dx = xs[rank] - x
-            if dx > max_distance:
-                break
-            dy = observed.positions[order[rank], 1] - y
-            if dx * dx + dy * dy > max_distance * max_distance:
-                continue
-            if n_pairs == len(pair_near):
-                pair_feature, pair_near = _twice_as_long(pair_feature), _twice_as_long(pair_near)
-            pair_feature[n_pairs], pair_near[n_pairs] = order[rank], j
-            n_pairs += 1
+    for j in range(n_near):
+        for f in range(n_features):
+            dx, dy = features[f].position[0] - near_p[j, 0], features[f].position[1] - near_p[j, 1]
+            if dx * dx + dy * dy <= max_distance * max_distance:
+                pair_feature[n_pairs], pair_near[n_pairs] = f, j
+                n_pairs += 1
     return pair_feature[:n_pairs], pair_near[:n_pairs]
 
 
@@ -106,54 +85,41 @@ def _ascending(values: F64) -> I64:
 
 
 @compiled
-def _twice_as_long(numbers: I64) -> I64:
-    """A copy with room for as many more."""
-    longer = np.empty(2 * len(numbers), np.int64)
-    assign(longer[: len(numbers)], numbers)
-    return longer
-
-
-@compiled
 def _pair_costs(
     close_feature: I64,
     close_near: I64,
-    observed: Observed,
+    features: Records,
     noise: F64,
-    store: Store,
+    landmarks: Records,
     near: I64,
     near_p: F64,
     near_turn: F64,
     settings: Settings,
 ) -> F64:
     """Squared normalised distance of each close pair in position and directions; infinite beyond a gate."""
-    positions, directions, variances = observed.positions, observed.directions, observed.direction_variances
-    covariances, known_directions = store.covariances, store.directions
-    known_variances = store.direction_variances
     costs = np.full(len(close_feature), np.inf)
     for pair in range(len(costs)):
         f, j = close_feature[pair], close_near[pair]
-        k = near[j]
-        kind = observed.kinds[f]
-        if not observed.real[f] or not _same_kind(kind, store.kinds[k]):
+        feature, landmark = features[f], landmarks[near[j]]
+        if not feature.real or not _same_kind(feature.kind, landmark.kind):
             continue
         turn = np.arctan2(near_turn[j, 1], near_turn[j, 0])
-        a0, a1 = directions[f, 0] - turn, directions[f, 1] - turn
-        w0, w1, d0, d1 = _pair_directions(kind, a0, a1, known_directions[k, 0], known_directions[k, 1])
+        a0, a1 = feature.directions[0] - turn, feature.directions[1] - turn
+        known, known_variances, covariance = landmark.directions, landmark.direction_variances, landmark.covariance
+        w0, w1, d0, d1 = _pair_directions(feature.kind, a0, a1, known[0], known[1])
         if (w0 < 0 and w1 < 0) or abs(d0) > settings.max_angle or abs(d1) > settings.max_angle:
             continue
-        dx, dy = positions[f, 0] - near_p[j, 0], positions[f, 1] - near_p[j, 1]
-        pxx, pxy, pyy = _rotated(
-            covariances[k, 0, 0], covariances[k, 0, 1], covariances[k, 1, 1], near_turn[j, 0], near_turn[j, 1]
-        )
+        dx, dy = feature.position[0] - near_p[j, 0], feature.position[1] - near_p[j, 1]
+        pxx, pxy, pyy = _rotated(covariance[0, 0], covariance[0, 1], covariance[1, 1], near_turn[j, 0], near_turn[j, 1])
         sxx, sxy, syy = pxx + noise[f, 0], pxy + noise[f, 1], pyy + noise[f, 2]
         cost = (syy * dx * dx - 2.0 * sxy * dx * dy + sxx * dy * dy) / (sxx * syy - sxy * sxy)
         if cost > settings.gate:
             continue
-        variance = variances[f] + settings.heading_variance
+        variance = feature.direction_variance + settings.heading_variance
         if w0 >= 0:
-            cost += d0 * d0 / (variance + known_variances[k, w0])
+            cost += d0 * d0 / (variance + known_variances[w0])
         if w1 >= 0:
-            cost += d1 * d1 / (variance + known_variances[k, w1])
+            cost += d1 * d1 / (variance + known_variances[w1])
         costs[pair] = cost
     return costs
 

@@ -283,7 +283,10 @@ def extent(
 ) -> tuple[float, float, float, float]:
     """A box (x_min, y_min, x_max, y_max) [m] that holds the lasers and all footprints."""
     n_beams = len(bearings)
-    cos, sin = np.cos(bearings), np.sin(bearings)
+    cos, sin, widest = np.empty(n_beams), np.empty(n_beams), 0.0
+    for i in range(n_beams):
+        cos[i], sin[i] = np.cos(bearings[i]), np.sin(bearings[i])
+        widest = max(widest, half_widths[i, 0], half_widths[i, 1])
     x_min, y_min, x_max, y_max = np.inf, np.inf, -np.inf, -np.inf
     farthest = 0.0
     for k in range(len(T_map_laser)):
@@ -298,7 +301,7 @@ def extent(
             x_min, x_max = min(x_min, px), max(x_max, px)
             y_min, y_max = min(y_min, py), max(y_max, py)
     # A footprint reaches no farther from its axis than the arc to its border.
-    side = farthest * half_widths.max()
+    side = farthest * widest
     return x_min - side, y_min - side, x_max + side, y_max + side
 
 

@@ -3,10 +3,9 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from graph._assign_kernels import assign
 from graph.compiled import ZERO, compiled, compiled_aside
 from iceg.maps._association_kernels import _associate, _observation_noise, _pair_directions, _rotated, _wrap
-from iceg.maps.landmark_arrays import CORNER, END_OF_WALL, Observed, Settings, Store
+from iceg.maps.landmark_arrays import CORNER, END_OF_WALL, Observed, Records, Settings
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -19,9 +18,9 @@ def observe(
     first_key: int,
     ends: I64,
     frames: F64,
-    features: Observed,
+    seen: Observed,
     ranges: F32,
-    store: Store,
+    landmarks: Records,
     valid: I64,
     n_valid: int,
     count: int,
@@ -33,9 +32,9 @@ def observe(
         first_key: index of the first scan's key pose; the others follow.
         ends: (n_scans,) where the features of each scan end among all.
         frames: (n_keys, 4) x, y [m], cosine and sine of the heading of each key pose in the map frame.
-        features: of all scans; its ranges are not looked at.
+        seen: the features of all scans; its ranges are not looked at.
         ranges: (n_scans, n_beams) of the scans.
-        store: the landmarks, changed in place, with room for the features of all scans.
+        landmarks: `LANDMARK` each, changed in place, with room for the features of all scans.
         valid: (≥ n_valid + n_features,) the landmarks that have not expired, ascending, changed in place.
         n_valid: how many these are.
         count: number of landmarks so far.
@@ -47,26 +46,16 @@ def observe(
     start = ZERO
     for scan in range(len(ends)):
         end = ends[scan]
-        observed = Observed(
-            features.kinds[start:end],
-            features.positions[start:end],
-            features.directions[start:end],
-            features.covariances[start:end],
-            features.direction_variances[start:end],
-            features.distances[start:end],
-            features.real[start:end],
-            ranges[scan],
-            features.bearings,
-            features.T_robot_laser,
-        )
+        observed = Observed(seen.features[start:end], ranges[scan], seen.bearings, seen.T_robot_laser)
         key = first_key + scan
-        near, near_p, near_turn = _nearby(key, frames, observed, store, valid[:n_valid], settings)
-        noise = _observation_noise(observed, settings)
-        landmark_of, taken, explained = _associate(observed, noise, store, near, near_p, near_turn, settings)
-        _fuse(key, observed, noise, store, near, near_p, near_turn, landmark_of, settings)
-        _judge(key, observed, store, near, near_p, near_turn, taken | explained, settings)
-        more = _add(key, observed, store, count, landmark_of, settings)
-        n_valid = _drop_expired(valid, n_valid, store.expired_at)
+        near, near_p, near_turn = _nearby(key, frames, observed, landmarks, valid[:n_valid], settings)
+        features = observed.features
+        noise = _observation_noise(features, settings)
+        landmark_of, accounted = _associate(features, noise, landmarks, near, near_p, near_turn, settings)
+        _fuse(key, features, noise, landmarks, near, near_p, near_turn, landmark_of, settings)
+        _judge(key, observed, landmarks, near, near_p, near_turn, accounted, settings)
+        more = _add(key, features, landmarks, count, landmark_of, settings)
+        n_valid = _drop_expired(valid, n_valid, landmarks)
         for new in range(count, more):
             valid[n_valid] = new
             n_valid += 1
@@ -75,11 +64,11 @@ def observe(
 
 
 @compiled
-def _drop_expired(valid: I64, n_valid: int, expired_at: I64) -> int:
+def _drop_expired(valid: I64, n_valid: int, landmarks: Records) -> int:
     """Close up over the landmarks that have expired: the cost depends on what is there, not on what ever was."""
     kept = ZERO
     for place in range(n_valid):
-        if expired_at[valid[place]] < 0:
+        if landmarks[valid[place]].expired_at < 0:
             valid[kept] = valid[place]
             kept += 1
     return kept
@@ -87,7 +76,7 @@ def _drop_expired(valid: I64, n_valid: int, expired_at: I64) -> int:
 
 @compiled
 def _nearby(
-    key: int, frames: F64, observed: Observed, store: Store, valid: I64, settings: Settings
+    key: int, frames: F64, observed: Observed, landmarks: Records, valid: I64, settings: Settings
 ) -> tuple[I64, F64, F64]:
     """Valid landmarks within reach of a key pose.
 
@@ -97,17 +86,18 @@ def _nearby(
     """
     kx, ky, kc, ks = frames[key]
     reach = settings.visible_range
-    for f in range(len(observed.kinds)):
-        if observed.distances[f] <= settings.landmark_range:
-            reach = max(reach, observed.distances[f] + settings.max_distance)
+    for f in range(len(observed.features)):
+        distance = observed.features[f].distance
+        if distance <= settings.landmark_range:
+            reach = max(reach, distance + settings.max_distance)
     reach += np.hypot(observed.T_robot_laser[0], observed.T_robot_laser[1])
     near = np.empty(len(valid), np.int64)
     near_p = np.empty((len(valid), 2))
     near_turn = np.empty((len(valid), 2))
     n = 0
     for k in valid:
-        ax, ay, ac, a_s = frames[store.anchors[k]]
-        px, py = store.positions[k, 0], store.positions[k, 1]
+        ax, ay, ac, a_s = frames[landmarks[k].anchor]
+        px, py = landmarks[k].position
         mx, my = ax + ac * px - a_s * py - kx, ay + a_s * px + ac * py - ky
         if mx * mx + my * my > reach * reach:
             continue
@@ -121,9 +111,9 @@ def _nearby(
 @compiled
 def _fuse(
     key: int,
-    observed: Observed,
+    features: Records,
     noise: F64,
-    store: Store,
+    landmarks: Records,
     near: I64,
     near_p: F64,
     near_turn: F64,
@@ -135,30 +125,28 @@ def _fuse(
         j = landmark_of[f]
         if j < 0:
             continue
-        k = near[j]
-        dx, dy = observed.positions[f, 0] - near_p[j, 0], observed.positions[f, 1] - near_p[j, 1]
-        _fuse_position(
-            store.positions[k], store.covariances[k], noise[f], dx, dy, near_turn[j], settings.drift_variance
-        )
+        feature, landmark = features[f], landmarks[near[j]]
+        dx, dy = feature.position[0] - near_p[j, 0], feature.position[1] - near_p[j, 1]
+        _fuse_position(landmark.position, landmark.covariance, noise[f], dx, dy, near_turn[j], settings.drift_variance)
         turn = np.arctan2(near_turn[j, 1], near_turn[j, 0])
-        a0, a1 = observed.directions[f, 0] - turn, observed.directions[f, 1] - turn
-        known, variances = store.directions[k], store.direction_variances[k]
-        w0, w1, d0, d1 = _pair_directions(observed.kinds[f], a0, a1, known[0], known[1])
-        variance = observed.direction_variances[f] + settings.heading_variance
+        a0, a1 = feature.directions[0] - turn, feature.directions[1] - turn
+        known, variances = landmark.directions, landmark.direction_variances
+        w0, w1, d0, d1 = _pair_directions(feature.kind, a0, a1, known[0], known[1])
+        variance = feature.direction_variance + settings.heading_variance
         if w0 >= 0:
             _fuse_direction(known, variances, w0, d0, variance)
         if w1 >= 0:
             _fuse_direction(known, variances, w1, d1, variance)
-        if store.kinds[k] == END_OF_WALL and observed.kinds[f] == CORNER:
+        if landmark.kind == END_OF_WALL and feature.kind == CORNER:
             # The second wall, hidden so far, has appeared.
-            store.kinds[k] = CORNER
+            landmark.kind = CORNER
             hidden = 1 if w0 >= 0 else 0
             known[hidden] = _wrap(a1 if w0 >= 0 else a0)
             variances[hidden] = variance
-        store.distances[k] = min(store.distances[k], observed.distances[f])
-        store.existence[k] = min(store.existence[k] + settings.seen_evidence, settings.highest_evidence)
-        store.seen[k] += 1
-        store.last_seen[k] = key
+        landmark.distance = min(landmark.distance, feature.distance)
+        landmark.existence = min(landmark.existence + settings.seen_evidence, settings.highest_evidence)
+        landmark.seen += 1
+        landmark.last_seen = key
 
 
 @compiled
@@ -195,7 +183,7 @@ def _fuse_direction(directions: F64, variances: F64, wall: int, difference: floa
 def _judge(
     key: int,
     observed: Observed,
-    store: Store,
+    landmarks: Records,
     near: I64,
     near_p: F64,
     near_turn: F64,
@@ -214,7 +202,7 @@ def _judge(
     last_x, last_y = np.cos(bearings[-1]), np.sin(bearings[-1])
     is_wide = bearings[-1] - bearings[0] > np.pi
     for j in range(len(near)):
-        k = near[j]
+        landmark = landmarks[near[j]]
         x, y = near_p[j, 0] - laser[0], near_p[j, 1] - laser[1]
         if accounted[j] or x * x + y * y > reach * reach:
             continue
@@ -222,42 +210,44 @@ def _judge(
         is_left, is_right = first_x * y - first_y * x >= 0.0, last_x * y - last_y * x <= 0.0
         if not (is_left or is_right if is_wide else is_left and is_right):
             continue  # beside the field of view, as half of what is near
-        slack = 2.0 * np.sqrt(settings.pose_variance + max(store.covariances[k, 0, 0], store.covariances[k, 1, 1]))
+        slack = 2.0 * np.sqrt(settings.pose_variance + max(landmark.covariance[0, 0], landmark.covariance[1, 1]))
         bearing = _open_bearing(x, y, observed.ranges, bearings, reach, settings.occlusion_margin, slack)
         if np.isnan(bearing):
             continue
         to_laser = np.arctan2(near_turn[j, 1], near_turn[j, 0]) - laser[2]
-        direction0, direction1 = store.directions[k, 0] + to_laser, store.directions[k, 1] + to_laser
+        direction0, direction1 = landmark.directions[0] + to_laser, landmark.directions[1] + to_laser
         if _is_broadside(direction0 - bearing, direction1 - bearing, settings.sin_edge_on):
-            store.missed[k] += 1
-            store.existence[k] += settings.missed_evidence
-            if store.existence[k] < settings.expiry_evidence:
-                store.expired_at[k] = key
+            landmark.missed += 1
+            landmark.existence += settings.missed_evidence
+            if landmark.existence < settings.expiry_evidence:
+                landmark.expired_at = key
 
 
 @compiled
-def _add(key: int, observed: Observed, store: Store, count: int, landmark_of: I64, settings: Settings) -> int:
+def _add(key: int, features: Records, landmarks: Records, count: int, landmark_of: I64, settings: Settings) -> int:
     """Make landmarks, anchored to the key pose, of the features that have none; returns the number of landmarks."""
     for f in range(len(landmark_of)):
-        covariance = observed.covariances[f]
-        if landmark_of[f] >= 0 or not observed.real[f] or observed.distances[f] > settings.landmark_range:
+        feature = features[f]
+        if landmark_of[f] >= 0 or not feature.real or feature.distance > settings.landmark_range:
             continue
-        if max(covariance[0, 0], covariance[1, 1]) > settings.landmark_variance:
+        if max(feature.covariance[0, 0], feature.covariance[1, 1]) > settings.landmark_variance:
             continue
-        store.anchors[count] = key
-        store.kinds[count] = observed.kinds[f]
-        assign(store.positions[count], observed.positions[f])
-        assign(store.directions[count], observed.directions[f])
-        assign(store.covariances[count], covariance)
-        for wall in range(2):
-            known = not np.isnan(observed.directions[f, wall])
-            store.direction_variances[count, wall] = observed.direction_variances[f] if known else np.nan
-        store.distances[count] = observed.distances[f]
-        store.existence[count] = 0.0
-        store.first_seen[count] = store.last_seen[count] = key
-        store.seen[count] = 1
-        store.missed[count] = 0
-        store.expired_at[count] = -1
+        landmark = landmarks[count]
+        landmark.anchor = key
+        landmark.kind = feature.kind
+        for a in range(2):
+            landmark.position[a] = feature.position[a]
+            landmark.directions[a] = feature.directions[a]
+            known = not np.isnan(feature.directions[a])
+            landmark.direction_variances[a] = feature.direction_variance if known else np.nan
+            for b in range(2):
+                landmark.covariance[a, b] = feature.covariance[a, b]
+        landmark.distance = feature.distance
+        landmark.existence = 0.0
+        landmark.first_seen = landmark.last_seen = key
+        landmark.seen = 1
+        landmark.missed = 0
+        landmark.expired_at = -1
         count += 1
     return count
 
@@ -291,8 +281,7 @@ def _open_bearing(
     window = max(1.5 * spacing, position_slack / distance)
     if bearing - window < bearings[0] or bearing + window > bearings[n - 1]:
         return np.nan
-    first = np.searchsorted(bearings, bearing - window)
-    end = np.searchsorted(bearings, bearing + window)
+    first, end = _first_from(bearings, bearing - window), _first_from(bearings, bearing + window)
     returns = 0
     for i in range(first, end):
         if np.isnan(ranges[i]):
@@ -301,6 +290,19 @@ def _open_bearing(
             return np.nan
         returns += 1
     return bearing if 2 * returns > end - first else np.nan
+
+
+@compiled
+def _first_from(ascending: F64, value: float) -> int:
+    """Where the first of ascending numbers stands that is not below a value."""
+    low, high = ZERO, len(ascending)
+    while low < high:
+        middle = (low + high) // 2
+        if ascending[middle] < value:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
 @compiled

@@ -16,7 +16,7 @@ from graph.se2 import wrap_angle
 from iceg.ice.features import KIND_NAMES, Features
 from iceg.maps import _landmark_kernels as kernels
 from iceg.maps.config import FeatureMapConfig, FeatureMapError
-from iceg.maps.landmark_arrays import Observed, Settings, Store
+from iceg.maps.landmark_arrays import FEATURE, LANDMARK, Observed, Records, Settings
 
 _AT_ONCE = 1000
 """So many key scans are entered by one call; their features need memory together."""
@@ -99,7 +99,7 @@ class FeatureMap:
         self.config = config or FeatureMapConfig()
         self._frames = np.full((64, 4), np.nan)
         self._count = 0
-        self._store = _empty_store(256)
+        self._landmarks: Records = np.zeros(256, LANDMARK)
         self._valid = np.zeros(0, np.int64)
 
     def __len__(self) -> int:
@@ -177,29 +177,29 @@ class FeatureMap:
         Raises:
             FeatureMapError: if the pose of an anchor is not among key_poses.
         """
-        store = Store(**{name: getattr(self._store, name)[: self._count] for name in Store._fields})
+        landmarks = self._landmarks[: self._count]
         frames = self._frames if key_poses is None else _frames(np.asarray(key_poses, dtype=np.float64))
-        anchors = store.anchors
+        anchors = landmarks["anchor"].copy()
         if len(anchors) and anchors.max() >= len(frames):
             raise FeatureMapError(f"a landmark is anchored to key pose {anchors.max()}, given are {len(frames)}")
         x, y, cos, sin = frames[anchors].T
         rotation = np.stack([np.stack([cos, -sin], -1), np.stack([sin, cos], -1)], -2)
-        positions = np.stack([x, y], -1) + dense.matvec(rotation, store.positions)
-        directions = store.directions + arctan2(sin, cos)[:, None]
+        positions = np.stack([x, y], -1) + dense.matvec(rotation, landmarks["position"])
+        directions = landmarks["directions"] + arctan2(sin, cos)[:, None]
         return Landmarks(
             ids=np.arange(self._count),
-            kinds=store.kinds.copy(),
+            kinds=landmarks["kind"].copy(),
             positions=positions,
             directions=wrap_angle(directions),
-            covariances=dense.congruence(rotation, store.covariances),
-            direction_variances=store.direction_variances.copy(),
-            distances=store.distances.copy(),
-            anchors=anchors.copy(),
-            first_seen=store.first_seen.copy(),
-            last_seen=store.last_seen.copy(),
-            seen=store.seen.copy(),
-            missed=store.missed.copy(),
-            expired_at=store.expired_at.copy(),
+            covariances=dense.congruence(rotation, landmarks["covariance"]),
+            direction_variances=landmarks["direction_variances"].copy(),
+            distances=landmarks["distance"].copy(),
+            anchors=anchors,
+            first_seen=landmarks["first_seen"].copy(),
+            last_seen=landmarks["last_seen"].copy(),
+            seen=landmarks["seen"].copy(),
+            missed=landmarks["missed"].copy(),
+            expired_at=landmarks["expired_at"].copy(),
         )
 
     def _place(self, key_index: int, T_map_key: NDArray[np.float64]) -> None:
@@ -215,10 +215,9 @@ class FeatureMap:
     def _enter(self, first_key: int, key_features: Sequence[Features], key_scans: Sequence[Scan]) -> None:
         """Enter the features of key scans, taken by one laser at key poses that have their places."""
         geometry = key_scans[0].geometry
-        table = {f.name: np.concatenate([getattr(one, f.name) for one in key_features]) for f in fields(Features)}
         ranges = np.stack([scan.ranges for scan in key_scans])
         observed = Observed(
-            **table,
+            features=_records(key_features),
             ranges=ranges[0],
             bearings=np.ascontiguousarray(geometry.bearings),
             T_robot_laser=np.ascontiguousarray(geometry.T_robot_laser),
@@ -228,16 +227,24 @@ class FeatureMap:
         valid = np.concatenate([self._valid, np.empty(ends[-1], np.int64)])
         settings = _kernel_settings(self.config, geometry.range_max)
         self._count, n_valid = kernels.observe(
-            first_key, ends, self._frames, observed, ranges, self._store, valid, len(self._valid), self._count, settings
+            first_key,
+            ends,
+            self._frames,
+            observed,
+            ranges,
+            self._landmarks,
+            valid,
+            len(self._valid),
+            self._count,
+            settings,
         )
         self._valid = valid[:n_valid]
 
     def _reserve(self, capacity: int) -> None:
-        if capacity > len(self._store.kinds):
-            longer = _empty_store(2 * capacity)
-            for name in Store._fields:
-                getattr(longer, name)[: self._count] = getattr(self._store, name)[: self._count]
-            self._store = longer
+        if capacity > len(self._landmarks):
+            longer: Records = np.zeros(2 * capacity, LANDMARK)
+            longer[: self._count] = self._landmarks[: self._count]
+            self._landmarks = longer
 
 
 def build_feature_map(
@@ -267,22 +274,12 @@ def _frames(key_poses: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([key_poses[:, 0], key_poses[:, 1], *cos_sin(key_poses[:, 2])], axis=1)
 
 
-def _empty_store(capacity: int) -> Store:
-    return Store(
-        anchors=np.zeros(capacity, np.int64),
-        kinds=np.zeros(capacity, np.int8),
-        positions=np.zeros((capacity, 2)),
-        directions=np.zeros((capacity, 2)),
-        covariances=np.zeros((capacity, 2, 2)),
-        direction_variances=np.zeros((capacity, 2)),
-        distances=np.zeros(capacity),
-        existence=np.zeros(capacity),
-        first_seen=np.zeros(capacity, np.int64),
-        last_seen=np.zeros(capacity, np.int64),
-        seen=np.zeros(capacity, np.int64),
-        missed=np.zeros(capacity, np.int64),
-        expired_at=np.zeros(capacity, np.int64),
-    )
+def _records(scans_features: Sequence[Features]) -> Records:
+    """(n,) `FEATURE` each: those of all scans."""
+    records: Records = np.empty(sum(map(len, scans_features)), FEATURE)
+    for name, field in zip(FEATURE.names or (), fields(Features), strict=True):
+        records[name] = np.concatenate([getattr(features, field.name) for features in scans_features])
+    return records
 
 
 def _kernel_settings(config: FeatureMapConfig, range_max: float) -> Settings:

@@ -83,7 +83,10 @@ def surfels(placed: F64, turned: F64, cell: float, member: I64) -> tuple[F64, I6
         places, -1 where free; the surfel of each place in it.
     """
     n = len(placed)
-    x0, y0 = placed[:, 0].min() - 100.0, placed[:, 1].min() - 100.0
+    x0, y0 = np.inf, np.inf
+    for i in range(n):
+        x0, y0 = min(x0, placed[i, 0]), min(y0, placed[i, 1])
+    x0, y0 = x0 - 100.0, y0 - 100.0
     keys, surfel_at = np.full(_FIRST_PLACES, -1), np.empty(_FIRST_PLACES, np.int64)
     sums = np.empty((_FIRST_PLACES // 2, 5))
     count = 0
@@ -101,7 +104,8 @@ def surfels(placed: F64, turned: F64, cell: float, member: I64) -> tuple[F64, I6
                     spot = _find(keys, key)
                 keys[spot] = key
                 surfel_at[spot] = count
-                sums[count] = 0.0
+                for a in range(5):
+                    sums[count, a] = 0.0
                 count += 1
             k = surfel_at[spot]
             if sums[k, 2] * turned[i, 0] + sums[k, 3] * turned[i, 1] < _SAME_FACING * sums[k, 4]:
