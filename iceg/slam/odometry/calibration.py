@@ -253,9 +253,12 @@ def _fit_moves(samples: _Samples, windows: _Samples, config: CalibrationConfig) 
         ]
     )
     long_error, _, long_x, long_y = _equations(windows)
-    scaled, deviations = _robust_fit(
+    # Fitted to what the matches say, as the scale of turns is, and for the same reason.
+    long_x[:, 0], long_y[:, 0] = windows.matched[:, 0], windows.matched[:, 1]
+    inverse, deviations = _robust_fit(
         np.vstack([long_x, long_y]), np.concatenate([long_error[:, 0], long_error[:, 1]]), prior
     )
+    scaled = inverse / (1.0 - inverse[0])
     error, _, rows_x, rows_y = _equations(samples)
     rows = np.vstack([rows_x, rows_y])
     unscaled = np.concatenate([error[:, 0], error[:, 1]]) - scaled[0] * rows[:, 0]
