@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.logs._number_kernels import _is_space, scan_numbers
-from graph.compiled import compiled
+from graph.compiled import compiled, compiled_aside
 
 U8 = NDArray[np.uint8]
 F32 = NDArray[np.float32]
@@ -44,7 +44,7 @@ class Rows(NamedTuple):
     stamps: F64
 
 
-@compiled
+@compiled_aside
 def scan_sweeps(text: U8, start: int, names: U8, lengths: I64, plain: Plain, rows: Rows, counts: I64) -> int:
     """Read line after line until one is not plain, or there is no more room.
 

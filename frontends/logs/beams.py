@@ -153,11 +153,13 @@ def stack_sweeps(
     """
     found = {setup: find_beams(setup, parameters) for setup in dict.fromkeys(setups)}
     bearings = found[usual].bearings
-    stacked = np.empty((len(sweeps), len(bearings)), dtype=np.float32)
-    for row, (ranges, setup) in enumerate(zip(sweeps, setups, strict=True)):
-        in_order = found[setup].in_order(ranges)
-        is_usual = setup is usual or setup == usual
-        stacked[row] = in_order if is_usual else place_on_bearings(in_order, found[setup].bearings, bearings)
+    rows = [
+        found[setup].in_order(ranges)
+        if setup is usual or setup == usual
+        else place_on_bearings(found[setup].in_order(ranges), found[setup].bearings, bearings)
+        for ranges, setup in zip(sweeps, setups, strict=True)
+    ]
+    stacked = np.concatenate(rows, dtype=np.float32).reshape(len(rows), len(bearings))
     warnings = list(found[usual].warnings)
     others = Counter(setup.n_beams for setup in setups if setup != usual)
     if others:

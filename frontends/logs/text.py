@@ -13,6 +13,7 @@ from typing import BinaryIO, NamedTuple, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.logs.ahead import ahead
 from frontends.logs.errors import LogError
 from graph.errors import reason
 from graph.files import check_file
@@ -99,7 +100,7 @@ class TextLog:
     def _whole_lines(self) -> Iterator[tuple[bytes, bool]]:
         """Blocks that end with a newline, and at last what follows the last newline."""
         pending: list[bytes] = []
-        for chunk in self._chunks():
+        for chunk in ahead(self._joined_chunks()):
             cut = chunk.rfind(b"\n") + 1
             if cut == 0:
                 pending.append(chunk)
@@ -108,6 +109,20 @@ class TextLog:
             yield b"".join([*pending, chunk[:cut]]), True
             pending = [chunk[cut:]]
         yield b"".join(pending), False
+
+    def _joined_chunks(self) -> Iterator[bytes]:
+        """The chunks together as blocks that are worth a pass each."""
+        chunks: list[bytes] = []
+        try:
+            for chunk in self._chunks():
+                chunks.append(chunk)
+                if sum(map(len, chunks)) >= _BLOCK_BYTES:
+                    yield b"".join(chunks)
+                    chunks.clear()
+        except LogError:
+            yield b"".join(chunks)  # what comes before the damage is read before it is told
+            raise
+        yield b"".join(chunks)
 
     def _check_line(self, size: int) -> None:
         if size > LIMITS.line_bytes:

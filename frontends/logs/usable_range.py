@@ -78,8 +78,8 @@ def warn_of_no_returns(ranges: NDArray[np.float32]) -> list[str]:
 
 
 def _longest(positive: NDArray[np.float32], *, below: float, cap: float) -> float:
-    left = positive[(positive < below) & (positive <= np.float32(cap))]
-    return float(left.max()) if len(left) else min(DEFAULT_RANGE_CAP, below)
+    longest = float(np.max(positive, initial=0.0, where=(positive < below) & (positive <= np.float32(cap))))
+    return longest if longest > 0.0 else min(DEFAULT_RANGE_CAP, below)
 
 
 def _far_constant(positive: NDArray[np.float32]) -> float:
