@@ -21,6 +21,8 @@ _READING = "{desc}: {percentage:3.0f}%|{bar:20}| {n_fmt}/{total_fmt} messages, {
 _COMPILING = "{desc}: {percentage:3.0f}%|{bar:20}| {n_fmt} of {total_fmt}, {elapsed} gone"
 _SHORT_READ_S = 1.0
 _INTERVAL_ON_TERMINAL_S, _INTERVAL_IN_FILE_S = 0.1, 5.0
+_SHOWN_EVERY_S = 0.05
+"""A stage tells thousands of times a second where it stands."""
 _SHARES: dict[Stage, float] = {
     "matching": 35.0,
     "sweep": 3.0,
@@ -56,6 +58,7 @@ class ProgressBar:
         self.matching = Progress(scans=0, tried=0, accepted=0)
         self._log = log
         self._started = time.perf_counter()
+        self._shown: tuple[Stage | None, float] = (None, self._started)
         self._bar = _bar(desc=f"{log.path.name}, starting", total=100.0, bar_format=_BAR)
 
     def __enter__(self) -> Self:
@@ -73,6 +76,11 @@ class ProgressBar:
             return
         if progress.stage == "matching":
             self.matching = progress
+        now = time.perf_counter()
+        is_early = progress.stage == self._shown[0] and now < self._shown[1] + _SHOWN_EVERY_S
+        if is_early and progress.scans < len(self._log):
+            return
+        self._shown = (progress.stage, now)
         before = sum(share for stage, share in _SHARES.items() if _place(stage) < _place(progress.stage))
         within = _SHARES["matching"] * self._done(progress) if progress.stage == "matching" else 0.0
         words = _WORDS.get(progress.stage, progress.stage)
