@@ -10,7 +10,7 @@ from frontends.scan import Scan, ScanGeometry
 from iceg.ice import _agreement_kernels as kernels
 from iceg.ice.config import FeatureConfig, IceConfigError, LocalMapConfig, RefinementConfig
 from iceg.ice.features import CORNER, END_OF_WALL, FeatureRows
-from iceg.ice.local_map import LocalMap, box_around, reach_of
+from iceg.ice.local_map import LocalMap, box_around
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.points import ScanPoints
 from iceg.ice.verification import Agreement, view
@@ -162,12 +162,13 @@ def test_the_box_holds_the_points_within_reach() -> None:
     assert upper.tolist() == [6.0, 11.0]
 
 
-def test_a_map_reaches_as_far_as_a_scan_sees_where_much_of_it_is_far() -> None:
+@pytest.mark.parametrize(("n_far", "reached"), [(0, 25.0), (10, 25.0), (11, 38.0)])
+def test_a_box_reaches_as_far_as_a_scan_sees_where_much_of_it_is_far(n_far: int, reached: float) -> None:
     near = np.column_stack([np.linspace(1.0, 20.0, 30), np.zeros(30)])
-    assert reach_of(near, 25.0) == 25.0
-    assert reach_of(np.r_[near, [[0.0, 38.0]] * 10], 25.0) == 25.0
-    assert reach_of(np.r_[near, [[0.0, 38.0]] * 11], 25.0) == 38.0
-    assert reach_of(np.empty((0, 2)), 25.0) == 25.0
+    before = np.array([[0.0, -70.0], [0.0, 70.0]])
+    points = [before, np.r_[near, np.tile([[0.0, 38.0]], (n_far, 1))]]
+    lower, upper = box_around(points, np.zeros((2, 3)), reach=25.0, margin=0.0)
+    assert (lower.tolist(), upper.tolist()) == ([0.0, -reached], [20.0, reached])
 
 
 def wall_at(x: float) -> F64:

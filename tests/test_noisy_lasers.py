@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from frontends.laser_noise import LaserNoise
@@ -16,9 +17,11 @@ from iceg.config import Config, ConfigError, LaserConfig
 from iceg.evaluation.consistency import pose_nees
 from iceg.evaluation.noise_bound import scan_information, trajectory_bound
 from iceg.evaluation.trajectory import trajectory_errors
-from iceg.ice import _surfel_kernels as surfel_kernels
+from iceg.ice.config import FeatureConfig, LocalMapConfig
+from iceg.ice.features import FeatureRows
+from iceg.ice.local_map import LocalMap
 from iceg.ice.noise import ALLOWED, PLAIN, beyond_allowed
-from iceg.ice.points import extract_points
+from iceg.ice.points import ScanPoints, extract_points
 from iceg.maps.config import GridConfig
 from iceg.slam.noise_widths import widened
 from iceg.slam.pipeline import run
@@ -86,14 +89,19 @@ def test_surfels_of_one_wall_gather_on_it() -> None:
     rng = np.random.default_rng(0)
     points = np.column_stack([rng.uniform(0.5, 3.5, 2000), 2.0 + rng.normal(0, 0.1, 2000)])
     normals = np.tile([0.0, -1.0], (2000, 1))
-    table, sums, surfels = np.full((40, 40, 2), -1, np.int32), np.empty((2000, 5)), np.empty((2000, 4))
-    starts, poses, origin = np.array([0, 2000]), np.zeros((1, 3)), np.zeros(2)
-    n = surfel_kernels.add_surfels(points, normals, starts, poses, origin, 0.1, table, sums, surfels, 0)
-    before = np.abs(surfels[:n, 1] - 2.0)
-    surfel_kernels.sharpen(sums[:n], table, origin, 0.1, 0.1, surfels[:n])
-    after = np.abs(surfels[:n, 1] - 2.0)
+    cloud = ScanPoints(points=points, normals=normals, beams=np.arange(2000, dtype=np.int32), spreads=np.ones(2000))
+    plain, sharp = (_surfels_of(cloud, sharpen) for sharpen in (0.0, 0.1))
+    before, after = (np.abs(surfels[:, 1] - 2.0) for surfels in (plain, sharp))
     assert after.mean() < 0.4 * before.mean()
-    np.testing.assert_allclose(surfels[:n, 3], -1.0, atol=1e-9)
+    np.testing.assert_allclose(sharp[:, 3], -1.0, atol=1e-9)
+
+
+def _surfels_of(cloud: ScanPoints, sharpen: float) -> NDArray[np.float64]:
+    """Of a local map that holds one scan alone."""
+    local_map = LocalMap(np.zeros(2), np.full(2, 4.0), LocalMapConfig(sharpen=sharpen), FeatureConfig())
+    nothing = FeatureRows(kinds=np.empty(0, np.int8), rows=np.empty((0, 10)))
+    local_map.add(cloud, nothing, np.zeros(3))
+    return local_map.surfels
 
 
 def test_a_stated_noise_counts_where_the_log_tells_none() -> None:

@@ -5,7 +5,7 @@ normal. A *field* stores for every cell of a regular grid which surfel is neares
 look-up.
 """
 
-from math import ceil, cos, exp, floor, hypot, sin
+from math import ceil, cos, exp, floor, hypot, sin, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,40 +22,63 @@ _SAME_FACING = 0.6
 _REACH = 2.5
 """Surfels so many widths away are sharpened by each other."""
 _SHARP_ROUNDS = 3
+_FEW_BEYOND = 0.25
+"""Share of the points of a scan that the usual reach may leave out."""
 _CROWDED = 0.3
 """Squared distance, in cells, within which a surfel makes a newer one needless."""
 
 
 @compiled
-def add_surfels(
+def add_points(
     points: F64,
     normals: F64,
     starts: I64,
     poses: F64,
-    origin: F64,
-    cell: float,
+    width: float,
     table: I32,
     sums: F64,
     surfels: F64,
     n_surfels: int,
+    origin: F64,
+    cell: float,
+    radius: float,
+    nearest: I32,
+    distance2: F32,
 ) -> int:
-    """Add the points of scans to the surfels, scan after scan.
+    """Add the points of scans to the surfels, scan after scan, and note the new surfels in their field.
 
     Args:
         points: (n, 2) in the frames of their scans [m].
         normals: (n, 2); points without a normal are left out.
         starts: (m + 1,) scan k has the points from starts[k] to starts[k + 1].
         poses: (m, 3) T_ref_robot of each scan.
-        origin: (2,) lower left corner of the table [m].
-        cell: width of its cells [m].
+        width: surfels are sharpened by neighbours weighed by a Gaussian of this width [m], see `_sharpen`; 0 for none.
         table: (ny, nx, 2) surfels of each cell, one per facing, -1 where none; extended in place.
         sums: (capacity, 5) Σx, Σy, Σnx, Σny, count; extended in place.
         surfels: (capacity, 4) mean x, y and unit normal; renewed.
         n_surfels: how many there are so far.
+        origin: (2,) lower left corner of the table, and of the field [m].
+        cell: width of their cells [m].
+        radius: see `stamp_field`, as …
+        nearest: …
+        distance2: …
 
     Returns:
         The new number of surfels.
     """
+    n = _add_surfels(points, normals, starts, poses, origin, cell, table, sums, n_surfels)
+    _average(sums[:n], surfels)
+    if width > 0.0:
+        _sharpen(sums[:n], table, origin, cell, width, surfels[:n])
+    stamp_field(surfels, n_surfels, n, origin, cell, radius, nearest, distance2, False)
+    return n
+
+
+@compiled
+def _add_surfels(
+    points: F64, normals: F64, starts: I64, poses: F64, origin: F64, cell: float, table: I32, sums: F64, n_surfels: int
+) -> int:
+    """Add points to the sums of their surfels, see `add_points`; the new number of these."""
     ny, nx = table.shape[0], table.shape[1]
     for scan in range(len(poses)):
         px, py, c, s = poses[scan, 0], poses[scan, 1], cos(poses[scan, 2]), sin(poses[scan, 2])
@@ -83,13 +106,12 @@ def add_surfels(
                 sums[k, 3] += my
                 sums[k, 4] += 1.0
                 break
-    _average(sums[:n_surfels], surfels)
     return n_surfels
 
 
 @compiled
 def _average(sums: F64, surfels: F64) -> None:
-    """Mean position and unit normal of each surfel, see `add_surfels`."""
+    """Mean position and unit normal of each surfel, see `add_points`."""
     for k in range(len(sums)):
         n, norm = sums[k, 4], hypot(sums[k, 2], sums[k, 3])
         surfels[k, 0], surfels[k, 1] = sums[k, 0] / n, sums[k, 1] / n
@@ -97,14 +119,14 @@ def _average(sums: F64, surfels: F64) -> None:
 
 
 @compiled
-def sharpen(sums: F64, table: I32, origin: F64, cell: float, width: float, surfels: F64) -> None:
+def _sharpen(sums: F64, table: I32, origin: F64, cell: float, width: float, surfels: F64) -> None:
     """Move surfels across their wall to where most points lie: mean shift (Comaniciu and Meer 2002), along the normal.
 
     Noise spreads the points of one wall over several cells, each of which has a surfel of its own. What is nearest to a
     point would then hardly ever be the wall.
 
     Args:
-        sums: (n, 5) see `add_surfels`, as …
+        sums: (n, 5) see `add_points`, as …
         table: …
         origin: …
         cell: …
@@ -125,7 +147,7 @@ def sharpen(sums: F64, table: I32, origin: F64, cell: float, width: float, surfe
 def _shift(
     k: int, sums: F64, table: I32, origin: F64, cell: float, width: float, span: int, surfels: F64, out: F64
 ) -> None:
-    """One round of `sharpen` for one surfel: its new row."""
+    """One round of `_sharpen` for one surfel: its new row."""
     x, y, nx, ny = surfels[k, 0], surfels[k, 1], surfels[k, 2], surfels[k, 3]
     # Its own cell, whence it may have moved.
     u = floor((sums[k, 0] / sums[k, 4] - origin[0]) / cell)
@@ -149,9 +171,21 @@ def _shift(
 
 
 @compiled
-def widen_box(points: F64, starts: I64, poses: F64, lower: F64, upper: F64) -> None:
-    """Widen the box from `lower` to `upper`, (2,) each, around the points (n, 2) of scans, see `add_surfels`."""
-    left, right, bottom, top = lower[0], upper[0], lower[1], upper[1]
+def box_around(points: F64, starts: I64, poses: F64, usual: float, margin: float, lower: F64, upper: F64) -> None:
+    """Smallest box on whole metres around the points of scans that lie within reach of the last of them.
+
+    Args:
+        points: (n, 2) in the frames of their scans [m].
+        starts: (m + 1,) scan k has the points from starts[k] to starts[k + 1].
+        poses: (m, 3) T_ref_robot of each scan.
+        usual: the least reach [m], see `_reach`.
+        margin: added on every side [m].
+        lower: (2,) output …
+        upper: … and (2,) the other corner [m].
+    """
+    last = len(poses) - 1
+    x0, y0, reach = poses[last, 0], poses[last, 1], _reach(points[starts[last] :], usual)
+    left, right, bottom, top = x0, x0, y0, y0
     for scan in range(len(poses)):
         px, py, c, s = poses[scan, 0], poses[scan, 1], cos(poses[scan, 2]), sin(poses[scan, 2])
         for i in range(starts[scan], starts[scan + 1]):
@@ -159,7 +193,19 @@ def widen_box(points: F64, starts: I64, poses: F64, lower: F64, upper: F64) -> N
             y = py + s * points[i, 0] + c * points[i, 1]
             left, right = min(left, x), max(right, x)
             bottom, top = min(bottom, y), max(top, y)
-    lower[0], upper[0], lower[1], upper[1] = left, right, bottom, top
+    lower[0], lower[1] = floor(max(left, x0 - reach) - margin), floor(max(bottom, y0 - reach) - margin)
+    upper[0], upper[1] = ceil(min(right, x0 + reach) + margin), ceil(min(top, y0 + reach) + margin)
+
+
+@compiled
+def _reach(points: F64, usual: float) -> float:
+    """How far a local map reaches around a scan: where the usual reach leaves out too much, as far as the scan sees."""
+    beyond, farthest2 = 0, 0.0
+    for i in range(len(points)):
+        square = points[i, 0] * points[i, 0] + points[i, 1] * points[i, 1]
+        beyond += 1 if square > usual * usual else 0
+        farthest2 = max(farthest2, square)
+    return sqrt(farthest2) if beyond > _FEW_BEYOND * len(points) else usual
 
 
 @compiled

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import ceil, floor
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -19,8 +19,6 @@ from iceg.ice.sweeps import Sweeps, joined, starts_of, sweeps_of
 
 _FEATURE_CAPACITY = 1500
 """Most features of a local map; further ones are left out."""
-_FEW_BEYOND = 0.25
-"""Share of the points of a scan that the usual reach may leave out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,11 +88,9 @@ class LocalMap:
         self, scan_points: Sequence[ScanPoints], features: Sequence[FeatureRows], T_ref_scans: NDArray[np.float64]
     ) -> None:
         """Add the points and features of scans taken at `T_ref_scans`, (n, 3)."""
-        start = self._surfel_count
         self._fill_coarse()  # with the surfels as they are, before new points move them
         self._add_points(scan_points, T_ref_scans)
         self._new_features += zip(features, T_ref_scans, strict=True)
-        self._stamp(self.fine, start, is_thin=False)
 
     def make_room(self, scan_points: ScanPoints, T_ref_scan: NDArray[np.float64], margin: float) -> None:
         """Let the box hold what a scan taken at `T_ref_scan` sees within reach.
@@ -104,8 +100,7 @@ class LocalMap:
             T_ref_scan: (3,) its pose.
             margin: where the box must grow at all, it grows by so much more [m].
         """
-        points = scan_points.points
-        lower, upper = box_around([points], T_ref_scan[None], reach_of(points, self._config.reach), 0.0)
+        lower, upper = box_around([scan_points.points], T_ref_scan[None], self._config.reach, 0.0)
         (rows, columns), cell = self.fine.nearest.shape, self.fine.cell
         (left, bottom), (right, top) = self.fine.origin.tolist(), upper.tolist()
         end = np.array((left + cell * columns, bottom + cell * rows))
@@ -117,44 +112,25 @@ class LocalMap:
         self.fine, self._coarse = _grown(self.fine, before, after), _grown(self._coarse, before, after)
         self._likelihood = None
 
-    def _stamp(self, field: NearestField, start: int, *, is_thin: bool) -> None:
-        """Note the surfels from `start` on in a field."""
-        surfel_kernels.stamp_field(
+    def _add_points(self, scan_points: Sequence[ScanPoints], T_ref_scans: NDArray[np.float64]) -> None:
+        starts, field = starts_of(scan_points), self.fine
+        self._reserve(self._surfel_count + int(starts[-1]))
+        self._surfel_count = surfel_kernels.add_points(
+            joined([one.points for one in scan_points]),
+            joined([one.normals for one in scan_points]),
+            starts,
+            T_ref_scans,
+            self._config.sharpen,
+            self._table,
+            self._sums,
             self._surfels,
-            start,
             self._surfel_count,
             field.origin,
             field.cell,
             field.radius,
             field.nearest,
             field.distance2,
-            is_thin,
         )
-
-    def _add_points(self, scan_points: Sequence[ScanPoints], T_ref_scans: NDArray[np.float64]) -> None:
-        starts = starts_of(scan_points)
-        self._reserve(self._surfel_count + int(starts[-1]))
-        self._surfel_count = surfel_kernels.add_surfels(
-            joined([one.points for one in scan_points]),
-            joined([one.normals for one in scan_points]),
-            starts,
-            T_ref_scans,
-            self.fine.origin,
-            self._config.cell,
-            self._table,
-            self._sums,
-            self._surfels,
-            self._surfel_count,
-        )
-        if self._config.sharpen > 0.0:
-            surfel_kernels.sharpen(
-                self._sums[: self._surfel_count],
-                self._table,
-                self.fine.origin,
-                self._config.cell,
-                self._config.sharpen,
-                self.surfels,
-            )
 
     @property
     def surfels(self) -> NDArray[np.float64]:
@@ -184,7 +160,18 @@ class LocalMap:
 
     def _fill_coarse(self) -> None:
         if self._in_coarse < self._surfel_count:
-            self._stamp(self._coarse, self._in_coarse, is_thin=True)
+            field = self._coarse
+            surfel_kernels.stamp_field(
+                self._surfels,
+                self._in_coarse,
+                self._surfel_count,
+                field.origin,
+                field.cell,
+                field.radius,
+                field.nearest,
+                field.distance2,
+                True,
+            )
             self._in_coarse = self._surfel_count
 
     @property
@@ -222,42 +209,24 @@ class LocalMap:
             self._sums, self._surfels = sums, surfels
 
 
-def reach_of(points: NDArray[np.float64], usual: float) -> float:
-    """How far a local map reaches around a scan [m].
-
-    Args:
-        points: (n, 2) of the scan, robot frame [m].
-        usual: the least [m].
-
-    Returns:
-        The usual reach; where that would leave out too much, as in halls and outdoors, as far as the scan sees.
-    """
-    squares = points[:, 0] ** 2 + points[:, 1] ** 2
-    beyond = int(np.count_nonzero(squares > usual * usual))
-    return usual if beyond <= _FEW_BEYOND * len(points) else float(np.sqrt(squares.max()))
-
-
 def box_around(
     points: list[NDArray[np.float64]], T_ref_scans: NDArray[np.float64], reach: float, margin: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Smallest box around the points of several scans, no farther than `reach` from the last of them.
+    """Smallest box around the points of several scans, on whole metres, so that the cells of all references lie alike.
 
     Args:
         points: (n_i, 2) of each scan, robot frame [m].
         T_ref_scans: (m, 3) their poses.
-        reach: farthest point that counts [m].
+        reach: from the last of them, to the farthest point that counts [m]; farther where that would leave out too much
+            of what it sees, as in halls and outdoors: then as far as it sees.
         margin: added on every side [m].
 
     Returns:
         Lower and upper corner, (2,) each.
     """
-    lower, upper = T_ref_scans[-1, :2].copy(), T_ref_scans[-1, :2].copy()
-    center = lower.tolist()
-    surfel_kernels.widen_box(joined(points), starts_of(points), T_ref_scans, lower, upper)
-    # On whole metres, so that the cells of every reference lie alike.
-    first = [floor(max(low, at - reach) - margin) for low, at in zip(lower.tolist(), center, strict=True)]
-    last = [ceil(min(high, at + reach) + margin) for high, at in zip(upper.tolist(), center, strict=True)]
-    return np.array(first, dtype=np.float64), np.array(last, dtype=np.float64)
+    lower, upper = np.empty(2), np.empty(2)
+    surfel_kernels.box_around(joined(points), starts_of(points), T_ref_scans, reach, margin, lower, upper)
+    return lower, upper
 
 
 def _grown(field: NearestField, before: NDArray[np.float64], after: NDArray[np.float64]) -> NearestField:

@@ -19,7 +19,7 @@ from iceg.ice.covariance import score_covariance
 from iceg.ice.features import FeatureRows, Features, feature_rows, packed
 from iceg.ice.fitness import Ranking, rank_by_features, rank_by_points
 from iceg.ice.hypotheses import SearchWindow, distinct, pair_hypotheses, search_window, widened
-from iceg.ice.local_map import LocalMap, View, box_around, reach_of
+from iceg.ice.local_map import LocalMap, View, box_around
 from iceg.ice.noise import PLAIN
 from iceg.ice.points import ScanPoints, extract_points
 from iceg.ice.refinement import FACING, Refined, approach, evaluate_points, polish_on_features, refine_on_points
@@ -141,8 +141,7 @@ class IceMatcher:
         """Build a local map from scans placed in one frame, (n, 3) poses; it reaches around the last of them."""
         seen = [self.observe(scan) for scan in scans]
         points = [observation.points.points for observation in seen]
-        reach = reach_of(points[-1], self.config.local_map.reach)
-        lower, upper = box_around(points, T_ref_scans, reach, _ROOM_TO_GROW)
+        lower, upper = box_around(points, T_ref_scans, self.config.local_map.reach, _ROOM_TO_GROW)
         local_map = LocalMap(lower, upper, self.config.local_map, self.config.features)
         local_map.add_all([one.reference_points for one in seen], [one.features for one in seen], T_ref_scans)
         local_map.views += [View(scan=scan, T_ref_robot=T) for scan, T in zip(scans, T_ref_scans, strict=True)]
