@@ -169,14 +169,15 @@ def _of_points(
         (k, 3, 3) of each pose with the walls known, and, if filled, (3k, 3k) of all with the walls eliminated.
     """
     system = replace(walls, weights=_SHARP * walls.weights).normal_equations(poses, starts)
+    if filled:
+        order = np.argsort(system.line_of, kind="stable")
+        system = JointSystem(
+            system.diagonal, system.gradient, system.pose_of[order], system.line_of[order], system.blocks[order]
+        )
     k = len(poses) if filled else 0
     information = np.zeros((3 * k, 3 * k))
     if filled:
-        order = np.argsort(system.line_of, kind="stable")
-        by_line = JointSystem(
-            system.diagonal, system.gradient, system.pose_of[order], system.line_of[order], system.blocks[order]
-        )
-        fill(by_line, information)
+        fill(system, information)
     scale = precision / _SHARP
     information *= scale
     return scale * system.diagonal, information

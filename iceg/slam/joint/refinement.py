@@ -150,18 +150,7 @@ def refine_jointly(
     room = _Room.of(len(clouds.points))
     walls = _walls(clouds, poses, config, part_of, room)
     pieces, on_walls, residual = (walls.piece_of, len(walls.lines)), walls.on_walls, walls.residual
-    refined, steps, shares = poses, 0, list[float]()
-    pull = _Pull.of(clouds, walls, refined, config)
-    while steps < config.steps and len(walls.lines):
-        step = _FARTHER * _step(pull, problem.linearized(refined))
-        refined, steps = compose(refined, expmap(step)), steps + 1
-        moved = np.hypot(step[:, 0], step[:, 1]).mean()
-        grouped = (walls.piece_of, len(walls.lines)) if moved < _OTHER_PIECES * config.cell else None
-        walls = _walls(clouds, refined, config, part_of, room, grouped)
-        before, pull = pull, _Pull.of(clouds, walls, refined, config)
-        shares.append(_share(step, before, pull))
-        if moved < config.tolerance:
-            break
+    refined, walls, shares = _descended(problem, poses, clouds, walls, config, part_of, room)
     # Judged on the pieces of the start: grouping anew changes the figures by chance.
     last = walls if walls.piece_of is pieces[0] else _walls(clouds, refined, config, part_of, room, pieces)
     share = min(shares, default=0.0)
@@ -172,11 +161,11 @@ def refine_jointly(
     information, covariances = _covariances(known, poses, refined, share, clouds, last, config)
     # As a whole the map may move, held by the prior alone: put the first pose back.
     back = compose(poses[0], inverse(refined[0]))
-    refined = compose(back, refined) if steps else poses
+    refined = compose(back, refined) if shares else poses
     return JointRefinement(
         poses=refined,
         pieces=pieces[1],
-        steps=steps,
+        steps=len(shares),
         error_before=float(problem.evaluate(poses).losses.sum()),
         error=float(problem.evaluate(refined).losses.sum()),
         residual_before=residual,
@@ -188,6 +177,31 @@ def refine_jointly(
         covariances=covariances,
         information=information,
     )
+
+
+def _descended(
+    problem: Problem,
+    poses: NDArray[np.float64],
+    clouds: Clouds,
+    walls: Walls,
+    config: JointRefinementConfig,
+    part_of: NDArray[np.int64],
+    room: "_Room",
+) -> tuple[NDArray[np.float64], Walls, list[float]]:
+    """Steps from (k, 3) poses until they move no more: poses and walls there, and the points' share in each step."""
+    shares: list[float] = []
+    pull = _Pull.of(clouds, walls, poses, config)
+    while len(shares) < config.steps and len(walls.lines):
+        step = _FARTHER * _step(pull, problem.linearized(poses))
+        poses = compose(poses, expmap(step))
+        moved = np.hypot(step[:, 0], step[:, 1]).mean()
+        grouped = (walls.piece_of, len(walls.lines)) if moved < _OTHER_PIECES * config.cell else None
+        walls = _walls(clouds, poses, config, part_of, room, grouped)
+        before, pull = pull, _Pull.of(clouds, walls, poses, config)
+        shares.append(_share(step, before, pull))
+        if moved < config.tolerance:
+            break
+    return poses, walls, shares
 
 
 def _covariances(
