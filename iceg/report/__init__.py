@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 REPORT = "report.html"
 _AT_ONCE = 1 << 20
-"""Characters of the page that are encoded together: the whole of it takes as much memory as a large map."""
+"""Characters that are encoded together."""
 
 
 def write_report(result: "SlamResult", path: Path | str, truth: NDArray[np.float64] | None = None) -> None:
@@ -31,5 +31,6 @@ def write_report(result: "SlamResult", path: Path | str, truth: NDArray[np.float
     """
     page = assemble(readable(result.log.path.name), page_payload(result, truth), stages_payload(result))
     with replacing(Path(path)) as stream:
-        for start in range(0, len(page), _AT_ONCE):
-            stream.write(page[start : start + _AT_ONCE].encode())
+        for piece in page:
+            for start in range(0, len(piece), _AT_ONCE):
+                stream.write(piece[start : start + _AT_ONCE].encode())

@@ -4,6 +4,7 @@ import base64
 import html
 import json
 import re
+from collections.abc import Iterable, Iterator
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 from itertools import cycle
@@ -36,12 +37,12 @@ MODULES = (
 """Each is a module of the page, imported by others as `report/NAME`."""
 
 
-def assemble(name: str, data: str, stages: str) -> str:
-    """The page as HTML.
+def assemble(name: str, data: Iterable[str], stages: str) -> Iterator[str]:
+    """The page as HTML, piece by piece: the whole of it takes as much memory as a large map.
 
     Args:
         name: of the log.
-        data: of the run, in JSON.
+        data: of the run, in JSON, in pieces.
         stages: seconds a stage, in JSON, on a line of its own.
     """
     page, vendor = files("iceg.report") / "page", files("iceg.report") / "vendor"
@@ -53,11 +54,14 @@ def assemble(name: str, data: str, stages: str) -> str:
         "LEAFLET": _text(vendor / "leaflet.js"),
         "UPLOT": _text(vendor / "uPlot.iife.min.js"),
         "MODULES": json.dumps({"imports": modules}, separators=(",", ":")),
-        "RUN": data,
         "STAGES": stages,
     }
     pieces = re.split(r"@@([A-Z]+)@@", _text(page / "page.html"))
-    return "".join(parts[piece] if odd else piece for odd, piece in zip(cycle((False, True)), pieces, strict=False))
+    for is_name, piece in zip(cycle((False, True)), pieces, strict=False):
+        if is_name and piece == "RUN":
+            yield from data
+        else:
+            yield parts[piece] if is_name else piece
 
 
 def _styles(page: Traversable, vendor: Traversable) -> tuple[Traversable, ...]:

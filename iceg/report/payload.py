@@ -1,6 +1,7 @@
 """Everything the page of a run shows, as JSON."""
 
 import json
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -28,48 +29,62 @@ if TYPE_CHECKING:
 _UPPER = np.triu_indices(3)
 
 
-def page_payload(result: "SlamResult", truth: NDArray[np.float64] | None = None) -> str:
-    """The data of the page, in one line of JSON that holds no `<`.
+def page_payload(result: "SlamResult", truth: NDArray[np.float64] | None = None) -> Iterator[str]:
+    """The data of the page, in one line of JSON that holds no `<`, piece by piece.
 
     Args:
         result: of the run.
         truth: (n_scans, 3) true poses, in any frame; those of the log when left out.
     """
+    before = "{"
+    for name, value in _members(result, result.log.truth if truth is None else truth):
+        yield f"{before}{_json(name)}:"
+        yield _json(value)
+        before = ","
+    yield "}"
+
+
+def _members(result: "SlamResult", truth: NDArray[np.float64] | None) -> Iterator[tuple[str, Any]]:
+    """The parts of the data one by one, so that no two of them take memory at a time."""
     held, shares = HeldBy.of(result), shares_of(result)
-    truth = result.log.truth if truth is None else truth
-    data: dict[str, Any] = {
-        "name": readable(result.log.path.name),
-        "stamps": packed(_seconds(result.log.stamps), "f8"),
-        "trajectory": packed(result.trajectory, "f4"),
-        "keys": {
-            "scans": packed(result.key_scans, "i4"),
-            "poses": packed(result.key_poses, "f8"),
-            "covariances": packed(result.covariances[:, *_UPPER], "f4"),
-        },
-        "laser": scans_payload(result.log, result.key_scans),
-        "grid": grid_payload(result.grid),
-        "walls": walls_payload(result.walls),
-        "landmarks": _landmarks(result),
-        "closures": closures_payload(result, held),
-        "factors": held.payload(),
-        "joint": joint_payload(result.joint, result.summary["laser"]),
-        "curves": curves_payload(result, shares),
-        "truth": None if truth is None else truth_payload(result, truth),
-        "figures": figures_payload(result, held, shares),
-        "learned": learned_payload(result.summary, has_odometry=result.log.has_odometry),
-        "settings": changed_settings(result.config),
-        "warnings": warnings_payload(result),
-        "kept": result.summary.get("cut", {"kept": [[0, len(result.log) - 1]]})["kept"],
-        "is_corrected": "corrections" in result.summary,
-        "lost": [int(scan) for scan in result.summary["lost_at_scans"]],
+    yield "name", readable(result.log.path.name)
+    yield "stamps", packed(_seconds(result.log.stamps), "f8")
+    yield "trajectory", packed(result.trajectory, "f4")
+    yield "keys", _key_poses(result)
+    yield "laser", scans_payload(result.log, result.key_scans)
+    yield "grid", grid_payload(result.grid)
+    yield "walls", walls_payload(result.walls)
+    yield "landmarks", _landmarks(result)
+    yield "closures", closures_payload(result, held)
+    yield "factors", held.payload()
+    yield "joint", joint_payload(result.joint, result.summary["laser"])
+    yield "curves", curves_payload(result, shares)
+    yield "truth", None if truth is None else truth_payload(result, truth)
+    yield "figures", figures_payload(result, held, shares)
+    yield "learned", learned_payload(result.summary, has_odometry=result.log.has_odometry)
+    yield "settings", changed_settings(result.config)
+    yield "warnings", warnings_payload(result)
+    yield "kept", result.summary.get("cut", {"kept": [[0, len(result.log) - 1]]})["kept"]
+    yield "is_corrected", "corrections" in result.summary
+    yield "lost", [int(scan) for scan in result.summary["lost_at_scans"]]
+
+
+def _key_poses(result: "SlamResult") -> dict[str, Any]:
+    return {
+        "scans": packed(result.key_scans, "i4"),
+        "poses": packed(result.key_poses, "f8"),
+        "covariances": packed(result.covariances[:, *_UPPER], "f4"),
     }
-    # In a script element, nothing but "<" could end the text early.
-    return json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def stages_payload(result: "SlamResult") -> str:
     """Seconds a stage, the one thing in the page that differs when the same log is run again."""
-    return json.dumps(result.summary["seconds"], separators=(",", ":")).replace("<", "\\u003c")
+    return _json(result.summary["seconds"])
+
+
+def _json(value: Any) -> str:  # noqa: ANN401
+    """A value as it may stand in a script element, where nothing but `<` could end the text early."""
+    return json.dumps(value, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
 
 
 def _seconds(stamps: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -30,11 +30,13 @@ def scans_payload(log: Log, key_scans: NDArray[np.int64]) -> Mapping[str, Any]:
     beams = np.arange(0, geometry.n_beams, every_beam)
     kept = _kept(len(log), key_scans, _MOST_READINGS // len(beams))
     unit = max(_FINEST, max((float(some.max(initial=0.0)) for some in _ranges(log, kept, beams)), default=0.0) / _STEPS)
-    counts = [np.rint(some / unit).astype(np.uint16) for some in _ranges(log, kept, beams)]
+    counts = np.empty((len(kept), len(beams)), dtype=np.uint16)
+    for k, some in enumerate(_ranges(log, kept, beams)):
+        counts[_AT_ONCE * k : _AT_ONCE * (k + 1)] = np.rint(some / unit)
     return {
         "scans": packed(kept, "i4"),
         "unit_m": unit,
-        "ranges": packed(np.concatenate(counts), "u2"),
+        "ranges": packed(counts, "u2"),
         "directions": packed(geometry.directions_robot[beams], "f4"),
         "origin": geometry.origin_robot.tolist(),
         "left_out": {"scans": len(log) - len(kept), "every_beam": every_beam},

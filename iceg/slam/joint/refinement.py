@@ -21,6 +21,7 @@ from graph.se2 import compose, expmap, inverse
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.noise import PLAIN
 from iceg.ice.points import thinned_points
+from iceg.memory import release_freed_memory
 from iceg.slam.config import JointRefinementConfig
 from iceg.slam.joint import _wall_kernels as kernels
 from iceg.slam.joint._system_kernels import JointSystem, product
@@ -158,6 +159,8 @@ def refine_jointly(
         refined, share = poses, 0.0
         last = _walls(clouds, poses, config, part_of, room, pieces)
     known = factors if believed is None else believed
+    del walls, room  # the covariances of a long run need more memory than any other stage
+    release_freed_memory()
     information, covariances = _covariances(known, poses, refined, share, clouds, last, config)
     # As a whole the map may move, held by the prior alone: put the first pose back.
     back = compose(poses[0], inverse(refined[0]))
