@@ -53,15 +53,7 @@ def compose(T_a_b: ArrayLike, T_b_c: ArrayLike) -> NDArray[np.float64]:
     first, second = np.asarray(T_a_b, dtype=np.float64), np.asarray(T_b_c, dtype=np.float64)
     if first.ndim == 1 and second.ndim == 1:
         return _compose_one(first, second)
-    c, s = cos_sin(first[..., 2])
-    return np.stack(
-        [
-            first[..., 0] + c * second[..., 0] - s * second[..., 1],
-            first[..., 1] + s * second[..., 0] + c * second[..., 1],
-            wrap_angle(first[..., 2] + second[..., 2]),
-        ],
-        axis=-1,
-    )
+    return _paired(first, second, back=False)
 
 
 def inverse(T_a_b: ArrayLike) -> NDArray[np.float64]:
@@ -94,9 +86,7 @@ def between(T_a_b: ArrayLike, T_a_c: ArrayLike) -> NDArray[np.float64]:
     first, second = np.asarray(T_a_b, dtype=np.float64), np.asarray(T_a_c, dtype=np.float64)
     if first.ndim == 1 and second.ndim == 1:
         return _between_one(first, second)
-    dx, dy = second[..., 0] - first[..., 0], second[..., 1] - first[..., 1]
-    c, s = cos_sin(first[..., 2])
-    return np.stack([c * dx + s * dy, c * dy - s * dx, wrap_angle(second[..., 2] - first[..., 2])], axis=-1)
+    return _paired(first, second, back=True)
 
 
 def transform_points(T_a_b: ArrayLike, p_b: ArrayLike) -> NDArray[np.float64]:
@@ -290,6 +280,27 @@ def _wrap(angle: float) -> float:
         return angle
     wrapped = math.remainder(angle, _TWO_PI)
     return wrapped if wrapped > -math.pi else wrapped + _TWO_PI
+
+
+def _paired(first: NDArray[np.float64], second: NDArray[np.float64], *, back: bool) -> NDArray[np.float64]:
+    """Poses composed, or between each other, whose batch axes broadcast."""
+    from graph import _se2_kernels as kernels
+
+    shape = np.broadcast_shapes(first.shape, second.shape)
+    if shape[-1] != 3 or first.shape[-1] != second.shape[-1]:
+        raise ValueError(f"found poses of {first.shape[-1]} and {second.shape[-1]} numbers, expected 3")
+    paired = np.empty(shape)
+    kernels.pair_up(_rows(first, shape), _rows(second, shape), back, paired.reshape(-1, 3))
+    return paired
+
+
+def _rows(poses: NDArray[np.float64], shape: tuple[int, ...]) -> NDArray[np.float64]:
+    """(n, 3) poses broadcast to a shape, contiguous and as good as new; a single one is not repeated."""
+    if poses.size != 3 and poses.shape != shape:
+        poses = np.broadcast_to(poses, shape)
+    flags = poses.flags
+    fit = poses if flags.c_contiguous and flags.writeable else np.array(poses, order="C")
+    return fit.reshape(-1, 3)
 
 
 def _compose_one(T_a_b: NDArray[np.float64], T_b_c: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -143,6 +143,23 @@ def test_batches_equal_single_poses(a: Array, b: Array) -> None:
     np.testing.assert_allclose(se2.transform_points(a[:, None], points), each, atol=1e-12)
 
 
+@pytest.mark.parametrize("pair_up", [se2.compose, se2.between])
+def test_batches_broadcast_digit_for_digit(pair_up: Callable[[Array, Array], Array]) -> None:
+    several, others = random_poses(0, 12).reshape(4, 3, 3)[:, ::2], random_poses(1, 4)
+    several.flags.writeable = False
+    found = pair_up(several, others[:, None])
+    expected = [[pair_up(one, other) for one in row] for row, other in zip(several, others, strict=True)]
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(pair_up(others[0], others), [pair_up(others[0], other) for other in others])
+    assert pair_up(np.empty((0, 3)), others[0]).shape == (0, 3)
+
+
+@pytest.mark.parametrize("shape", [(2, 2), (2, 4), (2, 1)])
+def test_poses_of_another_width_are_refused(shape: tuple[int, int]) -> None:
+    with pytest.raises(ValueError, match=r"broadcast|3"):
+        se2.compose(np.zeros((2, 3)), np.zeros(shape))
+
+
 @pytest.mark.parametrize("theta", [0.0, 1e-12, 9.9e-5, 1.01e-4, -1e-3, math.pi, -3.1415926])
 def test_batch_and_single_exp_and_log_agree_where_the_series_takes_over(theta: float) -> None:
     xi = np.array([1.3, -0.7, theta])
