@@ -24,7 +24,7 @@ from iceg.slam.finish import matched_again, refined
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.match_errors import placement_covariance
 from iceg.slam.rematch import _spaced_keys
-from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, Track
+from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
 
 
@@ -382,22 +382,6 @@ def test_odometry_that_jumps_is_given_little_weight(track: Track) -> None:
     expected = between(track.keys[0].T_track_robot, track.keys[29].T_track_robot)
     error = between(expected, solution.poses[29])
     assert abs(error[2]) < np.radians(0.5)
-
-
-@pytest.mark.parametrize("why", [FEW_SEE, SEES_TOO_LITTLE])
-def test_odometry_believed_against_a_match_may_have_slipped(office: Simulation, track: Track, why: NoMatch) -> None:
-    def steps(reason: NoMatch) -> dict[int, NDArray[np.float64]]:
-        keys = [replace(key, match=reason) if 10 <= k <= 12 else key for k, key in enumerate(track.keys[:30])]
-        short = replace(track, keys=keys)
-        closures = LoopClosureConfig(enabled=False, revisits=False)
-        model, matcher = OdometryModel(), IceMatcher()
-        solution = solve_track(short, office.log.odometry, model, matcher, PoseGraphConfig(), closures)
-        return {f.j: f.covariance for f in solution.graph.factors if f.kind == "odometry"}
-
-    usual, refused = steps(NoMatch(reason="nothing there")), steps(why)
-    assert len(usual) == 29
-    for key, covariance in usual.items():
-        np.testing.assert_allclose(refused[key], covariance * (25.0 / 3.0 if 10 <= key <= 12 else 1.0), rtol=1e-12)
 
 
 def test_loops_and_finish_bring_the_office_back_together(

@@ -362,25 +362,7 @@ def solve_track(
         back_end.add(key, motion)
         if progress is not None:
             progress(track.keys[key].index + 1)
-    solution = _relocalised(back_end.solution(), back_end.failures, closer, track, graph_config)
-    return _with_slips(solution, track, graph_config, closures.failures.refused_inflation)
-
-
-def _with_slips(solution: Solution, track: Track, graph_config: PoseGraphConfig, inflation: float) -> Solution:
-    """The same with less trust in odometry where it was believed against a match.
-
-    Not before: among people, who are what such matches usually see, it is right, and the searches for loops rest on it.
-    """
-    if not any(key.is_refused for key in track.keys):
-        return solution
-    factors = [
-        replace(factor, covariance=factor.covariance * inflation)
-        if factor.kind == "odometry" and track.keys[factor.j].is_refused
-        else factor
-        for factor in solution.graph.factors
-    ]
-    graph = PoseGraph.from_factors(factors, solution.poses, graph_config)
-    return replace(solution, graph=graph, poses=graph.all_poses())
+    return _relocalised(back_end.solution(), back_end.failures, closer, track, graph_config)
 
 
 def _relocalised(

@@ -164,8 +164,6 @@ class TrackingFailureConfig:
     freedom; 5 σ): odometry is widened, and the step is suspect."""
     widened_distance2: float = 3.0
     """Squared Mahalanobis distance of a match from the odometry that is widened for it: the mean of χ²."""
-    refused_inflation: float = 25.0 / 3.0
-    """Factor on the variances of odometry where it was believed against a match: the wheels may have slipped."""
     carried: float = 0.6
     """A match so far from odometry [m, or metres per metre driven if that is more] is suspect whatever it claims."""
     beyond_chance_distance2: float = 99.0

@@ -35,11 +35,6 @@ class KeyScan:
     anchor: int
     T_track_robot: NDArray[np.float64]
 
-    @property
-    def is_refused(self) -> bool:
-        """Whether there was a match, which was not believed against odometry."""
-        return self.match in (FEW_SEE, SEES_TOO_LITTLE)
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Track:

@@ -163,9 +163,6 @@ class TrackingConfig:
     """Least share of the beams on the map in a scan that is explained though it sees much new."""
     known_agreement: float = 0.8
     """Least share of those beams that agree with the map, and of the map in view that is seen, in such a scan."""
-    tentative_evidence: float = 0.5
-    """The key scans of a tentative map come along to the known one if together they explain this share of what the
-    newest does there."""
     loss_keys: int = 3
     """After so many key scans that match only each other tracking is lost: the tentative map takes over."""
     unknown_scans: int = 5

@@ -133,14 +133,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="odometry counts less where a match contradicts it",
             without={f"{_BACK_END}._believed": lambda _self, motion, *_: motion.covariance},
         ),
-        "slips": Rule(
-            what="odometry that was believed against a match counts less",
-            without={f"{_SLAM}.back_end:_with_slips": _first},
-        ),
-        "clearer": Rule(
-            what="the tentative map may win against a glimpse of the known one",
-            without={f"{_FRONT_END}._is_clearer": _no},
-        ),
         "fused": Rule(
             what="odometry speaks where a match is weak",
             without={f"{_FRONT_END}._fuse": lambda _self, match, _T_track_key: match.T_ref_cur},

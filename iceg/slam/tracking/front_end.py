@@ -14,7 +14,7 @@ from graph import dense
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import chi2_gate, squared_norm, summed_ratios
 from graph.odometry import OdometryModel, OdometryMotion
-from graph.se2 import between, compose, expmap, inverse, logmap
+from graph.se2 import between, compose, expmap, logmap
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.agreement import Tolerance, apart
 from iceg.slam.config import FrontEndConfig
@@ -220,11 +220,9 @@ class FrontEnd:
         """Pose of a scan in the track frame; odometry carries it where nothing credible is found."""
         found = self._find(self._reference, scan, guess, self._expected())
         self._is_tentative = False
-        if self._tentative is not None and (isinstance(found, NoMatch) or self._is_off(found)):
-            tentative = self._find(self._tentative, scan, guess, self._expected())
-            self._is_tentative = isinstance(found, NoMatch) or self._is_clearer(scan, tentative, found)
-            if self._is_tentative:
-                found = tentative
+        if self._tentative is not None and isinstance(found, NoMatch):
+            found = self._find(self._tentative, scan, guess, self._expected())
+            self._is_tentative = True
         before = self._T_track_robot
         if isinstance(found, NoMatch):
             self.failures += 1
@@ -233,33 +231,6 @@ class FrontEnd:
             self._T_track_robot, self._newest_step = guess, (straight_on, guess)
         else:
             self._T_track_robot, self._newest_step = found, (before, found)
-
-    def _is_off(self, found: NDArray[np.float64]) -> bool:
-        """Whether a tracked pose contradicts odometry since the key scan."""
-        return self._check.contradicts(self._expected(), found, self._tracking_covariance)
-
-    def _is_clearer(self, scan: Scan, tentative: NDArray[np.float64] | NoMatch, found: NDArray[np.float64]) -> bool:
-        """Whether a scan speaks for where the tentative map has it, and against a pose on the other one.
-
-        After a scan that matched nothing, a glimpse of what was known before may fit elsewhere, too. Where it is
-        true, the key scans of the tentative map were misplaced, and moved along with this one they fit what was known.
-        """
-        if isinstance(tentative, NoMatch) or self._is_off(tentative):
-            return False
-        known = self._matcher.agreement(self._reference, scan, found).evidence
-        if (
-            known
-            >= self._config.odometry_check.min_evidence
-            * self._matcher.agreement(self._tentative, scan, tentative).evidence
-        ):
-            return False
-        moved = compose(found, inverse(tentative))
-        keys = [self.keys[key] for key in self._tentative_keys]
-        places = [compose(moved, key.T_track_robot) for key in keys]
-        along = [
-            self._matcher.agreement(self._reference, key.scan, T).evidence for key, T in zip(keys, places, strict=True)
-        ]
-        return sum(along) < self._config.tracking.tentative_evidence * known
 
     def _find(
         self,
