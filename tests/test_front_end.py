@@ -12,7 +12,6 @@ from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
-from iceg.ice.verification import Agreement
 from iceg.slam.config import FrontEndConfig, KeyScanConfig
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.tracking.front_end import FrontEnd
@@ -276,56 +275,6 @@ def test_the_reference_holds_no_more_than_the_window() -> None:
     config = FrontEndConfig(key_scans=KeyScanConfig(distance=0.5, angle=0.5, window=4))
     _follow(FrontEnd(matcher, OdometryModel(), config), truth)
     assert max(matcher.prepared) == 4
-
-
-class GlimpseMatcher(TruthMatcher):
-    """From scan 25 on all is new, but for one scan that also fits what was known, far from where odometry puts it."""
-
-    new, glimpse = 25, 27
-    elsewhere = np.array([1.0, 0.5, 1.4])
-
-    def __init__(self, truth: NDArray[np.float64], along: int) -> None:
-        super().__init__(truth)
-        self.along = along
-        self.known: NDArray[np.float64] | None = None
-
-    def prepare(self, scans: list[Scan], T_ref_scans: NDArray[np.float64]) -> NDArray[np.float64]:
-        reference = super().prepare(scans, T_ref_scans)
-        if _number(scans[-1]) < self.new:
-            self.known = reference
-        return reference
-
-    def match(
-        self,
-        reference: NDArray[np.float64],
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> RelativePose | NoMatch:
-        match = super().match(reference, scan, T_ref_guess, covariance_guess)
-        if isinstance(match, NoMatch) or reference is not self.known or _number(scan) < self.new:
-            return match
-        if _number(scan) != self.glimpse:
-            return NoMatch(reason="not on what was known")
-        return replace(match, T_ref_cur=compose(match.T_ref_cur, self.elsewhere))
-
-    def agreement(self, reference: NDArray[np.float64], scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
-        del T_ref_cur
-        on_known = 50 if _number(scan) == self.glimpse else self.along
-        inliers = on_known if reference is self.known else 100
-        return Agreement(points=100, known=inliers, inliers=inliers, seen=100)
-
-
-@pytest.mark.parametrize(("along", "is_true"), [(0, False), (20, False), (40, True)])
-def test_a_glimpse_of_what_was_known_is_believed_where_the_scans_before_it_come_along(
-    along: int, is_true: bool
-) -> None:
-    truth = _straight(40)
-    matcher = GlimpseMatcher(np.vstack([np.zeros(3), truth]), along)
-    poses = _follow(FrontEnd(matcher, OdometryModel(), _CONFIG), truth)
-    at = matcher.glimpse - 1
-    expected = compose(truth[at], matcher.elsewhere) if is_true else truth[at]
-    np.testing.assert_allclose(poses[at], expected, atol=1e-3)
 
 
 @pytest.fixture(scope="module")
