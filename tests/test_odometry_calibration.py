@@ -156,6 +156,20 @@ def test_noise_in_the_steps_does_not_shrink_the_scale() -> None:
     assert abs(found.translation_scale) < 0.05  # −0.10 when fitted to what odometry says, −0.30 to single steps of it
 
 
+@pytest.mark.parametrize("noise", [0.0, 0.01])
+@pytest.mark.parametrize("columns", [(0, 1), (2,)], ids=["moves", "turns"])
+def test_odometry_that_tells_nothing_has_no_scale(columns: tuple[int, ...], noise: float) -> None:
+    truth = _drive(2500)
+    steps = between(truth[:-1], truth[1:])
+    for column in columns:
+        steps[:, column] = np.random.default_rng(column).normal(0.0, noise, len(steps))
+    odometry = [truth[0]]
+    for step in steps:
+        odometry.append(compose(odometry[-1], step))
+    found = calibrate_odometry(_track(truth, 6, noise=0.001), np.array(odometry), CalibrationConfig())
+    assert (found.heading_scale if columns == (2,) else found.translation_scale) == 0.0
+
+
 def test_applying_the_calibration_undoes_the_error() -> None:
     truth = _drive(2500)
     odometry = _spoiled(truth, 0.04, -0.03, 0.05, -0.4, np.array([0.1, 0.0, 0.0]))

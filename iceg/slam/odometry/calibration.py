@@ -20,6 +20,8 @@ from iceg.slam.tracking_config import CalibrationConfig
 
 _ROBUST_ROUNDS = 15
 """Rounds of iteratively reweighted least squares."""
+_TOLD_SIGMAS = 5.0
+"""Odometry whose share of the matches' moves is known no better than this is no measure of them."""
 _LATE = 1.0
 """Scans that odometry may be late without harm."""
 
@@ -216,7 +218,7 @@ def _fit_turns(samples: _Samples, windows: _Samples, config: CalibrationConfig) 
     error, rows, _, _ = _equations(samples)
     long_error, long_rows, _, _ = _equations(windows)
     prior = np.array([config.scale_sigma, config.drift_sigma, config.delay_sigma])
-    scale = _turn_scale(long_rows, long_error[:, 2], prior, config.min_turn)
+    scale = _turn_scale(long_rows, long_error[:, 2], prior, config)
     others, _ = _robust_fit(rows[:, 1:], error[:, 2] - scale * rows[:, 0], prior[1:])
     return OdometryCalibration(
         heading_scale=scale,
@@ -227,7 +229,7 @@ def _fit_turns(samples: _Samples, windows: _Samples, config: CalibrationConfig) 
 
 
 def _turn_scale(
-    rows: NDArray[np.float64], error: NDArray[np.float64], prior: NDArray[np.float64], min_turn: float
+    rows: NDArray[np.float64], error: NDArray[np.float64], prior: NDArray[np.float64], config: CalibrationConfig
 ) -> float:
     """Scale of turns from the rows of the heading's regression, (n, 3), and match minus odometry, (n,).
 
@@ -236,9 +238,15 @@ def _turn_scale(
     the matches say (e = s′m for m = o + so, hence s = s′ / (1 − s′)), and to turns that stand out of the noise.
     """
     matched = rows[:, 0] + error
-    turns = np.where(np.abs(matched) > min_turn, matched, 0.0)
-    inverse, _ = _robust_fit(np.column_stack([turns, rows[:, 1:]]), error, prior)
-    return float(inverse[0] / (1.0 - inverse[0]))
+    turns = np.where(np.abs(matched) > config.min_turn, matched, 0.0)
+    inverse, deviations = _robust_fit(np.column_stack([turns, rows[:, 1:]]), error, prior)
+    return _scale(float(inverse[0]), float(deviations[0]) * math.sqrt(config.window)) or 0.0
+
+
+def _scale(inverse: float, deviation: float) -> float | None:
+    """Scale s of odometry o from the s′ of m - o = s′m and its deviation; None where o is nothing but noise."""
+    share = 1.0 - inverse
+    return inverse / share if abs(share) > _TOLD_SIGMAS * deviation else None
 
 
 def _fit_moves(samples: _Samples, windows: _Samples, config: CalibrationConfig) -> tuple[NDArray[np.float64], float]:
@@ -258,12 +266,15 @@ def _fit_moves(samples: _Samples, windows: _Samples, config: CalibrationConfig) 
     inverse, deviations = _robust_fit(
         np.vstack([long_x, long_y]), np.concatenate([long_error[:, 0], long_error[:, 1]]), prior
     )
-    scaled = inverse / (1.0 - inverse[0])
+    deviation = float(deviations[0]) * math.sqrt(config.window)  # the windows overlap
+    scale = _scale(float(inverse[0]), deviation)
+    if scale is None:
+        scale, deviation = 0.0, config.scale_sigma
     error, _, rows_x, rows_y = _equations(samples)
     rows = np.vstack([rows_x, rows_y])
-    unscaled = np.concatenate([error[:, 0], error[:, 1]]) - scaled[0] * rows[:, 0]
+    unscaled = np.concatenate([error[:, 0], error[:, 1]]) - scale * rows[:, 0]
     others, _ = _robust_fit(rows[:, 1:], unscaled, prior[1:])
-    return np.append(scaled[0], others), float(deviations[0]) * math.sqrt(config.window)  # the windows overlap
+    return np.append(scale, others), deviation
 
 
 def _steps(track: Track, pairs: Sequence[tuple[KeyScan, KeyScan, RelativePose]]) -> NDArray[np.float64]:
