@@ -57,6 +57,8 @@ def test_config_prints_a_file_that_reads_back(tmp_path: Path, capsys: pytest.Cap
     [
         ("[grid]\nresolutoin = 1\n", "did you mean 'grid.resolution'?"),
         ("[grid]\nresolution = -1\n", "grid.resolution: "),
+        ("[loops.relocalisation]\nmax_keys = 0\n", "loops.relocalisation.max_keys: "),
+        ("[loops.verification]\npartner_turn = 0.0\n", "loops.verification.partner_turn: "),
     ],
 )
 def test_bad_settings_in_a_file_are_a_usage_error(

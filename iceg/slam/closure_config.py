@@ -49,7 +49,7 @@ class VerificationConfig:
     """Poses of one key scan turned by no more than this are one place [rad]."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError)
+        check_numbers(self, SlamConfigError, positive=("partner_distance", "partner_turn"))
 
     @property
     def trusted(self) -> Tolerance:
@@ -239,7 +239,7 @@ class RelocalisationConfig:
     """Another is weighed that has this share of the key scans of a hypothesis."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError)
+        check_numbers(self, SlamConfigError, positive=("max_keys",))
         check_between(self, SlamConfigError, "relocalisation: ", false_alarm=_RATES)
 
     @property
