@@ -254,3 +254,23 @@ def test_a_scale_that_nothing_measures_counts_where_odometry_is_alone() -> None:
     alone = calibrate_odometry(track, truth, CalibrationConfig()).lasting_noise
     assert alone.along_per_metre > 1.2 * seen.along_per_metre
     assert alone.across_per_metre == pytest.approx(seen.across_per_metre, rel=0.5)
+
+
+def test_a_drift_and_a_scale_of_turns_that_nothing_measures_count_where_odometry_is_alone() -> None:
+    truth = _drive(3000)
+    track = _track(truth, 6, noise=0.002)
+    seen = calibrate_odometry(track, truth, CalibrationConfig()).lasting_noise
+    still = OdometryModel().start()
+
+    def alone(distance: float, turn: float, every_other: float) -> OdometryModel:
+        for k in range(300, 450):
+            heading = turn if k % 2 else every_other * turn
+            motion = replace(still, T_key_robot=np.array([distance, 0.0, heading]), distance=distance, turn=abs(turn))
+            track.keys[k] = replace(track.keys[k], match=NoMatch(reason="nothing there"), motion=motion)
+        return calibrate_odometry(track, truth, CalibrationConfig()).lasting_noise
+
+    driving, turning, shaking = alone(40.0, 0.0, 1.0), alone(0.0, 3.0, 1.0), alone(0.0, 3.0, -1.0)
+    assert driving.heading_per_metre > 1.2 * seen.heading_per_metre
+    assert driving.heading_per_radian == pytest.approx(seen.heading_per_radian, rel=0.1)
+    assert turning.heading_per_radian > 1.2 * seen.heading_per_radian
+    assert shaking.heading_per_radian < 0.5 * (seen.heading_per_radian + turning.heading_per_radian)

@@ -10,6 +10,7 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap, logmap
 from iceg.slam.odometry.noise import (
     Differences,
+    LastingErrors,
     _best_of_all_sets,
     _non_negative_fit,
     _Paths,
@@ -146,10 +147,30 @@ def test_what_variances_are_made_of_is_what_the_model_makes_of_them() -> None:
 
 
 def test_errors_that_persist_widen_their_axis_alone() -> None:
-    noise = lasting_noise(_TRUE, np.array([1.0, 4.0, 1.0]), 0.0, 0.0)
+    noise = lasting_noise(_TRUE, np.array([1.0, 4.0, 1.0]), LastingErrors())
     assert noise.across_per_metre == pytest.approx(2.0 * _TRUE.across_per_metre)
     assert noise.along_per_metre == pytest.approx(_TRUE.along_per_metre)
     assert noise.heading_per_radian == _TRUE.heading_per_radian
+
+
+@pytest.mark.parametrize(
+    ("name", "error", "path", "axis"),
+    [
+        ("along", 0.02, (0.1, 0.0, 0.0), 0),
+        ("drift", 0.003, (0.1, 0.0, 0.0), 2),
+        ("turn", 0.05, (0.0, 0.0, 0.1), 2),
+    ],
+)
+def test_what_is_the_same_all_the_way_counts_as_much_in_the_mean_over_all_ways(
+    name: str, error: float, path: tuple[float, float, float], axis: int
+) -> None:
+    steps = 300
+    noise = lasting_noise(_TRUE, np.ones(3), LastingErrors(**{name: error * np.sqrt(0.1 * steps)}))
+    lengths = np.arange(1, steps + 1)
+    ways = steps + 1 - lengths  # so many parts of the path are so long
+    claimed = [float((model.covariance(np.tile(path, (steps, 1))) / steps)[axis, axis]) for model in (noise, _TRUE)]
+    expected = np.average((0.1 * lengths * error) ** 2, weights=ways)
+    assert np.average((claimed[0] - claimed[1]) * lengths, weights=ways) == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -77,6 +77,7 @@ SCENES = (
     "mall",
     "noisy",
     "office",
+    "park",
     "pillars",
     "ring",
     "room",

@@ -52,9 +52,9 @@ class Cell:
 
 _SCENES = (
     *("aisles", "alike", "arena", "building", "campus", "corridor", "home"),
-    *("mall", "office", "pillars", "ring", "rooms", "supermarket"),
+    *("mall", "office", "pillars", "ring", "rooms", "supermarket", "park"),
 )
-_NEEDS_8_M = frozenset({"campus", "mall", "pillars"})
+_NEEDS_8_M = frozenset({"campus", "mall", "park", "pillars"})
 """Where a shorter laser sees next to nothing."""
 _CARRIED = (("alike", "lms30"), ("building", "rplidar"), ("home", "lds"), ("office", "utm"), ("pillars", "utm"))
 _CLOSE = (

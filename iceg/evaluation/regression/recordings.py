@@ -31,7 +31,7 @@ Judge = Callable[[NDArray[np.float64]], float]
 
 _NOISE_M = 0.001
 _BRISK = Driving(speed=1.2)
-_LARGE = frozenset({"alike", "campus", "mall", "pillars", "ring"})
+_LARGE = frozenset({"alike", "campus", "mall", "park", "pillars", "ring"})
 """Scenes that are driven through at twice the usual speed."""
 
 

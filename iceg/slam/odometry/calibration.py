@@ -1,8 +1,9 @@
 """What this robot's odometry does wrong, learnt from the log's own matches: bias, time shift, laser mount, noise."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +11,10 @@ from numpy.typing import NDArray
 from graph import dense
 from graph.elementary import cos_sin
 from graph.measurement import NoMatch, RelativePose
-from graph.odometry import OdometryModel
+from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose, inverse, wrap_angle
 from iceg.slam.odometry.delay import whole_delay
-from iceg.slam.odometry.noise import Differences, lasting_noise, odometry_noise, robust_deviation
+from iceg.slam.odometry.noise import Differences, LastingErrors, lasting_noise, odometry_noise, robust_deviation
 from iceg.slam.recording.steps import chained, sudden_steps
 from iceg.slam.track import KeyScan, Track
 from iceg.slam.tracking_config import CalibrationConfig
@@ -118,7 +119,7 @@ def _calibrated(
     samples = samples or _Samples.collect(track, odometry, config)
     assert samples is not None
     windows = _Samples.collect(track, odometry, config, config.window) or samples
-    turns = _fit_turns(samples, windows, config)
+    turns, drift, turn_scale = _fit_turns(samples, windows, config)
     # A heading that drifts leads aside, too, and that must not pass for a laser that looks askew.
     turned = turns.apply(odometry)
     samples, windows = samples.claimed_by(turned), windows.claimed_by(turned)
@@ -127,13 +128,19 @@ def _calibrated(
     x, y = (error[:, k] - dense.matvec(rows, translation) for k, rows in enumerate((rows_x, rows_y)))
     left = np.column_stack([x, y, error[:, 2]])
     noise, persistence = odometry_noise(samples.differences(left), turned, config)
+    without_heading = list(_parts_without(track, _tells_heading))
+    lasting = LastingErrors(
+        along=deviation * math.sqrt(_longest(_parts_without(track, _is_seen))),
+        drift=drift * math.sqrt(_longest(without_heading)),
+        turn=turn_scale * math.sqrt(_widest(without_heading)),
+    )
     return replace(
         turns,
         translation_scale=float(translation[0]),
         translation_shift=float(np.clip(translation[2], -2, 2)),
         T_odometry_laser=(float(translation[3]), float(translation[4]), float(-translation[1])),
         noise=noise,
-        lasting_noise=lasting_noise(noise, persistence, deviation, _unseen(track)),
+        lasting_noise=lasting_noise(noise, persistence, lasting),
     )
 
 
@@ -213,25 +220,32 @@ def _equations(
     return error, turning, rows_x, rows_y
 
 
-def _fit_turns(samples: _Samples, windows: _Samples, config: CalibrationConfig) -> OdometryCalibration:
-    """What is wrong with the heading; the scale of its turns from windows of several motions."""
+def _fit_turns(
+    samples: _Samples, windows: _Samples, config: CalibrationConfig
+) -> tuple[OdometryCalibration, float, float]:
+    """What is wrong with the heading; the scale of its turns from windows of several motions.
+
+    Returns:
+        That, and the standard deviations of the drift [rad/m] and of the scale.
+    """
     error, rows, _, _ = _equations(samples)
     long_error, long_rows, _, _ = _equations(windows)
     prior = np.array([config.scale_sigma, config.drift_sigma, config.delay_sigma])
-    scale = _turn_scale(long_rows, long_error[:, 2], prior, config)
-    others, _ = _robust_fit(rows[:, 1:], error[:, 2] - scale * rows[:, 0], prior[1:])
-    return OdometryCalibration(
+    scale, deviation = _turn_scale(long_rows, long_error[:, 2], prior, config)
+    others, deviations = _robust_fit(rows[:, 1:], error[:, 2] - scale * rows[:, 0], prior[1:])
+    found = OdometryCalibration(
         heading_scale=scale,
         heading_per_metre=float(others[0]),
         heading_shift=float(np.clip(others[1], -2, 2)),
         noise=OdometryModel(),
     )
+    return found, float(deviations[0]), deviation
 
 
 def _turn_scale(
     rows: NDArray[np.float64], error: NDArray[np.float64], prior: NDArray[np.float64], config: CalibrationConfig
-) -> float:
-    """Scale of turns from the rows of the heading's regression, (n, 3), and match minus odometry, (n,).
+) -> tuple[float, float]:
+    """Scale of turns and its standard deviation, from the heading's regression: rows (n, 3), match minus odometry (n,).
 
     Odometry's noise passes for turns that the robot did not make: fitted to what odometry says, the scale would be too
     small, and where there is hardly anything but noise, as in a long corridor, next to nothing. So it is fitted to what
@@ -240,13 +254,18 @@ def _turn_scale(
     matched = rows[:, 0] + error
     turns = np.where(np.abs(matched) > config.min_turn, matched, 0.0)
     inverse, deviations = _robust_fit(np.column_stack([turns, rows[:, 1:]]), error, prior)
-    return _scale(float(inverse[0]), float(deviations[0]) * math.sqrt(config.window)) or 0.0
+    return _scale(float(inverse[0]), float(deviations[0]), config)
 
 
-def _scale(inverse: float, deviation: float) -> float | None:
-    """Scale s of odometry o from the s′ of m - o = s′m and its deviation; None where o is nothing but noise."""
-    share = 1.0 - inverse
-    return inverse / share if abs(share) > _TOLD_SIGMAS * deviation else None
+def _scale(inverse: float, deviation: float, config: CalibrationConfig) -> tuple[float, float]:
+    """Scale s of odometry o, and its standard deviation, from the s′ of m - o = s′m in windows and its deviation.
+
+    Where o is nothing but noise that is what is usual.
+    """
+    share, deviation = 1.0 - inverse, deviation * math.sqrt(config.window)  # the windows overlap
+    if abs(share) <= _TOLD_SIGMAS * deviation:
+        return 0.0, config.scale_sigma
+    return inverse / share, deviation
 
 
 def _fit_moves(samples: _Samples, windows: _Samples, config: CalibrationConfig) -> tuple[NDArray[np.float64], float]:
@@ -266,10 +285,7 @@ def _fit_moves(samples: _Samples, windows: _Samples, config: CalibrationConfig) 
     inverse, deviations = _robust_fit(
         np.vstack([long_x, long_y]), np.concatenate([long_error[:, 0], long_error[:, 1]]), prior
     )
-    deviation = float(deviations[0]) * math.sqrt(config.window)  # the windows overlap
-    scale = _scale(float(inverse[0]), deviation)
-    if scale is None:
-        scale, deviation = 0.0, config.scale_sigma
+    scale, deviation = _scale(float(inverse[0]), float(deviations[0]), config)
     error, _, rows_x, rows_y = _equations(samples)
     rows = np.vstack([rows_x, rows_y])
     unscaled = np.concatenate([error[:, 0], error[:, 1]]) - scale * rows[:, 0]
@@ -305,13 +321,34 @@ def _robust_fit(
     return x, scale * np.sqrt(np.diag(dense.inv(information)))
 
 
-def _unseen(track: Track) -> float:
-    """Longest part without a match that observes all directions [m of odometry]."""
-    longest = unseen = 0.0
-    for key in track.keys[1:]:
-        unseen = 0.0 if _is_seen(key) else unseen + key.motion.distance
-        longest = max(longest, unseen)
-    return longest
+def _parts_without(track: Track, is_seen: Callable[[KeyScan], bool]) -> Iterator[list[OdometryMotion]]:
+    """The parts of the path between matches that tell enough: their motions, one a key scan."""
+    for tells, keys in groupby(track.keys[1:], is_seen):
+        if not tells:
+            yield [key.motion for key in keys]
+
+
+def _tells_heading(key: KeyScan) -> bool:
+    """Whether a match leaves no direction open in which the robot would turn, if only by an arc of two metres."""
+    return not isinstance(key.match, NoMatch) and not (np.abs(key.match.weak_directions[:, 2]) > 0.5).any()
+
+
+def _longest(parts: Iterable[Sequence[OdometryMotion]]) -> float:
+    """The longest part [m of odometry]."""
+    return max((sum(motion.distance for motion in part) for part in parts), default=0.0)
+
+
+def _widest(parts: Iterable[Sequence[OdometryMotion]]) -> float:
+    """The range of headings in a part, squared, for each radian turned through [rad], at most.
+
+    A scale of turns is off by what lies between the headings, however often the robot turns to and fro.
+    """
+    widest = 0.0
+    for part in parts:
+        headings = np.cumsum([0.0, *(float(motion.T_key_robot[2]) for motion in part)])
+        turned = sum(motion.turn for motion in part)
+        widest = max(widest, float(np.ptp(headings)) ** 2 / turned if turned else 0.0)
+    return widest
 
 
 def _shifted(values: NDArray[np.float64], shift: float, fixed: NDArray[np.bool_]) -> NDArray[np.float64]:

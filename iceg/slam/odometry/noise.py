@@ -142,26 +142,41 @@ def _deviations(variances: dict[str, float]) -> dict[str, float]:
     return {name: max(getattr(_LEAST, name), math.sqrt(variance)) for name, variance in variances.items()}
 
 
-def lasting_noise(noise: OdometryModel, persistence: NDArray[np.float64], scale: float, unseen: float) -> OdometryModel:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LastingErrors:
+    """What the calibration leaves, the same all the way: s√L, s a standard deviation, L the longest way alone.
+
+    Attributes:
+        along: scale of the translation [m/√m].
+        drift: drift of the heading [rad/√m].
+        turn: scale of turns [rad/√rad].
+    """
+
+    along: float = 0.0
+    drift: float = 0.0
+    turn: float = 0.0
+
+
+def lasting_noise(noise: OdometryModel, persistence: NDArray[np.float64], left: LastingErrors) -> OdometryModel:
     """Noise for a graph, which takes the errors of successive motions for independent.
 
     Each axis is widened by its persistence. A scale error s is off by (sl)² after l metres: in the mean over all ways
-    within a path of L metres as much as independent errors of ½ s²L a metre.
+    within a path of L metres as much as independent errors of ½ s²L a metre. So is a heading that drifts, and a scale
+    of turns over the radians turned through.
 
     Args:
         noise: of single motions.
         persistence: (3,) factors on the variances in x, y and heading.
-        scale: standard deviation of what is left of the scale of the translation.
-        unseen: longest part over which nothing measures it [m].
+        left: what else is left: the s√L of each.
     """
     along, across, heading = np.sqrt(persistence).tolist()
     return replace(
         noise,
-        along_per_metre=math.hypot(along * noise.along_per_metre, scale * math.sqrt(0.5 * unseen)),
+        along_per_metre=math.hypot(along * noise.along_per_metre, math.sqrt(0.5) * left.along),
         across_per_metre=across * noise.across_per_metre,
         position_per_radian=max(along, across) * noise.position_per_radian,
-        heading_per_metre=heading * noise.heading_per_metre,
-        heading_per_radian=heading * noise.heading_per_radian,
+        heading_per_metre=math.hypot(heading * noise.heading_per_metre, math.sqrt(0.5) * left.drift),
+        heading_per_radian=math.hypot(heading * noise.heading_per_radian, math.sqrt(0.5) * left.turn),
         along_floor=along * noise.along_floor,
         across_floor=across * noise.across_floor,
         heading_floor=heading * noise.heading_floor,
