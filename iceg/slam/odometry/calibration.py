@@ -40,7 +40,7 @@ class OdometryCalibration:
         T_odometry_laser: (3,) where the laser really sits relative to where the log puts it: x, y [m], heading [rad].
         noise: what is left, from one key scan to the next.
         lasting_noise: the same for a graph, which takes the errors of successive motions for independent: widened by
-            what persists of them from motion to motion, and by the scale that is left where nothing else measures it.
+            what persists of them from motion to motion, and by scales and drift where nothing else measures them.
     """
 
     translation_scale: float = 0.0
