@@ -10,20 +10,17 @@ from numpy.typing import NDArray
 from graph import dense
 from graph.elementary import cos_sin
 from graph.measurement import NoMatch, RelativePose
+from graph.noise import chi2_gate
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse, wrap_angle
+from iceg.slam.calibration_config import CalibrationConfig, SuddenStepConfig
 from iceg.slam.odometry.delay import whole_delay
 from iceg.slam.odometry.noise import Differences, lasting_noise, odometry_noise, robust_deviation
 from iceg.slam.recording.steps import chained, sudden_steps
 from iceg.slam.track import KeyScan, Track
-from iceg.slam.tracking_config import CalibrationConfig
 
 _ROBUST_ROUNDS = 15
 """Rounds of iteratively reweighted least squares."""
-_TOLD_SIGMAS = 5.0
-"""Odometry whose share of the matches' moves is known no better than this is no measure of them."""
-_LATE = 1.0
-"""Scans that odometry may be late without harm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,16 +48,16 @@ class OdometryCalibration:
     noise: OdometryModel
     lasting_noise: OdometryModel = field(default_factory=OdometryModel)
 
-    @property
-    def is_late(self) -> bool:
+    def is_late(self, config: CalibrationConfig) -> bool:
         """Whether odometry is so late, or early, that what it predicted may have misled matches."""
-        return abs(self.heading_shift) > _LATE
+        return abs(self.heading_shift) > config.max_linear_delay
 
-    def apply(self, odometry: NDArray[np.float64]) -> NDArray[np.float64]:
+    def apply(self, odometry: NDArray[np.float64], config: SuddenStepConfig) -> NDArray[np.float64]:
         """Correct a log's odometry.
 
         Args:
             odometry: (n, 3) raw T_odom_robot, one per scan.
+            config: which of its steps no robot made: they stay where they are.
 
         Returns:
             (n, 3) corrected, starting at the same pose.
@@ -68,7 +65,7 @@ class OdometryCalibration:
         if len(odometry) < 2:
             return odometry.copy()
         steps = between(odometry[:-1], odometry[1:])
-        sudden = sudden_steps(odometry)
+        sudden = sudden_steps(odometry, config)
         distance = np.hypot(steps[:, 0], steps[:, 1])
         turns = (1.0 + self.heading_scale) * steps[:, 2] + self.heading_per_metre * np.where(sudden, 0.0, distance)
         moves = (1.0 + self.translation_scale) * steps[:, :2]
@@ -104,7 +101,7 @@ def calibrate_odometry(track: Track, odometry: NDArray[np.float64], config: Cali
     delay = whole_delay(samples.matched[:, 2], samples.starts, samples.ends, odometry, config)
     if delay:
         in_time = OdometryCalibration(heading_shift=delay, translation_shift=delay, noise=OdometryModel())
-        found = _calibrated(track, in_time.apply(odometry), config)
+        found = _calibrated(track, in_time.apply(odometry, config.sudden), config)
         return replace(
             found, heading_shift=found.heading_shift + delay, translation_shift=found.translation_shift + delay
         )
@@ -120,7 +117,7 @@ def _calibrated(
     windows = _Samples.collect(track, odometry, config, config.window) or samples
     turns = _fit_turns(samples, windows, config)
     # A heading that drifts leads aside, too, and that must not pass for a laser that looks askew.
-    turned = turns.apply(odometry)
+    turned = turns.apply(odometry, config.sudden)
     samples, windows = samples.claimed_by(turned), windows.claimed_by(turned)
     translation, deviation = _fit_moves(samples, windows, config)
     error, _, rows_x, rows_y = _equations(samples)
@@ -240,13 +237,13 @@ def _turn_scale(
     matched = rows[:, 0] + error
     turns = np.where(np.abs(matched) > config.min_turn, matched, 0.0)
     inverse, deviations = _robust_fit(np.column_stack([turns, rows[:, 1:]]), error, prior)
-    return _scale(float(inverse[0]), float(deviations[0]) * math.sqrt(config.window)) or 0.0
+    return _scale(float(inverse[0]), float(deviations[0]) * math.sqrt(config.window), config) or 0.0
 
 
-def _scale(inverse: float, deviation: float) -> float | None:
+def _scale(inverse: float, deviation: float, config: CalibrationConfig) -> float | None:
     """Scale s of odometry o from the s′ of m - o = s′m and its deviation; None where o is nothing but noise."""
     share = 1.0 - inverse
-    return inverse / share if abs(share) > _TOLD_SIGMAS * deviation else None
+    return inverse / share if share**2 > chi2_gate(config.scale_false_alarm, freedom=1) * deviation**2 else None
 
 
 def _fit_moves(samples: _Samples, windows: _Samples, config: CalibrationConfig) -> tuple[NDArray[np.float64], float]:
@@ -267,7 +264,7 @@ def _fit_moves(samples: _Samples, windows: _Samples, config: CalibrationConfig) 
         np.vstack([long_x, long_y]), np.concatenate([long_error[:, 0], long_error[:, 1]]), prior
     )
     deviation = float(deviations[0]) * math.sqrt(config.window)  # the windows overlap
-    scale = _scale(float(inverse[0]), deviation)
+    scale = _scale(float(inverse[0]), deviation, config)
     if scale is None:
         scale, deviation = 0.0, config.scale_sigma
     error, _, rows_x, rows_y = _equations(samples)
