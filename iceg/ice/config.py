@@ -233,6 +233,7 @@ class LocalMapConfig:
             reach=_REACHES,
             fine_radius=_REACHES,
             coarse_radius=_REACHES,
+            sharpen=(0.0, 1.0),
         )
         _require(
             0 < self.cell <= self.coarse_cell,

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from math import log, sqrt
 
-from graph.odometry import OdometryModel
+from graph.odometry import OdometryModel, check_odometry_setting
 from graph.ranges import RATES, check_between, check_numbers
 from graph.units import Radians
 from iceg.slam.config_error import SlamConfigError
@@ -109,6 +109,7 @@ class CalibrationConfig:
     """Standard deviations of a constant velocity are never taken to be smaller [m, rad]."""
 
     def __post_init__(self) -> None:
+        check_odometry_setting(self.least_noise, SlamConfigError, "least_noise")
         sigmas = ("scale_sigma", "drift_sigma", "delay_sigma", "mount_ahead_sigma", "mount_aside_sigma")
         positive = ("mount_heading_sigma", "window", "min_keys", "velocity_min_sigma")
         check_numbers(self, SlamConfigError, positive=(*sigmas, *positive))

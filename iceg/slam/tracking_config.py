@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from math import pi
 
-from graph.odometry import OdometryModel
+from graph.odometry import OdometryModel, check_odometry_setting
 from graph.ranges import RATES, check_between, check_numbers
 from graph.units import Radians
 from iceg.slam.agreement import Tolerance
@@ -187,6 +187,7 @@ class TrackingConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError, positive=("loss_keys",))
+        check_odometry_setting(self.unknown_odometry, SlamConfigError, "unknown_odometry")
 
 
 @dataclass(frozen=True, kw_only=True)
