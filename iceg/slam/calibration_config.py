@@ -119,6 +119,7 @@ class CalibrationConfig:
             SlamConfigError,
             "calibration: ",
             max_delay=(0, 1000),
+            min_floor=(0.0, 1.0),
             persistence_lags=(3, 1000),
             gyro_freedom=(1.0, 1000.0),
             gyro_min_turns=(5, 10**6),

@@ -133,7 +133,9 @@ class PlaceSignatureConfig:
             ),
         )
         check_between(self, SlamConfigError, "signatures: ", word_bins=(1, 1_000_000), max_features=(1, 1_000_000))
-        check_between(self, SlamConfigError, "signatures: ", distance_bins=(1, 100_000), half=(0, 1000))
+        check_between(
+            self, SlamConfigError, "signatures: ", distance_bins=(1, 100_000), half=(0, 1000), sequence=(0, 1000)
+        )
         check_between(self, SlamConfigError, "signatures: ", point_reach=(0.0, 1000.0), point_cell=(0.01, 100.0))
 
 

@@ -63,7 +63,7 @@ class JointRefinementConfig:
     """Rather than keep less than one in so many beams, fewer scans take part."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("independence", "over_relaxation", "credible_ratio"))
+        check_numbers(self, SlamConfigError, positive=("over_relaxation", "credible_ratio"))
         check_between(
             self,
             SlamConfigError,
@@ -72,6 +72,7 @@ class JointRefinementConfig:
             half_length=(0.01, 100.0),
             half_width=(1e-3, 100.0),
             scale=(1e-4, 100.0),
+            independence=(1e-3, 1000.0),
             steps=(0, 1000),
             min_residual=(1e-6, 100.0),
             correlated_points=(1.0, 1e6),

@@ -206,5 +206,6 @@ class SplitHalfConfig:
     """Squared distances are not taken to be smaller: halves that agree by chance prove nothing."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("usual_distance2", "min_distance2"))
+        check_numbers(self, SlamConfigError)
         check_between(self, SlamConfigError, "split half: ", scans=(0, 100_000), window=(1, 1000))
+        check_between(self, SlamConfigError, "split half: ", usual_distance2=(0.01, 100.0), min_distance2=(1e-6, 100.0))
