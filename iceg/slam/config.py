@@ -191,6 +191,7 @@ class LoopClosureConfig:
             radius=(0.0, 1000.0),
             max_drift=(0.0, 200.0),
             odometry_inflation=(0.01, 1000.0),
+            view_distance=(0.0, 1000.0),
             reference_half=(0, 1000),
             max_passes=(0, 1000),
             max_pieces=(0, 1000),
