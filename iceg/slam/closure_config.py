@@ -136,7 +136,7 @@ class PlaceSignatureConfig:
         check_between(
             self, SlamConfigError, "signatures: ", distance_bins=(1, 100_000), half=(0, 1000), sequence=(0, 1000)
         )
-        check_between(self, SlamConfigError, "signatures: ", point_reach=(0.0, 1000.0), point_cell=(0.01, 100.0))
+        check_between(self, SlamConfigError, "signatures: ", point_reach=(0.0, 1000.0), point_cell=(0.01, 100.0), shape_weight=(0.0, 1000.0))
 
 
 @dataclass(frozen=True, kw_only=True)
