@@ -119,24 +119,21 @@ class PlaceSignatureConfig:
     """Places on either side that are compared along with a place."""
 
     def __post_init__(self) -> None:
-        check_numbers(
+        positive = ("word_cell", "word_sectors", "point_every", "distance_cell")
+        check_numbers(self, SlamConfigError, positive=positive)
+        check_between(
             self,
             SlamConfigError,
-            positive=(
-                "word_cell",
-                "word_sectors",
-                "word_bins",
-                "point_every",
-                "point_cell",
-                "distance_bins",
-                "distance_cell",
-            ),
+            "signatures: ",
+            half=(0, 1000),
+            word_bins=(1, 1_000_000),
+            max_features=(1, 1_000_000),
+            point_reach=(0.0, 1000.0),
+            point_cell=(0.01, 100.0),
+            distance_bins=(1, 100_000),
+            shape_weight=(0.0, 1000.0),
+            sequence=(0, 1000),
         )
-        check_between(self, SlamConfigError, "signatures: ", word_bins=(1, 1_000_000), max_features=(1, 1_000_000))
-        check_between(
-            self, SlamConfigError, "signatures: ", distance_bins=(1, 100_000), half=(0, 1000), sequence=(0, 1000)
-        )
-        check_between(self, SlamConfigError, "signatures: ", point_reach=(0.0, 1000.0), point_cell=(0.01, 100.0), shape_weight=(0.0, 1000.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -253,7 +250,7 @@ class RelocalisationConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError, positive=("max_keys",))
-        check_between(self, SlamConfigError, "relocalisation: ", false_alarm=RATES)
+        check_between(self, SlamConfigError, "relocalisation: ", false_alarm=RATES, spacing=(0.0, 1000.0))
 
     @property
     def found(self) -> Tolerance:

@@ -88,6 +88,7 @@ class Clouds:
         key_of_scan: (m,) the key pose of each scan, increasing; each key pose has at least one.
         T_key_scan: (m, 3).
         stand_for: how many points each stands for: in long logs, most are left out.
+        variance_scale: by how much their variances exceed what they say.
     """
 
     points: NDArray[np.float64]
@@ -97,6 +98,7 @@ class Clouds:
     key_of_scan: NDArray[np.int64]
     T_key_scan: NDArray[np.float64]
     stand_for: float = 1.0
+    variance_scale: float = 1.0
 
     @property
     def key_starts(self) -> NDArray[np.int64]:
@@ -211,7 +213,7 @@ def _covariances(
         return None, None
     near = np.hypot(clouds.points[:, 0], clouds.points[:, 1]) <= config.telling_reach
     told = replace(walls, weights=np.where(near, walls.weights, 0.0))
-    precision = _precision(walls, config) * max(1.0, clouds.stand_for / config.correlated_points) ** (2.0 / 3.0)
+    precision = _precision(clouds, walls, config) * max(1.0, clouds.stand_for / config.correlated_points) ** (2.0 / 3.0)
     try:
         information = joint_information(factors, poses, clouds.key_starts, told, precision)
     except np.linalg.LinAlgError:
@@ -221,9 +223,9 @@ def _covariances(
     return (None, None) if covariances is None else (information, covariances)
 
 
-def _precision(walls: Walls, config: JointRefinementConfig) -> float:
+def _precision(clouds: Clouds, walls: Walls, config: JointRefinementConfig) -> float:
     """Of one point of weight 1 [1/m²]."""
-    return float(config.independence / max(walls.residual, config.min_residual) ** 2)
+    return float(config.independence / clouds.variance_scale / max(walls.residual, config.min_residual) ** 2)
 
 
 def key_clouds(
@@ -404,7 +406,7 @@ class _Pull:
         return cls(
             system=walls.normal_equations(poses, clouds.key_starts),
             n_lines=len(walls.lines),
-            precision=_precision(walls, config),
+            precision=_precision(clouds, walls, config),
         )
 
     @property
