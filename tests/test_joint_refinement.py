@@ -406,6 +406,20 @@ def test_points_that_stand_for_many_tell_more(solution: Solution, track: Track) 
     assert 0.25**3 < np.median(ratio) < 0.5**3
 
 
+def test_points_whose_variances_are_larger_tell_less(solution: Solution, track: Track) -> None:
+    config = JointRefinementConfig(max_points=20_000)
+    clouds, factors = key_clouds(track, None, config), solution.graph.factors
+    usual, doubted = (
+        refine_jointly(factors, solution.poses, replace(clouds, variance_scale=scale), config).information
+        for scale in (1.0, 4.0)
+    )
+    assert usual is not None
+    assert doubted is not None
+    # Beside the points there are only odometry and the first pose, which is held: some of four is left.
+    ratio = np.linalg.det(doubted.covariances[1:]) / np.linalg.det(usual.covariances[1:])
+    assert 2.0**3 < np.median(ratio) <= 4.0**3
+
+
 def finished_with(solution: Solution, track: Track, office: Simulation, matcher: IceMatcher, joint: bool) -> Finished:
     config = FinishConfig(joint=JointRefinementConfig(enabled=joint))
     found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), config, PoseGraphConfig())
