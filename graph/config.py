@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from graph.errors import GraphError
-from graph.ranges import check_magnitudes
+from graph.ranges import check_between, check_magnitudes
 
 Factorization = Literal["CHOLESKY", "QR"]
 
@@ -42,6 +42,5 @@ class PoseGraphConfig:
             raise GraphError(f"settle_iterations is not negative, found {self.settle_iterations}")
         if self.factorization not in {"CHOLESKY", "QR"}:
             raise GraphError(f"factorization is CHOLESKY or QR, found {self.factorization!r}")
-        if self.prior_sigma <= 0.0:
-            raise GraphError(f"prior_sigma is positive, found {self.prior_sigma}")
+        check_between(self, GraphError, prior_sigma=(1e-6, 10.0))
         check_magnitudes(self, GraphError)

@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.errors import GraphError
-from graph.ranges import check_magnitudes
+from graph.errors import GraphError, IcegError
+from graph.ranges import check_between, check_magnitudes
 from graph.se2 import compose_covariance, inverse
 from graph.units import Radians
 
@@ -142,3 +142,18 @@ class OdometryModel:
         ] + any_direction[..., None, None] * np.eye(2)
         total[..., 2, 2] = self.heading_per_metre**2 * distance + self.heading_per_radian**2 * turn
         return total
+
+
+def check_odometry_setting(model: OdometryModel, error: type[IcegError], name: str) -> None:
+    """Refuse noise, given as a setting, so unlike from axis to axis that no covariance in double precision holds it.
+
+    Args:
+        model: the noise.
+        error: raised where a number is out of range.
+        name: of the setting, for the message.
+
+    Raises:
+        IcegError: of the type given, with the field, what was found and what was expected.
+    """
+    bounds = {field.name: (1e-5 if field.name.endswith("_floor") else 0.0, 100.0) for field in fields(model)}
+    check_between(model, error, f"{name}.", **bounds)

@@ -13,6 +13,8 @@ LEAST, MOST = 1e-9, 1e6
 """No positive setting is smaller, and none larger, whatever its unit (m, rad, s, a count, a share) …"""
 MOST_COUNT = 10**9
 """… but for whole numbers."""
+RATES = (1e-9, 0.5)
+"""Least and most of a rate of false alarms."""
 
 
 def number_in(text: str, low: float, high: float, what: str, error: type[IcegError], where: str = "") -> float:

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from graph.config import PoseGraphConfig
 from graph.limits import LIMITS
-from graph.odometry import OdometryModel
+from graph.odometry import OdometryModel, check_odometry_setting
 from graph.ranges import check_magnitudes, shown_number
 from iceg.ice.config import IceConfig
 from iceg.maps.config import FeatureMapConfig, GridConfig
@@ -106,6 +106,7 @@ class Config:
     def __post_init__(self) -> None:
         if not 0 <= self.seed <= _MOST_SEED:
             raise ConfigError(f"seed: found {shown_number(self.seed)}, expected 0 or more, at most 2⁶³ - 1")
+        check_odometry_setting(self.odometry, ConfigError, "odometry")
         _check_magnitudes(self)
 
 

@@ -30,6 +30,7 @@ _CLOSE = 0.7
 """How like another a name must be to be meant by it (`difflib`: 1 for the same)."""
 RENAMED = {
     "ice.refinement.doubtful": "ice.refinement.wide_below",
+    "front_end.split_scans": "front_end.split_half.scans",
     "loops.odometry_doubt": "loops.odometry_inflation",
 }
 """Settings that had another name."""

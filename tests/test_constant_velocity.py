@@ -10,12 +10,12 @@ from frontends.matchers import make_matcher
 from frontends.scan import Log
 from graph.odometry import OdometryModel
 from iceg.evaluation.trajectory import trajectory_errors
+from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.completed_matcher import completed
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.odometry.constant_velocity import constant_velocity
 from iceg.slam.pipeline import run
 from iceg.slam.tracking.log_tracking import track_log
-from iceg.slam.tracking_config import CalibrationConfig
 
 
 def room_log(speeds: list[float]) -> Log:

@@ -8,9 +8,9 @@ from graph.factors import Factor
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryMotion
 from graph.se2 import compose
-from iceg.slam.broken_path.path_break import UNKNOWN_STEP, Break, Outcome
+from iceg.slam.broken_path.path_break import Break, Outcome
 from iceg.slam.final_factors import FinalFactors
-from iceg.slam.track import KeyScan, Track
+from iceg.slam.track import UNKNOWN_STEP, KeyScan, Track
 
 _STEP = np.array([0.5, 0.0, 0.1])
 _MOVED = np.array([[0.0, 0.0, 0.0], [0.01, -0.02, 0.003], [-0.03, 0.01, -0.01]])

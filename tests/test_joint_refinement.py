@@ -96,7 +96,7 @@ def placed_in_map(clouds: Clouds, poses: Array) -> tuple[Array, Array]:
 
 def grouped(placed: Array, turned: Array, config: JointRefinementConfig) -> NDArray[np.int64]:
     member = np.empty(len(placed), np.int64)
-    surfels, keys, surfel_at = kernels.surfels(placed, turned, config.cell, member)
+    surfels, keys, surfel_at = kernels.surfels(placed, turned, config.cell, config.cell_facing, member)
     piece = np.empty(len(surfels), np.int64)
     order = np.argsort(-surfels[:, 4], kind="stable")
     kernels.group(
@@ -124,7 +124,7 @@ def grouped_slowly(placed: Array, turned: Array, config: JointRefinementConfig) 
         u, v = np.floor((point - corner) / config.cell).astype(int).tolist()
         here = in_cell.setdefault((u, v), [])
         for k in here:
-            if turned[surfels[k]].sum(axis=0) @ normal >= 0.8 * len(surfels[k]):
+            if turned[surfels[k]].sum(axis=0) @ normal >= config.cell_facing * len(surfels[k]):
                 surfels[k].append(i)
                 break
         else:
@@ -186,7 +186,8 @@ def system_of(clouds: Clouds, poses: Array) -> tuple[Array, Array, NDArray[np.in
     piece_of = grouped(placed, turned, JointRefinementConfig())
     n, m, k = len(placed), int(piece_of.max()) + 1, len(poses)
     lines, residuals, weights = np.empty((m, 4)), np.empty(n), np.empty(n)
-    kernels.fit_lines(placed, turned, np.ones(len(placed)), piece_of, 0.04, 3, lines, residuals, weights)
+    fit = kernels.LineFit(scale=0.04, rounds=3, elongation=4.0, facing=0.9)
+    kernels.fit_lines(placed, turned, np.ones(len(placed)), piece_of, fit, lines, residuals, weights)
     system = normal_equations(poses, PointsOnLines(clouds.key_starts, placed, piece_of, lines, residuals, weights))
     columns = [product(system, m, e.reshape(k, 3)).ravel() for e in np.eye(3 * k)]
     filled = np.zeros((3 * k, 3 * k))
@@ -231,8 +232,9 @@ def test_lines_are_fitted_and_outliers_are_not_on_them() -> None:
     placed[:3, 1] += 0.12
     turned = np.tile([0.0, 1.0], (50, 1))
     lines, residuals, weights = np.empty((1, 4)), np.empty(50), np.empty(50)
+    fit = kernels.LineFit(scale=0.02, rounds=3, elongation=4.0, facing=0.9)
     total, squares = kernels.fit_lines(
-        placed, turned, np.ones(50), np.zeros(50, np.int64), 0.02, 3, lines, residuals, weights
+        placed, turned, np.ones(50), np.zeros(50, np.int64), fit, lines, residuals, weights
     )
     normal = np.array([-0.3, 1.0]) / np.hypot(0.3, 1.0)
     assert lines[0, 2:] @ normal > np.cos(0.02)
@@ -404,6 +406,20 @@ def test_points_that_stand_for_many_tell_more(solution: Solution, track: Track) 
     assert 0.25**3 < np.median(ratio) < 0.5**3
 
 
+def test_points_whose_variances_are_larger_tell_less(solution: Solution, track: Track) -> None:
+    config = JointRefinementConfig(max_points=20_000)
+    clouds, factors = key_clouds(track, None, config), solution.graph.factors
+    usual, doubted = (
+        refine_jointly(factors, solution.poses, replace(clouds, variance_scale=scale), config).information
+        for scale in (1.0, 4.0)
+    )
+    assert usual is not None
+    assert doubted is not None
+    # Beside the points there are only odometry and the first pose, which is held: some of four is left.
+    ratio = np.linalg.det(doubted.covariances[1:]) / np.linalg.det(usual.covariances[1:])
+    assert 2.0**3 < np.median(ratio) <= 4.0**3
+
+
 def finished_with(solution: Solution, track: Track, office: Simulation, matcher: IceMatcher, joint: bool) -> Finished:
     config = FinishConfig(joint=JointRefinementConfig(enabled=joint))
     found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), config, PoseGraphConfig())
@@ -452,5 +468,5 @@ def test_a_run_says_where_its_covariances_come_from(office: Simulation, monkeypa
 def test_settings_out_of_range() -> None:
     with pytest.raises(SlamConfigError, match="half_length"):
         JointRefinementConfig(half_length=0.0)
-    with pytest.raises(SlamConfigError, match="max_points 0"):
+    with pytest.raises(SlamConfigError, match="max_points 0, expected a number from 1"):
         JointRefinementConfig(max_points=0)

@@ -10,9 +10,9 @@ from frontends.scan import Scan, ScanGeometry
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, inverse
+from iceg.slam.calibration_config import CalibrationConfig, SuddenStepConfig
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.track import KeyScan, Track
-from iceg.slam.tracking_config import CalibrationConfig
 
 _GEOMETRY = ScanGeometry(bearings=np.linspace(-1.5, 1.5, 31), range_min=0.1, range_max=20.0)
 
@@ -109,10 +109,10 @@ def test_odometry_that_is_several_scans_late_is_read_in_time(scans: int) -> None
     calibration = calibrate_odometry(_track(truth, every=4), late, CalibrationConfig())
     assert calibration.heading_shift == pytest.approx(scans, abs=0.1)
     assert calibration.translation_shift == pytest.approx(scans, abs=0.1)
-    assert calibration.is_late
-    assert not calibrate_odometry(_track(truth, every=4), truth, CalibrationConfig()).is_late
+    assert calibration.is_late(CalibrationConfig())
+    assert not calibrate_odometry(_track(truth, every=4), truth, CalibrationConfig()).is_late(CalibrationConfig())
     inner = slice(20, -20)
-    corrected = calibration.apply(late)[inner]
+    corrected = calibration.apply(late, SuddenStepConfig())[inner]
     steps, true_steps = (between(poses[:-1], poses[1:]) for poses in (corrected, truth[inner]))
     np.testing.assert_allclose(steps, true_steps, atol=3e-3)
 
@@ -173,7 +173,9 @@ def test_odometry_that_tells_nothing_has_no_scale(columns: tuple[int, ...], nois
 def test_applying_the_calibration_undoes_the_error() -> None:
     truth = _drive(2500)
     odometry = _spoiled(truth, 0.04, -0.03, 0.05, -0.4, np.array([0.1, 0.0, 0.0]))
-    corrected = calibrate_odometry(_track(truth, 6, noise=0.001), odometry, CalibrationConfig()).apply(odometry)
+    corrected = calibrate_odometry(_track(truth, 6, noise=0.001), odometry, CalibrationConfig()).apply(
+        odometry, SuddenStepConfig()
+    )
 
     def errors(poses: NDArray[np.float64]) -> NDArray[np.float64]:
         return between(between(truth[:-30], truth[30:]), between(poses[:-30], poses[30:]))
@@ -204,12 +206,12 @@ def test_a_short_track_changes_nothing() -> None:
     odometry = _spoiled(truth, 0.05, 0.05, 0.05, 0.5, np.zeros(3))
     found = calibrate_odometry(_track(truth, 6), odometry, CalibrationConfig())
     assert found == OdometryCalibration(noise=OdometryModel())
-    np.testing.assert_allclose(found.apply(odometry), odometry, atol=1e-9)
+    np.testing.assert_allclose(found.apply(odometry, SuddenStepConfig()), odometry, atol=1e-9)
 
 
 def test_a_single_scan_stays_where_it_is() -> None:
     one = np.array([[1.0, 2.0, 3.0]])
-    np.testing.assert_array_equal(OdometryCalibration(noise=OdometryModel()).apply(one), one)
+    np.testing.assert_array_equal(OdometryCalibration(noise=OdometryModel()).apply(one, SuddenStepConfig()), one)
 
 
 def _with_heading_noise(truth: NDArray[np.float64], persists: int) -> NDArray[np.float64]:

@@ -5,8 +5,8 @@ import pytest
 from numpy.typing import NDArray
 
 from graph.se2 import wrap_angle
+from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.odometry.delay import whole_delay
-from iceg.slam.tracking_config import CalibrationConfig
 
 Array = NDArray[np.float64]
 

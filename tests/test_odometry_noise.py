@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap, logmap
+from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.odometry.noise import (
     Differences,
     LastingErrors,
@@ -17,7 +18,6 @@ from iceg.slam.odometry.noise import (
     lasting_noise,
     odometry_noise,
 )
-from iceg.slam.tracking_config import CalibrationConfig
 
 Array = NDArray[np.float64]
 _EVERY = 4

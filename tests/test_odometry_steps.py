@@ -5,8 +5,11 @@ from numpy.typing import NDArray
 
 from graph.odometry import OdometryModel
 from graph.se2 import compose
+from iceg.slam.calibration_config import SuddenStepConfig
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.recording.steps import sudden_steps
+
+CONFIG = SuddenStepConfig()
 
 
 def _driven(steps: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -24,17 +27,17 @@ def _usual(n: int = 300) -> NDArray[np.float64]:
 def test_a_jump_and_a_turn_stand_out_usual_driving_does_not() -> None:
     steps = _usual()
     steps[100, 0], steps[200, 2] = 5.0, 2.0
-    assert np.flatnonzero(sudden_steps(_driven(steps))).tolist() == [100, 200]
+    assert np.flatnonzero(sudden_steps(_driven(steps), CONFIG)).tolist() == [100, 200]
 
 
 def test_a_long_pause_explains_a_long_step() -> None:
     steps = _usual()
     steps[100, 0] = 5.0
     odometry, stamps = _driven(steps), 0.2 * np.arange(301.0)
-    assert sudden_steps(odometry, stamps)[100]
+    assert sudden_steps(odometry, CONFIG, stamps)[100]
     stamps[101:] += 10.0
-    assert not sudden_steps(odometry, stamps).any()
-    assert sudden_steps(odometry, np.zeros(301))[100]  # stamps that stall explain nothing
+    assert not sudden_steps(odometry, CONFIG, stamps).any()
+    assert sudden_steps(odometry, CONFIG, np.zeros(301))[100]  # stamps that stall explain nothing
 
 
 def test_a_pause_explains_no_more_than_usual_driving_makes_of_it() -> None:
@@ -43,19 +46,19 @@ def test_a_pause_explains_no_more_than_usual_driving_makes_of_it() -> None:
         steps[pause, 0] = 1.0
         stamps[pause + 1 :] += 1.0
     steps[90, 0] = 9.0
-    assert np.flatnonzero(sudden_steps(_driven(steps), stamps)).tolist() == [90]
+    assert np.flatnonzero(sudden_steps(_driven(steps), CONFIG, stamps)).tolist() == [90]
 
 
 def test_long_steps_are_usual_in_sparse_logs_and_short_logs_have_none() -> None:
-    assert not sudden_steps(_driven(np.tile([2.0, 0.0, 0.9], (50, 1)))).any()
-    assert not len(sudden_steps(np.zeros((1, 3)), np.zeros(1)))
+    assert not sudden_steps(_driven(np.tile([2.0, 0.0, 0.9], (50, 1))), CONFIG).any()
+    assert not len(sudden_steps(np.zeros((1, 3)), CONFIG, np.zeros(1)))
 
 
 def test_a_time_shift_does_not_smear_a_jump() -> None:
     steps = np.tile([0.1, 0.0, 0.0], (300, 1))
     steps[150] = [7.0, 2.0, 1.5]
     calibration = OdometryCalibration(translation_shift=-0.5, heading_shift=0.7, noise=OdometryModel())
-    np.testing.assert_allclose(calibration.apply(_driven(steps)), _driven(steps), atol=1e-9)
+    np.testing.assert_allclose(calibration.apply(_driven(steps), CONFIG), _driven(steps), atol=1e-9)
 
 
 def test_odometry_may_catch_up_one_scan_after_a_pause_but_no_later() -> None:
@@ -64,4 +67,4 @@ def test_odometry_may_catch_up_one_scan_after_a_pause_but_no_later() -> None:
     for late, stands_out in ((0, False), (1, False), (2, True)):
         moved = steps.copy()
         moved[100 + late, 0] = 5.0
-        assert sudden_steps(_driven(moved), stamps).any() == stands_out
+        assert sudden_steps(_driven(moved), CONFIG, stamps).any() == stands_out

@@ -7,8 +7,8 @@ import iceg
 from graph.factors import Factor
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryMotion
-from iceg.slam.broken_path.path_break import UNKNOWN_STEP, Break, Outcome, without_lost_odometry
-from iceg.slam.track import KeyScan, Track
+from iceg.slam.broken_path.path_break import Break, Outcome, without_lost_odometry
+from iceg.slam.track import UNKNOWN_STEP, KeyScan, Track
 
 _SCAN = iceg.Scan.from_ranges(np.full(31, 4.0), field_of_view=np.pi)
 _NOTHING = NoMatch(reason="nothing")

@@ -75,7 +75,7 @@ def test_pairs_are_counted_as_the_slow_way_counts_them() -> None:
     kinds, rows = _random_features(rng, 25)
     hits = rng.integers(1, 9, 25).astype(float)
     histogram = np.zeros(128)
-    kernels.count_pairs(kinds, rows, hits, 6.0, 0.4, 6, histogram)
+    kernels.count_pairs(kinds, rows, hits, kernels.Words(0.3, 6.0, 0.4, 6, 4.0), histogram)
     np.testing.assert_allclose(histogram, _counted_slowly(kinds, rows, hits, 128), rtol=1e-12, atol=1e-12)
     assert histogram.sum() > 0
 

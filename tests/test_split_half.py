@@ -29,9 +29,11 @@ from iceg.slam.tracking.split_half import (
     split_half_distances,
     with_measured_covariance_scale,
 )
+from iceg.slam.tracking_config import SplitHalfConfig
 
 Array = NDArray[np.float64]
 
+_USUAL = SplitHalfConfig()
 _COARSE = GridConfig(resolution=0.5)
 _BOAST = 9.0
 """Factor by which a boasting matcher's variances are too small."""
@@ -101,46 +103,52 @@ def test_usual_distances_leave_matches_as_they_are() -> None:
     rng = np.random.default_rng(0)
     for _ in range(20):
         usual = 0.55 * rng.chisquare(3, 400)
-        assert match_covariance_scale(usual) == pytest.approx(1.0, abs=0.08)
-        assert match_covariance_scale(0.1 * usual) == 1.0  # never surer than calibrated
+        assert match_covariance_scale(usual, _USUAL) == pytest.approx(1.0, abs=0.08)
+        assert match_covariance_scale(0.1 * usual, _USUAL) == 1.0  # never surer than calibrated
 
 
 def test_the_scale_is_the_factor_by_which_halves_lie_too_far_apart() -> None:
     usual = 0.58 * np.random.default_rng(1).chisquare(3, 4000)
-    assert match_covariance_scale(5.0 * usual) == pytest.approx(5.0, rel=0.06)
+    assert match_covariance_scale(5.0 * usual, _USUAL) == pytest.approx(5.0, rel=0.06)
     # It scales with the distances, whatever their spread.
-    assert match_covariance_scale(20.0 * usual) == pytest.approx(4.0 * match_covariance_scale(5.0 * usual), rel=1e-2)
+    assert match_covariance_scale(20.0 * usual, _USUAL) == pytest.approx(
+        4.0 * match_covariance_scale(5.0 * usual, _USUAL), rel=1e-2
+    )
 
 
 def test_what_few_scans_say_counts_for_less_and_one_says_nothing() -> None:
-    assert match_covariance_scale(np.empty(0)) == 1.0
-    assert match_covariance_scale(np.array([50.0])) == 1.0
+    assert match_covariance_scale(np.empty(0), _USUAL) == 1.0
+    assert match_covariance_scale(np.array([50.0]), _USUAL) == 1.0
     distances2 = np.array([1.0, 4.0, 9.0, 4.0])
-    assert 1.0 < match_covariance_scale(distances2) < match_covariance_scale(np.tile(distances2, 20))
+    assert 1.0 < match_covariance_scale(distances2, _USUAL) < match_covariance_scale(np.tile(distances2, 20), _USUAL)
 
 
 def test_a_scan_that_matched_wrong_hardly_counts() -> None:
     usual = 2.0 * np.random.default_rng(2).chisquare(3, 40)
     wrong = np.append(usual, 1e4)
-    assert match_covariance_scale(wrong) < 1.25 * match_covariance_scale(usual)
+    assert match_covariance_scale(wrong, _USUAL) < 1.25 * match_covariance_scale(usual, _USUAL)
 
 
 def test_halves_of_simulated_scans_agree_as_usual() -> None:
-    distances2 = split_half_distances(_track(), IceMatcher(), 200)
+    distances2 = split_half_distances(_track(), IceMatcher(), SplitHalfConfig(scans=200))
     assert len(distances2) > 50
     assert 0.7 < np.exp(np.log(np.maximum(distances2, 0.05)).mean()) < 1.7
-    assert with_measured_covariance_scale(_track(), IceMatcher(), 40).match_covariance_scale < 1.2
+    assert (
+        with_measured_covariance_scale(_track(), IceMatcher(), SplitHalfConfig(scans=40)).match_covariance_scale < 1.2
+    )
 
 
 def test_the_distances_are_those_of_the_covariances() -> None:
-    distances2 = split_half_distances(_track(), IceMatcher(), 20)
+    distances2 = split_half_distances(_track(), IceMatcher(), SplitHalfConfig(scans=20))
     assert len(distances2) <= 20
-    np.testing.assert_allclose(split_half_distances(_track(), _Boasting(), 20), _BOAST * distances2)
+    np.testing.assert_allclose(
+        split_half_distances(_track(), _Boasting(), SplitHalfConfig(scans=20)), _BOAST * distances2
+    )
 
 
 def test_a_boast_is_taken_back() -> None:
     track = _track()
-    inflated = with_measured_covariance_scale(track, _Boasting(), 60)
+    inflated = with_measured_covariance_scale(track, _Boasting(), SplitHalfConfig(scans=60))
     assert inflated.match_covariance_scale == pytest.approx(_BOAST, rel=0.4)
     np.testing.assert_allclose(_covariances(inflated), inflated.match_covariance_scale * _covariances(track))
     assert isinstance(inflated.keys[0].match, NoMatch)
@@ -148,21 +156,23 @@ def test_a_boast_is_taken_back() -> None:
 
 
 def test_without_tests_matches_are_believed() -> None:
-    assert with_measured_covariance_scale(_track(), _Boasting(), 0) is _track()
-    with pytest.raises(SlamConfigError, match="found split_scans -1, expected 0 or more"):
-        FrontEndConfig(split_scans=-1)
+    assert with_measured_covariance_scale(_track(), _Boasting(), SplitHalfConfig(scans=0)) is _track()
+    with pytest.raises(SlamConfigError, match="found scans -1, expected 0 or more"):
+        SplitHalfConfig(scans=-1)
 
 
 def test_a_track_too_short_for_a_local_map_is_believed() -> None:
     short = replace(_track(), keys=_track().keys[:12])
-    assert with_measured_covariance_scale(short, _Boasting(), 40) is short
+    assert with_measured_covariance_scale(short, _Boasting(), SplitHalfConfig(scans=40)) is short
 
 
 def test_ranges_that_come_in_steps_inflate_the_covariances() -> None:
     # Neighbouring beams share an error of up to half a step: the match moves with them.
     log = simulate("room", seed=4, laser=Laser(quantisation=0.16)).log
     stepped = track_log(log, IceMatcher(), OdometryModel(), FrontEndConfig())
-    far, usual = (split_half_distances(track, IceMatcher(), 200) for track in (stepped, _track()))
+    far, usual = (
+        split_half_distances(track, IceMatcher(), SplitHalfConfig(scans=200)) for track in (stepped, _track())
+    )
     assert np.log(far).mean() > np.log(usual).mean() + 0.2
 
 
@@ -181,14 +191,14 @@ def test_closures_are_inflated_as_the_matches_are() -> None:
 
 
 @lru_cache
-def _result(matcher: type[Matcher], split_scans: int) -> SlamResult:
-    config = Config(grid=_COARSE, front_end=FrontEndConfig(split_scans=split_scans))
+def _result(matcher: type[Matcher], scans: int) -> SlamResult:
+    config = Config(grid=_COARSE, front_end=FrontEndConfig(split_half=SplitHalfConfig(scans=scans)))
     return run(_room().log, config, stages=Stages(matcher=matcher()))
 
 
-def _width(matcher: type[Matcher], split_scans: int) -> float:
+def _width(matcher: type[Matcher], scans: int) -> float:
     """Median variance of the position of key poses [m²]."""
-    covariances = _result(matcher, split_scans).covariances[1:, :2, :2]
+    covariances = _result(matcher, scans).covariances[1:, :2, :2]
     return float(np.median(np.trace(covariances, axis1=1, axis2=2)))
 
 

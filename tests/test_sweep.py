@@ -14,6 +14,7 @@ from iceg.evaluation.trajectory import trajectory_errors
 from iceg.slam.pipeline import SlamResult, run
 from iceg.slam.sweep.estimate import SweepEstimate, learn_sweep
 from iceg.slam.sweep.motion import motion_within
+from iceg.slam.sweep_config import SweepConfig
 from iceg.slam.tracking.laser_orientation import LaserOrientation
 
 WITHOUT = replace(Config(), front_end=replace(Config().front_end, deskew=False))
@@ -33,7 +34,7 @@ def _run(laser: str, way: int, *, deskew: bool = True) -> SlamResult:
 
 def _learned(simulation: Simulation) -> SweepEstimate:
     log = simulation.log
-    found = learn_sweep(log, simulation.truth, motion_within(simulation.truth, log.stamps))
+    found = learn_sweep(log, simulation.truth, motion_within(simulation.truth, log.stamps), SweepConfig())
     assert found is not None
     return found
 
@@ -44,22 +45,22 @@ def test_duration_and_direction_are_learned_within_their_deviation(laser: str, w
     found = _learned(_simulated(laser, way))
     usual = LASERS[laser]()
     true = way * usual.sweep_time / usual.period
-    assert found.is_significant
+    assert found.is_significant(SweepConfig().false_alarm)
     assert abs(found.share - true) < 3.0 * found.deviation
     assert found.deviation < 0.1
 
 
 @pytest.mark.parametrize("laser", ["sick", "rplidar-a1", "lds-01"])
 def test_a_laser_that_does_not_sweep_is_not_taken_for_one(laser: str) -> None:
-    assert not _learned(_simulated(laser, 0)).is_significant
+    assert not _learned(_simulated(laser, 0)).is_significant(SweepConfig().false_alarm)
 
 
 def test_a_robot_that_never_moves_tells_nothing() -> None:
     log = _simulated("rplidar-a1").log
     still = log.select(np.zeros(60, dtype=np.int64))
     truth = np.zeros((60, 3))
-    found = learn_sweep(still, truth, motion_within(truth, np.arange(60.0)))
-    assert found is None or not found.is_significant
+    found = learn_sweep(still, truth, motion_within(truth, np.arange(60.0)), SweepConfig())
+    assert found is None or not found.is_significant(SweepConfig().false_alarm)
 
 
 @pytest.mark.parametrize("way", [1, -1])

@@ -7,14 +7,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from iceg.slam.joint.wall_claims import CREDIBLE, believed_covariances
+from iceg.slam.joint.wall_claims import believed_covariances
+from iceg.slam.joint_config import JointRefinementConfig
 
 Array = NDArray[np.float64]
+CONFIG = JointRefinementConfig()
 
 
 def _believed(walls: Array, graph: Array, share: float) -> Array:
     """Of a claim that is credible."""
-    believed = believed_covariances(walls, graph, share)
+    believed = believed_covariances(walls, graph, share, CONFIG)
     assert believed is not None
     return believed
 
@@ -69,8 +71,8 @@ def test_a_claim_far_beyond_the_graph_needs_poses_that_were_pulled(
 ) -> None:
     graph = _covariances(11, 0.1)
     walls = graph / 2.0**2
-    walls[1 : 1 + too_sure] = graph[1 : 1 + too_sure] / (2.0 * CREDIBLE) ** 2
-    assert (believed_covariances(walls, graph, share) is not None) == is_believed
+    walls[1 : 1 + too_sure] = graph[1 : 1 + too_sure] / (2.0 * CONFIG.credible_ratio) ** 2
+    assert (believed_covariances(walls, graph, share, CONFIG) is not None) == is_believed
 
 
 def test_covariances_that_are_none_judge_nothing() -> None:

@@ -32,7 +32,7 @@ def walls() -> Walls:
 @pytest.mark.parametrize("marks", [1, 4, 1000])  # key poses marked at a time: one, two, all
 def test_pieces_reach_as_far_as_their_points(monkeypatch: pytest.MonkeyPatch, marks: int) -> None:
     monkeypatch.setattr(wall_pieces, "_MARKS", marks)
-    pieces = WallPieces.of(walls(), np.ones(7), np.array([0, 2, 4, 7]), np.zeros(3))
+    pieces = WallPieces.of(walls(), np.ones(7), np.array([0, 2, 4, 7]), np.zeros(3), 0.5)
     np.testing.assert_allclose(pieces.ends[FLOOR], [[0.0, 0.0], [0.4, 0.0]])  # what was seen lies to the left
     np.testing.assert_allclose(pieces.ends[POST], [[1.0, 0.3], [1.0, 0.0]])
     assert pieces.points.tolist() == [3, 2]
@@ -41,7 +41,7 @@ def test_pieces_reach_as_far_as_their_points(monkeypatch: pytest.MonkeyPatch, ma
 
 
 def test_pieces_are_placed_in_the_map() -> None:
-    pieces = WallPieces.of(walls(), np.ones(7), np.array([0, 7]), np.array([10.0, 0.0, math.pi / 2]))
+    pieces = WallPieces.of(walls(), np.ones(7), np.array([0, 7]), np.array([10.0, 0.0, math.pi / 2]), 0.5)
     np.testing.assert_allclose(pieces.ends[FLOOR], [[10.0, 0.0], [10.0, 0.4]], atol=1e-12)
     assert pieces.key_poses.tolist() == [1, 1]
 

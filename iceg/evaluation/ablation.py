@@ -146,7 +146,7 @@ def calibrated_odometry(result: SlamResult) -> NDArray[np.float64]:
         T_odometry_laser=found["T_odometry_laser"],
         noise=OdometryModel(),
     )
-    return calibration.apply(result.log.odometry)
+    return calibration.apply(result.log.odometry, result.config.front_end.calibration.sudden)
 
 
 _ALL: tuple[Covariances, ...] = get_args(Covariances)

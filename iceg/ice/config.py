@@ -233,6 +233,7 @@ class LocalMapConfig:
             reach=_REACHES,
             fine_radius=_REACHES,
             coarse_radius=_REACHES,
+            sharpen=(0.0, 1.0),
         )
         _require(
             0 < self.cell <= self.coarse_cell,
@@ -259,7 +260,7 @@ class CovarianceConfig:
     def __post_init__(self) -> None:
         positive = ("min_sigma", "independence", "points", "max_step", "weak_sigma")
         check_numbers(self, IceConfigError, positive=positive)
-        check_between(self, IceConfigError, points=_COUNTS, max_step=(1e-4, 10.0))
+        check_between(self, IceConfigError, points=_COUNTS, max_step=(1e-4, 10.0), weak_sigma=(0.0, 100.0))
 
 
 @dataclass(frozen=True, kw_only=True)

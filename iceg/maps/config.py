@@ -140,10 +140,8 @@ class FeatureMapConfig:
         for name in ("gate", "max_distance", "max_angle", "landmark_range", "landmark_sigma", "visible_range"):
             if not getattr(self, name) > 0:
                 raise FeatureMapError(f"{name} is {getattr(self, name)}, expected > 0")
-        for name in ("pose_sigma", "heading_sigma", "drift_sigma", "occlusion_margin", "edge_on"):
-            if not getattr(self, name) >= 0:
-                raise FeatureMapError(f"{name} is {getattr(self, name)}, expected ≥ 0")
         check_numbers(self, FeatureMapError)
+        check_between(self, FeatureMapError, edge_on=(0.0, math.pi / 2.0), drift_sigma=(0.0, 1000.0))
         if not 0.0 < self.false_detection_probability < self.detection_probability < 1.0:
             raise FeatureMapError(
                 f"false_detection_probability {self.false_detection_probability} and detection_probability "

@@ -22,6 +22,11 @@ class Tolerance(NamedTuple):
         """(3,) the same as standard deviations [m, m, rad]."""
         return np.array([self.distance, self.distance, self.turn])
 
+    @property
+    def covariance(self) -> NDArray[np.float64]:
+        """(3, 3) of errors with these standard deviations [m², m², rad²]."""
+        return np.diag(self.deviations**2)
+
 
 def is_small(T_a_b: NDArray[np.float64], tolerance: Tolerance) -> bool:
     """Whether one pose, (3,) in the frame of another, agrees with it."""

@@ -28,9 +28,6 @@ from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
 
-UNKNOWN_MOTION = np.diag([0.25, 0.25, 0.25])
-"""Covariance of a step between key scans that neither odometry nor a match has seen."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solution:
@@ -113,8 +110,9 @@ class BackEnd:
             known.append(match.covariance)
             searched.append(match.covariance)
         if not known:
-            self.graph.add_odometry(key - 1, key, step, UNKNOWN_MOTION)
-            known, searched = [UNKNOWN_MOTION], [UNKNOWN_MOTION]
+            unknown = self._config.failures.unknown.covariance
+            self.graph.add_odometry(key - 1, key, step, unknown)
+            known, searched = [unknown], [unknown]
         self._drift.add(key, tuple(known), tuple(searched))
 
     @property

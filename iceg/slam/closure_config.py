@@ -3,13 +3,10 @@
 from dataclasses import dataclass
 from math import pi
 
-from graph.ranges import check_between, check_numbers
+from graph.ranges import RATES, check_between, check_numbers
 from graph.units import Radians
 from iceg.slam.agreement import Tolerance
 from iceg.slam.config_error import SlamConfigError
-
-_RATES = (1e-9, 0.5)
-"""Of false alarms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,6 +87,8 @@ class PlaceSignatureConfig:
     """Key scans on either side that make up the place."""
     word_reach: float = 6.0
     """Pairs of features within this are words [m]: both kinds, distance and directions."""
+    word_closest: float = 0.3
+    """Features closer to each other than this are no pair [m]."""
     word_cell: float = 0.4
     """Cell of the distance in a word [m]."""
     word_sectors: int = 6
@@ -98,6 +97,8 @@ class PlaceSignatureConfig:
     """Bins into which words are hashed."""
     min_scans: float = 2.0
     """Fewest scans of the place that must have seen a feature of a word."""
+    word_max_hits: float = 4.0
+    """A feature that more scans saw counts no more than this."""
     merge_radius: float = 0.25
     """Features of different scans closer than this are one [m]."""
     max_features: int = 1500
@@ -118,22 +119,21 @@ class PlaceSignatureConfig:
     """Places on either side that are compared along with a place."""
 
     def __post_init__(self) -> None:
-        check_numbers(
+        positive = ("word_cell", "word_sectors", "point_every", "distance_cell")
+        check_numbers(self, SlamConfigError, positive=positive)
+        check_between(
             self,
             SlamConfigError,
-            positive=(
-                "word_cell",
-                "word_sectors",
-                "word_bins",
-                "point_every",
-                "point_cell",
-                "distance_bins",
-                "distance_cell",
-            ),
+            "signatures: ",
+            half=(0, 1000),
+            word_bins=(1, 1_000_000),
+            max_features=(1, 1_000_000),
+            point_reach=(0.0, 1000.0),
+            point_cell=(0.01, 100.0),
+            distance_bins=(1, 100_000),
+            shape_weight=(0.0, 1000.0),
+            sequence=(0, 1000),
         )
-        check_between(self, SlamConfigError, "signatures: ", word_bins=(1, 1_000_000), max_features=(1, 1_000_000))
-        check_between(self, SlamConfigError, "signatures: ", distance_bins=(1, 100_000), half=(0, 1000))
-        check_between(self, SlamConfigError, "signatures: ", point_reach=(0.0, 1000.0), point_cell=(0.01, 100.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -175,12 +175,22 @@ class TrackingFailureConfig:
     walk past evenly spaced doors, or similar rooms, find many key scans that agree about another place."""
     settling_closures: int = 10
     """So many closures that span a step settle what failed there."""
+    unknown_distance: float = 0.5
+    """Standard deviation in position of a step between key scans that neither odometry nor a match has seen [m]."""
+    unknown_turn: Radians = 0.5
+    """Standard deviation in heading of such a step [rad]."""
     log_end: float = 12.0
     """A failure so near to the beginning or the end of the path matters to nobody [m]."""
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError, positive=("widened_distance2",))
-        check_between(self, SlamConfigError, "failures: ", false_alarm=_RATES)
+        check_between(self, SlamConfigError, "failures: ", false_alarm=RATES)
+        check_between(self, SlamConfigError, "failures: ", unknown_distance=(1e-3, 1000.0), unknown_turn=(1e-3, 1000.0))
+
+    @property
+    def unknown(self) -> Tolerance:
+        """Standard deviations of a step that nothing has seen."""
+        return Tolerance(self.unknown_distance, self.unknown_turn)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -240,7 +250,7 @@ class RelocalisationConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError, positive=("max_keys",))
-        check_between(self, SlamConfigError, "relocalisation: ", false_alarm=_RATES)
+        check_between(self, SlamConfigError, "relocalisation: ", false_alarm=RATES, spacing=(0.0, 1000.0))
 
     @property
     def found(self) -> Tolerance:

@@ -15,10 +15,7 @@ from iceg.ice.matcher import IceMatcher
 from iceg.ice.points import ScanPoints
 from iceg.ice.tracking import Followed, Limits, Standing
 from iceg.ice.verification import Agreement
-from iceg.slam.map_matcher import MapMatcher
-
-_NEAR = np.diag([0.05, 0.05, 0.02]) ** 2
-"""Covariance of a guess that a match must not leave far [m², m², rad²]."""
+from iceg.slam.map_matcher import NEAR, MapMatcher
 
 
 @dataclass(slots=True, kw_only=True)
@@ -104,7 +101,7 @@ class CompletedMatcher:
         self, reference: JudgedReference, scan: Scan, T_ref_guess: NDArray[np.float64]
     ) -> RelativePose | NoMatch:
         """The match from a guess that is known to centimetres."""
-        return self.match(reference, scan, T_ref_guess, _NEAR)
+        return self.match(reference, scan, T_ref_guess, NEAR)
 
     def alternatives(
         self,

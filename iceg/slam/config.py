@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from graph.ranges import check_between, check_magnitudes, check_numbers
 from graph.units import Radians
+from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.closure_config import (
     ConfirmedAreaConfig,
     PlaceSignatureConfig,
@@ -13,12 +14,14 @@ from iceg.slam.closure_config import (
     VerificationConfig,
 )
 from iceg.slam.config_error import SlamConfigError
+from iceg.slam.joint_config import JointRefinementConfig
+from iceg.slam.sweep_config import SweepConfig
 from iceg.slam.tracking_config import (
-    CalibrationConfig,
     MountConfig,
     OdometryCheckConfig,
     OpenGroundConfig,
     SightConfig,
+    SplitHalfConfig,
     StandstillConfig,
     TrackingConfig,
 )
@@ -77,6 +80,10 @@ class FrontEndConfig:
     """Which pose of a scan is believed."""
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
     """What matches tell of odometry and gyro."""
+    sweep: SweepConfig = field(default_factory=SweepConfig)
+    """What scans tell of the sweep of the laser."""
+    split_half: SplitHalfConfig = field(default_factory=SplitHalfConfig)
+    """Whether matches are as sure as they say."""
     calibrate_odometry: bool = True
     """Learn bias, time shift and noise of the odometry from the log's own matches."""
     calibration_path: float = 40.0
@@ -94,8 +101,6 @@ class FrontEndConfig:
     its scans tell. Off takes all beams of a scan as measured at once."""
     gyro: bool = True
     """In a log without odometry, take the turn rate of a gyro for odometry of the heading if the matches confirm it."""
-    split_scans: int = 40
-    """Scans whose halves are matched alone, to see whether matches are as sure as they say; 0 believes them."""
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError, positive=("calibration_scans", "tracking_distance", "tracking_angle"))
@@ -185,6 +190,8 @@ class LoopClosureConfig:
             SlamConfigError,
             radius=(0.0, 1000.0),
             max_drift=(0.0, 200.0),
+            odometry_inflation=(0.01, 1000.0),
+            view_distance=(0.0, 1000.0),
             reference_half=(0, 1000),
             max_passes=(0, 1000),
             max_pieces=(0, 1000),
@@ -192,61 +199,6 @@ class LoopClosureConfig:
             places_each=(0, 1000),
             path_probability=(0.5, 1.0 - 1e-12),
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class JointRefinementConfig:
-    """Poses and map refined together: the points of all key scans on the pieces of wall they share."""
-
-    enabled: bool = True
-    """Off leaves the poses where matches and odometry put them."""
-    steps: int = 3
-    """Most Gauss-Newton steps."""
-    tolerance: float = 0.002
-    """A step that moves the key poses by less than this on average is the last [m]."""
-    cell: float = 0.1
-    """Side of a cell whose points are grouped together if they face the same way [m]."""
-    half_length: float = 0.25
-    """Farthest along the wall that a point is grouped [m]."""
-    half_width: float = 0.15
-    """Farthest across the wall that a point is grouped [m]: so far may two passes lie apart."""
-    facing: float = 0.9
-    """Least likeness in facing of points grouped together (cosine)."""
-    scale: float = 0.03
-    """Width of the Cauchy weight of a point [m]."""
-    independence: float = 0.165
-    """Share of the points that count as independent: errors of neighbouring ones are correlated. By simulated truth."""
-    reach: float = 25.0
-    """Points farther than this from the robot are left out [m]."""
-    telling_reach: float = 15.0
-    """Points farther than this from the robot tell nothing of how well the poses are known [m]: near the end of a
-    laser's range, noise decides which points return at all."""
-    scans_per_key: int = 4
-    """Scans of each key pose that take part: the key scan and some of those on the way to the next."""
-    max_points: int = 500_000
-    """Only every so many beams are used, so that there are no more points than this."""
-
-    def __post_init__(self) -> None:
-        for name in ("cell", "half_length", "half_width", "scale", "independence"):
-            if not getattr(self, name) > 0.0:
-                raise SlamConfigError(f"joint refinement: {name} must be positive, found {getattr(self, name)}")
-        check_numbers(self, SlamConfigError)
-        check_between(
-            self,
-            SlamConfigError,
-            "joint refinement: ",
-            cell=(0.01, 100.0),
-            half_length=(0.01, 100.0),
-            half_width=(1e-3, 100.0),
-            scale=(1e-4, 100.0),
-            steps=(0, 1000),
-            max_points=(1, 5_000_000),
-        )
-        if self.max_points < 1 or self.scans_per_key < 1:
-            raise SlamConfigError(
-                f"joint refinement: max_points {self.max_points} and scans_per_key {self.scans_per_key} "
-                "must be at least 1"
-            )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -77,7 +77,7 @@ def find(
     with clock.stage("sweep"):
         (log, track, first), sweep = track_with_sweep((log, track, first), matcher, config, progress, heading)
     with clock.stage("graph"):
-        track = with_measured_covariance_scale(track, matcher, config.front_end.split_scans)
+        track = with_measured_covariance_scale(track, matcher, config.front_end.split_half)
         calibration = _recalibrate(track, log, first, config)
         heading, gyro = learn_gyro(track, log, config.front_end.calibration) if config.front_end.gyro else (None, None)
         is_forbidden = forbids(corrections.forbidden, track)
@@ -131,7 +131,7 @@ def _solve(
     stages: Stages,
 ) -> Solution:
     if log.has_odometry:
-        odometry: NDArray[np.float64] | None = calibration.apply(log.odometry)
+        odometry: NDArray[np.float64] | None = calibration.apply(log.odometry, config.front_end.calibration.sudden)
         noise = calibration.lasting_noise
     else:
         odometry, noise = constant_velocity(track, config.front_end.calibration, heading) or (

@@ -176,9 +176,9 @@ def refined(
     covariances, information, walls = None, None, WallPieces.none()
     final = FinalFactors.of([*chain, *loops], solution.breaks, track, closures.relocalisation.min_credible)
     if config.joint.enabled:
-        if matcher.judge is matcher:  # what halves of scans say of ICE they say of the points
-            config = _inflated(config, track.match_covariance_scale)
         clouds = key_clouds(track, scan_of, config.joint, noise).without(distrusted)
+        if matcher.judge is matcher:  # what halves of scans say of ICE they say of the points
+            clouds = replace(clouds, variance_scale=track.match_covariance_scale)
         joint, last = _joint(final, poses, clouds, config, _parts(solution), clock)
         poses, covariances = joint.poses, joint.covariances
         information, walls = joint.information, joint.walls
@@ -295,11 +295,6 @@ def _moves(before: NDArray[np.float64], after: NDArray[np.float64]) -> tuple[flo
     """Largest and mean distance [m] between two estimates of the key poses."""
     distances = np.hypot(*(after - before)[:, :2].T)
     return float(distances.max()), float(distances.mean())
-
-
-def _inflated(config: FinishConfig, scale: float) -> FinishConfig:
-    """The same, the variances of points in the joint refinement larger by a factor."""
-    return replace(config, joint=replace(config.joint, independence=config.joint.independence / scale))
 
 
 def _joint(

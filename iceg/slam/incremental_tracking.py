@@ -99,11 +99,12 @@ class IncrementalTracking:
         """(3,) calibrated odometry since the scan before, zero without, and whether it stands out."""
         if not (self._log.has_odometry and index):
             return np.zeros(3), False
+        steps = self._config.front_end.calibration.sudden
         recent = slice(max(0, index - _RECENT), index + 1)
         odometry = self._log.odometry[recent]
-        is_sudden = bool(sudden_steps(odometry, self._log.stamps[recent])[-1])
+        is_sudden = bool(sudden_steps(odometry, steps, self._log.stamps[recent])[-1])
         if not self._is_first_part:
-            odometry = self.calibration.apply(odometry)
+            odometry = self.calibration.apply(odometry, steps)
         return between(odometry[-2], odometry[-1]), is_sudden
 
     def _is_enough(self, index: int) -> bool:

@@ -15,6 +15,9 @@ from iceg.ice.points import ScanPoints
 from iceg.ice.tracking import Followed, Limits, Standing
 from iceg.ice.verification import Agreement
 
+NEAR = np.diag([0.05, 0.05, 0.02]) ** 2
+"""Covariance of a guess that a match must not leave far [m², m², rad²]."""
+
 
 @runtime_checkable
 class MapMatcher(Matcher, Protocol):

@@ -54,7 +54,7 @@ def track_with_sweep(
     """
     if not config.front_end.deskew:
         return followed, SweepFinding(source="nothing")
-    return track_swept(followed, lambda log: _follow(log, matcher, config, progress, heading))
+    return track_swept(followed, lambda log: _follow(log, matcher, config, progress, heading), config.front_end.sweep)
 
 
 def _follow(

@@ -14,6 +14,9 @@ SEES_TOO_LITTLE = NoMatch(reason="contradicts odometry, and observes next to not
 FEW_SEE = NoMatch(reason="contradicts odometry, and few beams return")
 """What becomes of a match that is not believed against odometry."""
 
+UNKNOWN_STEP = np.diag([100.0, 100.0, np.pi]) ** 2
+"""Covariance of a step of which nothing is known, as one on which the robot was carried [m², rad²]."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class KeyScan:

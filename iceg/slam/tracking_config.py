@@ -1,15 +1,13 @@
 """Settings of tracking: what a scan must see, when odometry and mount are believed, when tracking is lost."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import pi
 
-from graph.ranges import check_between, check_numbers
+from graph.odometry import OdometryModel, check_odometry_setting
+from graph.ranges import RATES, check_between, check_numbers
 from graph.units import Radians
 from iceg.slam.agreement import Tolerance
 from iceg.slam.config_error import SlamConfigError
-
-_RATES = (1e-9, 0.5)
-"""Of false alarms."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,6 +71,8 @@ class StandstillConfig:
     """Fewest scans that must show the change."""
     min_common: float = 0.2
     """Share of the beams that two scans need in common."""
+    min_motion: float = 0.3
+    """Odometry that stands is dead only where the scans tell of a motion farther than this [m, rad]."""
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError, positive=("samples",))
@@ -137,7 +137,7 @@ class OdometryCheckConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError)
-        check_between(self, SlamConfigError, "odometry check: ", false_alarm=_RATES, jump_false_alarm=_RATES)
+        check_between(self, SlamConfigError, "odometry check: ", false_alarm=RATES, jump_false_alarm=RATES)
 
     @property
     def jump(self) -> Tolerance:
@@ -173,69 +173,39 @@ class TrackingConfig:
     longer gives it away."""
     max_step: float = 10.0
     """No robot moves farther from one scan to the next [m]: 180 km/h at 5 Hz."""
+    unknown_odometry: OdometryModel = field(
+        default_factory=lambda: OdometryModel(
+            along_per_metre=0.3,
+            across_per_metre=0.3,
+            heading_per_metre=0.3,
+            along_floor=0.1,
+            across_floor=0.1,
+            heading_floor=0.1,
+        )
+    )
+    """What a constant velocity tells in a log without odometry."""
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError, positive=("loss_keys",))
+        check_odometry_setting(self.unknown_odometry, SlamConfigError, "unknown_odometry")
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibrationConfig:
-    """What the matches of a log tell of its odometry: bias, delay, mount, noise; and of its gyro."""
+class SplitHalfConfig:
+    """Whether matches are as sure as they say: two halves of one scan, matched alone, must agree."""
 
-    min_keys: int = 20
-    """Fewest matched key scans to calibrate from."""
-    window: int = 5
-    """Key scans over which moves are compared: the noise of single steps makes a scale fitted to them too small."""
-    min_turn: Radians = 0.3
-    """Only windows that turn by more than this tell the scale of turns [rad]."""
-    scale_sigma: float = 0.05
-    """Standard deviation, before any data, of the scale of moves and of turns."""
-    drift_sigma: float = 0.05
-    """Standard deviation, before any data, of the drift of the heading [rad/m]."""
-    delay_sigma: float = 0.7
-    """Standard deviation, before any data, of the delay [scans]."""
-    mount_ahead_sigma: float = 0.2
-    """Standard deviation, before any data, of how far ahead the laser sits [m]."""
-    mount_aside_sigma: float = 0.1
-    """Standard deviation, before any data, of how far aside the laser sits [m]."""
-    mount_heading_sigma: Radians = 0.03
-    """Standard deviation, before any data, of the heading of the laser [rad]."""
-    max_delay: int = 16
-    """Scans up to which a delay is looked for."""
-    delay_gain: float = 2.0
-    """So many times smaller must the mean square of the differences become by a delay of several scans."""
-    wrong_turn: Radians = 0.3
-    """A match that differs by more differs by no more than this: it may be wrong itself [rad]."""
-    outlier_sigmas: float = 3.0
-    """Standard deviations beyond which a difference counts as being so far and no farther."""
-    max_claimed: float = 2.0
-    """What cancels from step to step is the match's up to so many times the variance it claims; the rest is clocks."""
-    floor_gain: float = 10.0
-    """F statistic from which on an error that does not grow with the way explains more than chance would."""
-    min_floor: float = 0.05
-    """No odometry is believed to be off by less, without any motion, than this share of its usual deviation."""
-    max_persistence: float = 4.0
-    """By how much the variance is widened at most for errors that persist."""
-    gyro_false_alarm: float = 1e-4
-    """A gyro counts, and so does a further axis of it, where chance explains as much with a smaller probability."""
-    gyro_min_turns: int = 10
-    """Fewest turns between matched key scans that tell anything of a gyro: four coefficients and their scatter."""
-    gyro_max_delay: float = 3.0
-    """Scans up to which the delay of a gyro is looked for."""
-    velocity_scans: int = 5
-    """Scans whose motion tells the velocity that is taken to be constant."""
-    velocity_min_steps: int = 10
-    """Fewest steps that tell how well a constant velocity is kept."""
+    scans: int = 40
+    """Scans whose halves are matched alone; 0 believes the matches."""
+    window: int = 12
+    """Key scans in the local map that they are matched to."""
+    usual_distance2: float = 1.2
+    """Geometric mean of the squared Mahalanobis distances between halves in simulated scenes. They lie nearer together
+    than the 2.1 of three degrees of freedom: the covariance of a match is that of a step between two key scans, on a
+    map that errs too."""
+    min_distance2: float = 0.05
+    """Squared distances are not taken to be smaller: halves that agree by chance prove nothing."""
 
     def __post_init__(self) -> None:
-        sigmas = ("scale_sigma", "drift_sigma", "delay_sigma", "mount_ahead_sigma", "mount_aside_sigma")
-        check_numbers(self, SlamConfigError, positive=(*sigmas, "mount_heading_sigma", "window", "min_keys"))
-        check_between(self, SlamConfigError, "calibration: ", gyro_false_alarm=_RATES, max_delay=(0, 1000))
-        check_between(
-            self,
-            SlamConfigError,
-            "calibration: ",
-            gyro_min_turns=(5, 10**6),
-            velocity_min_steps=(1, 10**6),
-            velocity_scans=(1, 1000),
-        )
+        check_numbers(self, SlamConfigError)
+        check_between(self, SlamConfigError, "split half: ", scans=(0, 100_000), window=(1, 1000))
+        check_between(self, SlamConfigError, "split half: ", usual_distance2=(0.01, 100.0), min_distance2=(1e-6, 100.0))

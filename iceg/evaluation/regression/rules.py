@@ -175,7 +175,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "sudden steps": Rule(
             what="steps no robot makes are checked",
             without={
-                f"{_SLAM}.tracking.log_tracking:sudden_steps": lambda odometry, _stamps: np.zeros(
+                f"{_SLAM}.tracking.log_tracking:sudden_steps": lambda odometry, *_: np.zeros(
                     max(len(odometry) - 1, 0), dtype=np.bool_
                 )
             },

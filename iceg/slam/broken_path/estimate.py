@@ -10,9 +10,10 @@ from graph.batch import BatchConfig, optimize
 from graph.factors import Factor
 from graph.se2 import compose
 from iceg.slam.agreement import Tolerance
-from iceg.slam.broken_path.path_break import UNKNOWN_STEP, Break
+from iceg.slam.broken_path.path_break import Break
 from iceg.slam.broken_path.place_votes import Vote
 from iceg.slam.closures.attempt import Attempt, closure_factor, is_near
+from iceg.slam.track import UNKNOWN_STEP
 
 BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
 """How a whole graph is solved during a run."""

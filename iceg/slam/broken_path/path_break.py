@@ -4,13 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum
 
-import numpy as np
-
 from graph.factors import Factor
 from graph.measurement import NoMatch
 from iceg.slam.closure_config import TrackingFailureConfig
 from iceg.slam.run_warning import Kind, RunWarning
-from iceg.slam.track import Track
+from iceg.slam.track import UNKNOWN_STEP, Track
 
 
 class Outcome(StrEnum):
@@ -26,10 +24,6 @@ class Outcome(StrEnum):
     """Closures agree with dead reckoning, though not so many that chance is out of the question."""
     DRIFTED = "drifted"
     """Closures put it where only a systematic error of every step would explain, and the map follows them."""
-
-
-UNKNOWN_STEP = np.diag([100.0, 100.0, np.pi]) ** 2
-"""Covariance of a step on which the robot was carried [m², rad²]."""
 
 
 class FailureKind(IntEnum):

@@ -1,6 +1,7 @@
 """Histograms over all pairs of features or points of a place, compiled."""
 
 from math import atan2, cos, floor, hypot, pi, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +14,24 @@ I64 = NDArray[np.int64]
 
 _KINDS = 3
 _MULTIPLIER = 2654435761  # Knuth's multiplicative hash
-_CLOSEST = 0.3
-"""Features closer to each other than this are no pair [m]."""
-_MOST_HITS = 4.0
-"""A feature that more scans saw counts no more than this."""
+
+
+class Words(NamedTuple):
+    """Which pairs of features are words.
+
+    Attributes:
+        closest: pairs closer to each other are left out [m] …
+        reach: … and those farther apart [m].
+        cell: width of the cells of distance [m].
+        sectors: number of sectors of a full turn.
+        max_hits: a feature that more scans saw counts no more than this.
+    """
+
+    closest: float
+    reach: float
+    cell: float
+    sectors: int
+    max_hits: float
 
 
 @compiled
@@ -50,7 +65,7 @@ def likeness(queries: NDArray[np.float32], rows: NDArray[np.float32]) -> NDArray
 
 
 @compiled
-def count_pairs(kinds: I8, rows: F64, hits: F64, reach: float, cell: float, sectors: int, histogram: F64) -> None:
+def count_pairs(kinds: I8, rows: F64, hits: F64, words: Words, histogram: F64) -> None:
     """Add every pair of features to a histogram of what does not change when the whole place is turned or moved.
 
     A word is both kinds, the distance, and the sector in which each sees the other relative to its own walls; words are
@@ -60,11 +75,10 @@ def count_pairs(kinds: I8, rows: F64, hits: F64, reach: float, cell: float, sect
         kinds: (n,) kind of each feature.
         rows: (n, 10), see `iceg.ice.features.FeatureRows`.
         hits: (n,) in how many scans each was seen.
-        reach: pairs farther apart are left out [m].
-        cell: width of the cells of distance [m].
-        sectors: number of sectors of a full turn.
+        words: which pairs count.
         histogram: (bins,) changed in place.
     """
+    reach, cell, sectors = words.reach, words.cell, words.sectors
     n_cells, bins, base = int(reach / cell) + 2, len(histogram), _KINDS * sectors
     directions = np.empty(len(kinds))
     for i in range(len(kinds)):
@@ -75,12 +89,12 @@ def count_pairs(kinds: I8, rows: F64, hits: F64, reach: float, cell: float, sect
             if abs(dx) >= reach or abs(dy) >= reach:
                 continue
             distance = hypot(dx, dy)
-            if distance < _CLOSEST or distance >= reach:
+            if distance < words.closest or distance >= reach:
                 continue
             bearing = atan2(dy, dx)
             one = kinds[i] * sectors + _sector(directions[i] - bearing, sectors)
             other = kinds[j] * sectors + _sector(directions[j] - bearing - pi, sectors)
-            weight = sqrt(min(hits[i], _MOST_HITS) * min(hits[j], _MOST_HITS))
+            weight = sqrt(min(hits[i], words.max_hits) * min(hits[j], words.max_hits))
             word = (min(one, other) * base + max(one, other)) * n_cells
             lower = floor(distance / cell)
             share = distance / cell - lower

@@ -121,8 +121,10 @@ def _count_words(
         0,
     )
     kept = (hits[:n] >= config.min_scans) & (rows[:n, 8] > 0.5)
-    reach, cell, sectors = config.word_reach, config.word_cell, config.word_sectors
-    kernels.count_pairs(kinds[:n][kept], rows[:n][kept], hits[:n][kept], reach, cell, sectors, histogram)
+    words = kernels.Words(
+        config.word_closest, config.word_reach, config.word_cell, config.word_sectors, config.word_max_hits
+    )
+    kernels.count_pairs(kinds[:n][kept], rows[:n][kept], hits[:n][kept], words, histogram)
 
 
 def _unit(rows: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from graph.factors import Factor
 from graph.measurement import RelativePose
 from graph.pose_graph import PoseGraph
 from graph.se2 import adjoint, between, compose, inverse
-from iceg.slam.back_end import UNKNOWN_MOTION, Solution
+from iceg.slam.back_end import Solution
 from iceg.slam.broken_path.estimate import BATCH
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.corrections.cut import KeptScans
@@ -148,7 +148,7 @@ def _factors(factors: Iterable[Factor], cut: _Cut, poses: NDArray[np.float64]) -
 def _over_gaps(findings: Findings, cut: _Cut, track: Track, at: NDArray[np.int64]) -> list[Factor]:
     """Odometry from each key pose to the next, where those between are gone."""
     log, noise, found = findings.log, findings.calibration.lasting_noise, []
-    odometry = findings.calibration.apply(log.odometry)
+    odometry = findings.calibration.apply(log.odometry, findings.config.front_end.calibration.sudden)
     unknown = track.keys_without_odometry()
     for j in (np.flatnonzero(np.diff(cut.keys) > 1) + 1).tolist():
         first, last = at[[track.keys[j - 1].index, track.keys[j].index]].tolist()
@@ -158,7 +158,7 @@ def _over_gaps(findings: Findings, cut: _Cut, track: Track, at: NDArray[np.int64
             T_i_j, covariance = motion.T_key_robot, motion.covariance
         else:
             T_i_j = between(track.keys[j - 1].T_track_robot, track.keys[j].T_track_robot)
-            covariance = UNKNOWN_MOTION
+            covariance = findings.config.loops.failures.unknown.covariance
         found.append(Factor(kind="odometry", i=j - 1, j=j, T_i_j=T_i_j, covariance=covariance))
     return found
 

@@ -4,6 +4,7 @@ A *piece* of wall is a group of points of any scans that lie near one line and f
 """
 
 from math import atan2, cos, floor, hypot, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +17,24 @@ I64 = NDArray[np.int64]
 
 _SLOTS = 4
 """Surfels of one cell, by facing."""
-_SAME_FACING = 0.8
 _FIRST_PLACES = 1 << 15
 """Of the hash table of surfels."""
-_ELONGATED = 16.0
-"""A piece has a direction of its own when its extent is this many times its thickness, squared …"""
-_BESIDE = 0.9
-"""… and that lies near its points' normals (cosine); else they give it."""
+
+
+class LineFit(NamedTuple):
+    """How the line of a piece of wall is fitted.
+
+    Attributes:
+        scale: width of the Cauchy weight of a typical point [m].
+        rounds: of weighing anew.
+        elongation: a piece so many times as long as thick has a direction of its own …
+        facing: … if that lies so near its points' normals (cosine); else they give it.
+    """
+
+    scale: float
+    rounds: int
+    elongation: float
+    facing: float
 
 
 @compiled
@@ -69,13 +81,14 @@ def _enlarged(keys: I64, surfel_at: I64, sums: F64) -> tuple[I64, I64, F64]:
 
 
 @compiled
-def surfels(placed: F64, turned: F64, cell: float, member: I64) -> tuple[F64, I64, I64]:
+def surfels(placed: F64, turned: F64, cell: float, facing: float, member: I64) -> tuple[F64, I64, I64]:
     """Average the points of one cell that face the same way.
 
     Args:
         placed: (n, 2) points.
         turned: (n, 2) their normals; those without are left out.
         cell: width of a cell [m].
+        facing: least cosine between the normal of a point and the mean one of those that it is averaged with.
         member: (n,) output, surfel of each point, -1 for none.
 
     Returns:
@@ -108,7 +121,7 @@ def surfels(placed: F64, turned: F64, cell: float, member: I64) -> tuple[F64, I6
                     sums[count, a] = 0.0
                 count += 1
             k = surfel_at[spot]
-            if sums[k, 2] * turned[i, 0] + sums[k, 3] * turned[i, 1] < _SAME_FACING * sums[k, 4]:
+            if sums[k, 2] * turned[i, 0] + sums[k, 3] * turned[i, 1] < facing * sums[k, 4]:
                 continue
             sums[k, 0] += placed[i, 0]
             sums[k, 1] += placed[i, 1]
@@ -185,8 +198,7 @@ def fit_lines(
     turned: F64,
     spreads: F64,
     piece_of: I64,
-    scale: float,
-    rounds: int,
+    fit: LineFit,
     lines: F64,
     residuals: F64,
     weights: F64,
@@ -198,8 +210,7 @@ def fit_lines(
         turned: (n, 2) their normals.
         spreads: (n,) variance of each in that of a typical point.
         piece_of: (n,) piece of each point, -1 for none.
-        scale: width of the Cauchy weight of a typical point [m].
-        rounds: of weighing anew.
+        fit: how.
         lines: (m, 4) output, a point and the unit normal of each.
         residuals: (n,) output, distance of each point from its line [m].
         weights: (n,) output, Cauchy weights over the spreads, 0 without a piece.
@@ -218,10 +229,10 @@ def fit_lines(
             assign(anchors[g], placed[i])
         _add_moments(moments[g], weights[i], placed[i], turned[i], anchors[g])
     total, squares = 0.0, 0.0
-    inverse2 = 1.0 / (scale * scale)
-    for left in range(rounds - 1, -1, -1):
+    inverse2 = 1.0 / (fit.scale * fit.scale)
+    for left in range(fit.rounds - 1, -1, -1):
         for g in range(len(lines)):
-            _line(moments[g], anchors[g], lines[g])
+            _line(moments[g], anchors[g], fit, lines[g])
         moments[:] = 0.0
         total, squares = 0.0, 0.0
         for i in range(len(placed)):
@@ -253,7 +264,7 @@ def _add_moments(m: F64, w: float, point: F64, normal: F64, anchor: F64) -> None
 
 
 @compiled
-def _line(m: F64, anchor: F64, line: F64) -> None:
+def _line(m: F64, anchor: F64, fit: LineFit, line: F64) -> None:
     """Mean point and unit normal of a piece from the sums of its points."""
     x, y = m[1] / m[0], m[2] / m[0]
     xx, xy, yy = m[5] - m[1] * x, m[6] - m[1] * y, m[7] - m[2] * y
@@ -265,6 +276,6 @@ def _line(m: F64, anchor: F64, line: F64) -> None:
     norm = hypot(mx, my)
     root = sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
     long, short = 0.5 * (xx + yy) + root, 0.5 * (xx + yy) - root
-    if long < _ELONGATED * short or nx * mx + ny * my < _BESIDE * norm:
+    if long < fit.elongation * fit.elongation * short or nx * mx + ny * my < fit.facing * norm:
         nx, ny = mx / max(norm, 1e-12), my / max(norm, 1e-12)
     line[0], line[1], line[2], line[3] = anchor[0] + x, anchor[1] + y, nx, ny

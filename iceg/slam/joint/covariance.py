@@ -16,6 +16,7 @@ from graph.factors import Factor
 from graph.se2 import adjoint, between, chain_covariance, compose_covariance
 from iceg.slam.joint._system_kernels import JointSystem, PointsOnLines, fill, normal_equations
 from iceg.slam.joint.marginal_blocks import diagonal_of_inverse
+from iceg.slam.track import UNKNOWN_STEP
 
 _ALL_ALONE, _MOST_ANCHORS = 250, 500
 """So many key poses are all unknowns; of more, two at least are one, and there are hardly more unknowns than the second
@@ -27,8 +28,6 @@ _HELD = 1e-10
 """Variance of the first key pose, which the others are relative to [m², rad²]."""
 _SHARP = 1e6
 """Points count as so many, so that the prior on a line, which is worth some points, holds nothing."""
-_UNTIED = np.diag([100.0, 100.0, np.pi]) ** 2
-"""Covariance of a step that no factor tells of."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,5 +193,5 @@ def _steps(factors: Sequence[Factor], k: int) -> NDArray[np.float64]:
         np.add.at(known, (np.where(is_odometry, 0, 1), at), information)
     odometry, others = known
     known = np.where(odometry.any(axis=(1, 2), keepdims=True), odometry, others)
-    known = np.where(known.any(axis=(1, 2), keepdims=True), known, dense.inv(_UNTIED))
+    known = np.where(known.any(axis=(1, 2), keepdims=True), known, dense.inv(UNKNOWN_STEP))
     return dense.inv(known)

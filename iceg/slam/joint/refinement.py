@@ -22,31 +22,18 @@ from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.noise import PLAIN
 from iceg.ice.points import thinned_points
 from iceg.memory import release_freed_memory
-from iceg.slam.config import JointRefinementConfig
 from iceg.slam.joint import _wall_kernels as kernels
 from iceg.slam.joint._system_kernels import JointSystem, product
 from iceg.slam.joint.covariance import PoseInformation, Walls, joint_information
 from iceg.slam.joint.wall_claims import believed_covariances
 from iceg.slam.joint.wall_pieces import WallPieces
+from iceg.slam.joint_config import JointRefinementConfig
 from iceg.slam.track import Track
 
-_LEAST_NOISE = 0.004
-"""The residuals of points are never taken to be smaller than this [m]."""
-_TOLD = 1.0
-"""A point takes part where a piece of wall reaches so many of its standard deviations across; another would meet, on
-either side of its wall, only those that err as it does."""
 _LINE_ROUNDS = 3
+"""Of weighing points anew for a line."""
 _APART = 1e5
-_THINNEST = 4
-"""Rather than keep less than one in so many beams, fewer scans take part."""
-_FARTHER = 1.3
-"""Steps are taken so much longer: a full one brings little more than half of what is left, because weights and lines
-follow the points. Longer ones overshoot where it brings more."""
-_OTHER_PIECES = 0.5
-"""After steps longer than so many cells the points are grouped into pieces of wall anew."""
-_STAND_FOR = 4.0
-"""Points that stand for more others than this count for more, by the power 2/3 of the excess: the fewer are taken, the
-less alike they err. So the NEES of long runs, whose points are thinned, falls no further."""
+"""Between parts that share nothing [m]."""
 _TOLERANCE, _MOST_PRODUCTS = 0.03, 60
 """Conjugate gradients stop at this share of the first residual: with a tenth, the first pose, which few points hold
 along a corridor, stays behind. At most so many products are taken."""
@@ -101,6 +88,7 @@ class Clouds:
         key_of_scan: (m,) the key pose of each scan, increasing; each key pose has at least one.
         T_key_scan: (m, 3).
         stand_for: how many points each stands for: in long logs, most are left out.
+        variance_scale: by how much their variances exceed what they say.
     """
 
     points: NDArray[np.float64]
@@ -110,6 +98,7 @@ class Clouds:
     key_of_scan: NDArray[np.int64]
     T_key_scan: NDArray[np.float64]
     stand_for: float = 1.0
+    variance_scale: float = 1.0
 
     @property
     def key_starts(self) -> NDArray[np.int64]:
@@ -175,7 +164,7 @@ def refine_jointly(
         residual=last.residual,
         on_walls_before=on_walls,
         on_walls=last.on_walls,
-        walls=WallPieces.of(last, clouds.spreads, clouds.key_starts, back),
+        walls=WallPieces.of(last, clouds.spreads, clouds.key_starts, back, config.on_wall_weight),
         share=share,
         covariances=covariances,
         information=information,
@@ -195,13 +184,13 @@ def _descended(
     shares: list[float] = []
     pull = _Pull.of(clouds, walls, poses, config)
     while len(shares) < config.steps and len(walls.lines):
-        step = _FARTHER * _step(pull, problem.linearized(poses))
+        step = config.over_relaxation * _step(pull, problem.linearized(poses))
         poses = compose(poses, expmap(step))
         moved = np.hypot(step[:, 0], step[:, 1]).mean()
-        grouped = (walls.piece_of, len(walls.lines)) if moved < _OTHER_PIECES * config.cell else None
+        grouped = (walls.piece_of, len(walls.lines)) if moved < config.regroup_cells * config.cell else None
         walls = _walls(clouds, poses, config, part_of, room, grouped)
         before, pull = pull, _Pull.of(clouds, walls, poses, config)
-        shares.append(_share(step, before, pull))
+        shares.append(_share(step, before, pull, config.over_relaxation))
         if moved < config.tolerance:
             break
     return poses, walls, shares
@@ -224,19 +213,19 @@ def _covariances(
         return None, None
     near = np.hypot(clouds.points[:, 0], clouds.points[:, 1]) <= config.telling_reach
     told = replace(walls, weights=np.where(near, walls.weights, 0.0))
-    precision = _precision(walls, config) * max(1.0, clouds.stand_for / _STAND_FOR) ** (2.0 / 3.0)
+    precision = _precision(clouds, walls, config) * max(1.0, clouds.stand_for / config.correlated_points) ** (2.0 / 3.0)
     try:
         information = joint_information(factors, poses, clouds.key_starts, told, precision)
     except np.linalg.LinAlgError:
         return None, None
     graph = Problem.of(factors, len(start)).marginal_covariances(start)
-    covariances = believed_covariances(information.covariances, graph, share)
+    covariances = believed_covariances(information.covariances, graph, share, config)
     return (None, None) if covariances is None else (information, covariances)
 
 
-def _precision(walls: Walls, config: JointRefinementConfig) -> float:
+def _precision(clouds: Clouds, walls: Walls, config: JointRefinementConfig) -> float:
     """Of one point of weight 1 [1/m²]."""
-    return float(config.independence / max(walls.residual, _LEAST_NOISE) ** 2)
+    return float(config.independence / clouds.variance_scale / max(walls.residual, config.min_residual) ** 2)
 
 
 def key_clouds(
@@ -257,7 +246,7 @@ def key_clouds(
         The points; those beyond reach have no normal.
     """
     n_keys, n_beams = len(track.keys), track.keys[0].scan.geometry.n_beams
-    affordable = max(1, _THINNEST * config.max_points // (n_keys * n_beams))
+    affordable = max(1, config.max_thinning * config.max_points // (n_keys * n_beams))
     per_key = min(config.scans_per_key, affordable) if scan_of else 1
     members = _members(track, per_key)
     scans = [index for some in members for index in some]
@@ -271,7 +260,8 @@ def key_clouds(
     offsets = np.concatenate([np.arange(len(some)) % every for some in members])
     points, normals, spreads, starts = thinned_points(taken, offsets, every, noise=noise)
     normals[np.hypot(points[:, 0], points[:, 1]) > config.reach] = 0.0
-    normals[spreads * (noise.allowed + noise.typical) > (config.half_width / _TOLD) ** 2] = 0.0
+    # One that errs by more would meet, on either side of its wall, only those that err as it does.
+    normals[spreads * (noise.allowed + noise.typical) > config.half_width**2] = 0.0
     T_key_scan = track.T_key_scan[scans]
     T_key_scan[np.diff(key_of_scan, prepend=-1) > 0] = 0.0
     most = config.scans_per_key if scan_of else 1
@@ -346,7 +336,14 @@ def _walls(
     piece_of, n_pieces = pieces
     lines = np.empty((n_pieces, 4))
     total, squares = kernels.fit_lines(
-        placed, turned, clouds.spreads, piece_of, config.scale, _LINE_ROUNDS, lines, residuals, weights
+        placed,
+        turned,
+        clouds.spreads,
+        piece_of,
+        kernels.LineFit(config.scale, _LINE_ROUNDS, config.elongation, config.facing),
+        lines,
+        residuals,
+        weights,
     )
     return Walls(
         placed=placed,
@@ -371,7 +368,7 @@ def _pieces(
         return np.empty(0, np.int64), 0
     if apart is not None:
         placed = placed + np.column_stack([apart, np.zeros(len(placed))])
-    surfels, keys, surfel_at = kernels.surfels(placed, turned, config.cell, member)
+    surfels, keys, surfel_at = kernels.surfels(placed, turned, config.cell, config.cell_facing, member)
     order = np.argsort(-surfels[:, 4], kind="stable")
     piece = np.empty(len(surfels) + 1, np.int64)
     n_pieces = kernels.group(
@@ -409,7 +406,7 @@ class _Pull:
         return cls(
             system=walls.normal_equations(poses, clouds.key_starts),
             n_lines=len(walls.lines),
-            precision=_precision(walls, config),
+            precision=_precision(clouds, walls, config),
         )
 
     @property
@@ -431,8 +428,8 @@ def _step(pull: _Pull, graph: Linearization) -> NDArray[np.float64]:
     return _conjugate_gradients(times, graph, -(pull.gradient + graph.gradient))
 
 
-def _share(step: NDArray[np.float64], before: _Pull, after: _Pull) -> float:
-    """How much of the way to the optimum of the points a step went.
+def _share(step: NDArray[np.float64], before: _Pull, after: _Pull, over_relaxation: float) -> float:
+    """How much of the way to the optimum of the points a step went, that was taken so many times longer.
 
     The normal equations take lines and weights as they are; both follow the points, and little of the pull may be left
     where few surfaces face along the step s. If the gradient of the points changes along it by κ sᵀH s instead of
@@ -441,7 +438,7 @@ def _share(step: NDArray[np.float64], before: _Pull, after: _Pull) -> float:
     expected = vecdot(step, before.times(step))
     if expected <= 0.0:  # there was nothing left to go
         return 1.0
-    return float(np.clip(_FARTHER * vecdot(step, after.gradient - before.gradient) / expected, 0.0, 1.0))
+    return float(np.clip(over_relaxation * vecdot(step, after.gradient - before.gradient) / expected, 0.0, 1.0))
 
 
 def _conjugate_gradients(

@@ -15,14 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph import dense
-
-CREDIBLE, CONFIRMED = 4.5, 0.65
-"""Where most of the walls' standard deviations are so many times smaller than the graph's, and the poses went less than
-this share of the way, the walls are not believed: their points pulled less than half as much as they claim."""
+from iceg.slam.joint_config import JointRefinementConfig
 
 
 def believed_covariances(
-    walls: NDArray[np.float64], graph: NDArray[np.float64], share: float
+    walls: NDArray[np.float64], graph: NDArray[np.float64], share: float, config: JointRefinementConfig
 ) -> NDArray[np.float64] | None:
     """Of poses between the graph's optimum and that of the walls, in no direction larger than the graph's.
 
@@ -30,12 +27,13 @@ def believed_covariances(
         walls: (k, 3, 3) marginals of the key poses from the points on shared walls, relative to the first …
         graph: … and from the factors of the graph.
         share: of the way to the walls' optimum that the poses went, 0 to 1.
+        config: how much the walls may claim.
 
     Returns:
         (k, 3, 3), or None where the walls are not believed.
     """
-    variances, least = (c[1:, 0, 0] + c[1:, 1, 1] for c in (walls, graph / CREDIBLE**2))
-    if share < CONFIRMED and np.count_nonzero(variances < least) > 0.5 * len(least):
+    variances, least = (c[1:, 0, 0] + c[1:, 1, 1] for c in (walls, graph / config.credible_ratio**2))
+    if share < config.confirmed_share and np.count_nonzero(variances < least) > 0.5 * len(least):
         return None
     believed = walls.copy()
     try:

@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 from graph.se2 import transform_points
 from iceg.slam.joint.covariance import Walls
 
-_ON_THE_WALL = 0.5
-"""Points of at least this Cauchy weight, nearer to the line than its width, tell how far a piece reaches."""
-
 _MARKS = 4_000_000
 """So many pairs of a piece and a key pose are marked at a time."""
 
@@ -44,7 +41,12 @@ class WallPieces:
 
     @classmethod
     def of(
-        cls, walls: Walls, spreads: NDArray[np.float64], key_starts: NDArray[np.int64], T_map_walls: NDArray[np.float64]
+        cls,
+        walls: Walls,
+        spreads: NDArray[np.float64],
+        key_starts: NDArray[np.int64],
+        T_map_walls: NDArray[np.float64],
+        min_weight: float,
     ) -> Self:
         """From the walls of a joint refinement.
 
@@ -53,11 +55,12 @@ class WallPieces:
             spreads: (n,) variance of each point in that of a typical one.
             key_starts: (k + 1,) first point of each key pose.
             T_map_walls: (3,) where the walls' frame lies in the map.
+            min_weight: Cauchy weight from which on a point tells how far its piece reaches.
 
         Returns:
             The pieces that some points lie on, in the order of the walls.
         """
-        chosen = np.flatnonzero((walls.piece_of >= 0) & (walls.weights * spreads >= _ON_THE_WALL))
+        chosen = np.flatnonzero((walls.piece_of >= 0) & (walls.weights * spreads >= min_weight))
         piece, n = walls.piece_of[chosen], len(walls.lines)
         x, y, normal_x, normal_y = walls.lines.T
         at_middle = x * normal_y - y * normal_x

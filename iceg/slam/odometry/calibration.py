@@ -11,20 +11,17 @@ from numpy.typing import NDArray
 from graph import dense
 from graph.elementary import cos_sin
 from graph.measurement import NoMatch, RelativePose
+from graph.noise import chi2_gate
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose, inverse, wrap_angle
+from iceg.slam.calibration_config import CalibrationConfig, SuddenStepConfig
 from iceg.slam.odometry.delay import whole_delay
 from iceg.slam.odometry.noise import Differences, LastingErrors, lasting_noise, odometry_noise, robust_deviation
 from iceg.slam.recording.steps import chained, sudden_steps
 from iceg.slam.track import KeyScan, Track
-from iceg.slam.tracking_config import CalibrationConfig
 
 _ROBUST_ROUNDS = 15
 """Rounds of iteratively reweighted least squares."""
-_TOLD_SIGMAS = 5.0
-"""Odometry whose share of the matches' moves is known no better than this is no measure of them."""
-_LATE = 1.0
-"""Scans that odometry may be late without harm."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,16 +49,16 @@ class OdometryCalibration:
     noise: OdometryModel
     lasting_noise: OdometryModel = field(default_factory=OdometryModel)
 
-    @property
-    def is_late(self) -> bool:
+    def is_late(self, config: CalibrationConfig) -> bool:
         """Whether odometry is so late, or early, that what it predicted may have misled matches."""
-        return abs(self.heading_shift) > _LATE
+        return abs(self.heading_shift) > config.max_linear_delay
 
-    def apply(self, odometry: NDArray[np.float64]) -> NDArray[np.float64]:
+    def apply(self, odometry: NDArray[np.float64], config: SuddenStepConfig) -> NDArray[np.float64]:
         """Correct a log's odometry.
 
         Args:
             odometry: (n, 3) raw T_odom_robot, one per scan.
+            config: which of its steps no robot made: they stay where they are.
 
         Returns:
             (n, 3) corrected, starting at the same pose.
@@ -69,7 +66,7 @@ class OdometryCalibration:
         if len(odometry) < 2:
             return odometry.copy()
         steps = between(odometry[:-1], odometry[1:])
-        sudden = sudden_steps(odometry)
+        sudden = sudden_steps(odometry, config)
         distance = np.hypot(steps[:, 0], steps[:, 1])
         turns = (1.0 + self.heading_scale) * steps[:, 2] + self.heading_per_metre * np.where(sudden, 0.0, distance)
         moves = (1.0 + self.translation_scale) * steps[:, :2]
@@ -105,7 +102,7 @@ def calibrate_odometry(track: Track, odometry: NDArray[np.float64], config: Cali
     delay = whole_delay(samples.matched[:, 2], samples.starts, samples.ends, odometry, config)
     if delay:
         in_time = OdometryCalibration(heading_shift=delay, translation_shift=delay, noise=OdometryModel())
-        found = _calibrated(track, in_time.apply(odometry), config)
+        found = _calibrated(track, in_time.apply(odometry, config.sudden), config)
         return replace(
             found, heading_shift=found.heading_shift + delay, translation_shift=found.translation_shift + delay
         )
@@ -121,7 +118,7 @@ def _calibrated(
     windows = _Samples.collect(track, odometry, config, config.window) or samples
     turns, drift, turn_scale = _fit_turns(samples, windows, config)
     # A heading that drifts leads aside, too, and that must not pass for a laser that looks askew.
-    turned = turns.apply(odometry)
+    turned = turns.apply(odometry, config.sudden)
     samples, windows = samples.claimed_by(turned), windows.claimed_by(turned)
     translation, deviation = _fit_moves(samples, windows, config)
     error, _, rows_x, rows_y = _equations(samples)
@@ -263,7 +260,7 @@ def _scale(inverse: float, deviation: float, config: CalibrationConfig) -> tuple
     Where o is nothing but noise that is what is usual.
     """
     share, deviation = 1.0 - inverse, deviation * math.sqrt(config.window)  # the windows overlap
-    if abs(share) <= _TOLD_SIGMAS * deviation:
+    if share**2 <= chi2_gate(config.scale_false_alarm, freedom=1) * deviation**2:
         return 0.0, config.scale_sigma
     return inverse / share, deviation
 

@@ -12,13 +12,10 @@ from numpy.typing import NDArray
 from graph.measurement import NoMatch
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose, expmap, logmap
+from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.odometry.heading_odometry import HeadingOdometry, with_headings
 from iceg.slam.odometry.noise import robust_deviation
 from iceg.slam.track import Track
-from iceg.slam.tracking_config import CalibrationConfig
-
-_LEAST = (0.005, 0.005, 0.005)
-"""Standard deviations are never taken to be smaller [m, m, rad]."""
 
 
 def constant_velocity(
@@ -40,7 +37,7 @@ def constant_velocity(
     errors = _errors(track, poses, config.velocity_scans)
     if len(errors) < config.velocity_min_steps:
         return None
-    along, across, turn = (max(robust_deviation(column), low) for column, low in zip(errors.T, _LEAST, strict=True))
+    along, across, turn = (max(robust_deviation(column), config.velocity_min_sigma) for column in errors.T)
     noise = OdometryModel(
         along_per_metre=0.0,
         across_per_metre=0.0,

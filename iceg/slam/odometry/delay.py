@@ -8,11 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.se2 import between, wrap_angle
+from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.recording.steps import sudden_steps
-from iceg.slam.tracking_config import CalibrationConfig
-
-_LINEAR = 1
-"""Up to so many scans a linear fit tells better, and the delays of turns and of the way apart."""
 
 
 def whole_delay(
@@ -34,7 +31,7 @@ def whole_delay(
         odometry: (n, 3) raw, one pose per scan.
         config: how far is looked, and what it must gain.
     """
-    if sudden_steps(odometry).any():
+    if sudden_steps(odometry, config.sudden).any():
         return 0
     heading = np.concatenate([[0.0], np.cumsum(between(odometry[:-1], odometry[1:])[:, 2])])
     shifts, last = np.arange(-config.max_delay, config.max_delay + 1), len(heading) - 1
@@ -42,5 +39,7 @@ def whole_delay(
     differences = wrap_angle(turns - (heading[at[1]] - heading[at[0]]))
     squares = np.mean(np.minimum(np.abs(differences), config.wrong_turn) ** 2, axis=1)
     best = int(np.argmin(squares))
-    is_clear = abs(shifts[best]) > _LINEAR and config.delay_gain * squares[best] < squares[config.max_delay]
+    is_clear = (
+        abs(shifts[best]) > config.max_linear_delay and config.delay_gain * squares[best] < squares[config.max_delay]
+    )
     return int(shifts[best]) if is_clear else 0

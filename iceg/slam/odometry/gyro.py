@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 from frontends.scan import Log
 from graph.measurement import NoMatch
 from graph.se2 import between, wrap_angle
+from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.odometry.heading_odometry import HeadingNoise, HeadingOdometry, unforeseen_steps, with_headings
 from iceg.slam.odometry.noise import Differences, heading_noise, robust_deviation
 from iceg.slam.odometry.student_fit import StudentFit, chance_of, student_fit
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.track import Track
-from iceg.slam.tracking_config import CalibrationConfig
 
 _DELAY_STEPS = (0.5, 0.1, 0.02)
 """Of the search for the delay [scans]: they get finer."""
@@ -100,8 +100,15 @@ def learn_gyro(track: Track, log: Log, config: CalibrationConfig) -> tuple[Headi
     if finding.rejection:
         return None, finding
     noise, lasting = _noise(track, turns, headings, config)
-    steps = unforeseen_steps(track, headings)
-    return HeadingOdometry(headings=headings, noise=noise, lasting_noise=lasting, unforeseen=steps), finding
+    unforeseen = unforeseen_steps(track, headings, config.sudden.nearly_all)
+    odometry = HeadingOdometry(
+        headings=headings,
+        noise=noise,
+        lasting_noise=lasting,
+        unforeseen=unforeseen,
+        unforeseen_sigma=unforeseen / config.sudden.nearly_all_sigmas,
+    )
+    return odometry, finding
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -178,14 +185,15 @@ def _fitted(
 
     The axis that explains most comes first; a further one counts where it explains more than chance would.
     """
-    without = student_fit(_over(turns, clock)[:, None], turns.seen)
+    without = student_fit(_over(turns, clock)[:, None], turns.seen, config.gyro_freedom)
     telling, tries = np.flatnonzero(gyro.any(axis=0)).tolist(), round(config.gyro_max_delay / _DELAY_STEPS[0]) + 1
     singles = [([axis], *_at_best_delay(turns, gyro, clock, interval or 1.0, [axis], config)) for axis in telling]
     axes, delay, fit = max(singles, key=lambda found: found[2].log_likelihood)
-    chance = chance_of(without, fit, freedom=1, tried=len(telling) * tries)
+    chance = chance_of(without, fit, freedom=1, tried=len(telling) * tries, lags=config.persistence_lags)
     for axis in [axis for axis in telling if axis not in axes]:
         further_delay, further = _at_best_delay(turns, gyro, clock, interval or 1.0, [*axes, axis], config)
-        if chance_of(fit, further, freedom=1, tried=len(telling)) < config.gyro_false_alarm:
+        chance_further = chance_of(fit, further, freedom=1, tried=len(telling), lags=config.persistence_lags)
+        if chance_further < config.gyro_false_alarm:
             axes, delay, fit = [*axes, axis], further_delay, further
     bias, scale = float(fit.coefficients[0]), np.zeros(3)
     scale[axes] = fit.coefficients[1:]
@@ -213,7 +221,7 @@ def _at_best_delay(
 
     def at(shift: float) -> StudentFit:
         read = _over(turns, _read(gyro, clock, shift * interval)[:, axes])
-        return student_fit(np.column_stack([_over(turns, clock), read]), turns.seen)
+        return student_fit(np.column_stack([_over(turns, clock), read]), turns.seen, config.gyro_freedom)
 
     shift, width = 0.0, config.gyro_max_delay
     fit = at(shift)

@@ -19,9 +19,8 @@ from graph import dense
 from graph.elementary import arctan2, cos_sin
 from graph.odometry import OdometryModel
 from graph.se2 import between
+from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.match_errors import OWN
-from iceg.slam.odometry.student_fit import LAGS
-from iceg.slam.tracking_config import CalibrationConfig
 
 _FIT_ROUNDS = 10
 """Rounds in which the weights follow the fitted variances."""
@@ -29,17 +28,6 @@ _LEVEL = 1e-9
 """A sum of squares that falls by no more than this, relative to what it would without any fit, is at its least."""
 _NOTHING = 1e-300
 """Stands for the variance of errors that are all zero: nothing of them persists."""
-_LEAST = OdometryModel(
-    along_floor=0.0002,
-    across_floor=0.0002,
-    heading_floor=0.0005,
-    along_per_metre=0.01,
-    across_per_metre=0.0005,
-    position_per_radian=0.0005,
-    heading_per_metre=0.003,
-    heading_per_radian=0.005,
-)
-"""No robot's odometry is believed to be better than this."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,7 +81,9 @@ def odometry_noise(
         "across_per_metre": position[3],
         "position_per_radian": position[4],
     }
-    return OdometryModel(**_deviations(variances), **_heading_deviations(paths, heading, config)), persistence
+    return OdometryModel(
+        **_deviations(variances, config.least_noise), **_heading_deviations(paths, heading, config)
+    ), persistence
 
 
 def heading_noise(
@@ -129,7 +119,8 @@ def _heading_deviations(paths: "_Paths", heading: NDArray[np.float64], config: C
             "heading_floor": max(heading[0], _least_floor(paths.rows_heading, heading, config)),
             "heading_per_metre": heading[1],
             "heading_per_radian": heading[2],
-        }
+        },
+        config.least_noise,
     )
 
 
@@ -138,8 +129,8 @@ def _least_floor(rows: NDArray[np.float64], fit: NDArray[np.float64], config: Ca
     return config.min_floor**2 * float(np.median(dense.matvec(rows, fit)))
 
 
-def _deviations(variances: dict[str, float]) -> dict[str, float]:
-    return {name: max(getattr(_LEAST, name), math.sqrt(variance)) for name, variance in variances.items()}
+def _deviations(variances: dict[str, float], least: OdometryModel) -> dict[str, float]:
+    return {name: max(getattr(least, name), math.sqrt(variance)) for name, variance in variances.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -286,7 +277,7 @@ def _shares(
     certain = usual / (usual + claimed)  # how much of a difference is not the uncertainty of its match
     limit = config.outlier_sigmas * robust_deviation(errors * certain)
     e, after = np.clip(errors * certain, -limit, limit), np.clip(following * certain[1:], -limit, limit)
-    last = min(LAGS, len(e) - 1)
+    last = min(config.persistence_lags, len(e) - 1)
     lags = [dense.vecdot(e[lag:], e[: len(e) - lag]) / len(e) for lag in range(last + 1)]
     cancelling = max(0.5 * (lags[2] + lags[3]), 0.0) - dense.vecdot(e[:-1], after) / len(e)
     claim = max(float(np.mean(certain**2 * claimed)), 1e-12)

@@ -5,11 +5,8 @@ from numpy.typing import NDArray
 
 from graph.elementary import cos_sin
 from graph.se2 import between, wrap_angle
+from iceg.slam.calibration_config import SuddenStepConfig
 
-_DISTANCE, _TURN, _FACTOR = 1.0, 0.8, 3.0
-"""A step stands out that is longer than this [m, rad] and so many times as fast as nearly all …"""
-_NEARLY_ALL = 0.99
-"""… which is this share of the steps."""
 _STILL = 1e-9
 """A step shorter than this is none [m, rad]: the same reading again."""
 
@@ -19,11 +16,14 @@ def is_moving(odometry: NDArray[np.float64]) -> NDArray[np.bool_]:
     return np.asarray((np.abs(between(odometry[:-1], odometry[1:])) > _STILL).any(axis=1))
 
 
-def sudden_steps(odometry: NDArray[np.float64], stamps: NDArray[np.float64] | None = None) -> NDArray[np.bool_]:
-    """Which steps stand out: longer than 1 m or 0.8 rad, and three times as fast as nearly all others.
+def sudden_steps(
+    odometry: NDArray[np.float64], config: SuddenStepConfig, stamps: NDArray[np.float64] | None = None
+) -> NDArray[np.bool_]:
+    """Which steps stand out: long, and much faster than nearly all others.
 
     Args:
         odometry: (n, 3) at each scan.
+        config: how long, and how much faster.
         stamps: (n,) of the scans [s], which may stall and step back; left out, a pause explains nothing.
 
     Returns:
@@ -32,7 +32,7 @@ def sudden_steps(odometry: NDArray[np.float64], stamps: NDArray[np.float64] | No
     steps = between(odometry[:-1], odometry[1:])
     waits = np.ones(len(steps)) if stamps is None else _waits(stamps)
     distance, turn = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2])
-    return _stand_out(distance, _DISTANCE, waits) | _stand_out(turn, _TURN, waits)
+    return _stand_out(distance, config.distance, waits, config) | _stand_out(turn, config.turn, waits, config)
 
 
 def chained(start: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -63,6 +63,8 @@ def _waits(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.maximum(waits, np.append(1.0, waits[:-1])), dtype=np.float64)
 
 
-def _stand_out(lengths: NDArray[np.float64], least: float, waits: NDArray[np.float64]) -> NDArray[np.bool_]:
-    usual = float(np.quantile(lengths / waits, _NEARLY_ALL)) if len(lengths) else 0.0
-    return lengths > np.maximum(least, _FACTOR * usual * waits)
+def _stand_out(
+    lengths: NDArray[np.float64], least: float, waits: NDArray[np.float64], config: SuddenStepConfig
+) -> NDArray[np.bool_]:
+    usual = float(np.quantile(lengths / waits, config.nearly_all)) if len(lengths) else 0.0
+    return lengths > np.maximum(least, config.factor * usual * waits)

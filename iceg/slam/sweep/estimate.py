@@ -14,33 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Log, ScanGeometry
+from graph.noise import chi2_gate
 from graph.se2 import between, compose, wrap_angle
 from iceg.slam.sweep import _pair_kernels as kernels
 from iceg.slam.sweep.deskew import in_laser_frame, is_full_circle
 from iceg.slam.sweep.motion import MotionWithin
+from iceg.slam.sweep_config import SweepConfig
 
-_APART, _TURNED = 0.4, 0.35
-"""Each scan asked is laid over one before and one after it, about so far away [m, rad in sum]."""
-_ARM = 0.3
-"""A metre of motion bends a scan as much as so many radians, at a usual range."""
-_GATE, _SCALE = 0.3, 0.05
-"""Of points on surfaces: farther off they lie on others [m]; width of the Cauchy weight [m]."""
-_FEWEST_POINTS, _FEWEST_PAIRS = 12, 10
 _MOST_ROUNDS = 12
-_LONGEST = 1.1
-"""A sweep takes no longer than so many intervals: the next one follows."""
 _PROBE = 0.05
 """The first step is no shorter [intervals], to see how fast the gradient falls …"""
 _LEAST_FALL = 0.1
 """… which is by no less than this share of what the points by themselves say."""
 _CLOSE = 0.1
 """A step by less than so many standard deviations is the last."""
-_SURE = 3.0
-"""Within so many standard deviations of zero, or below what matters, a quick look settles the matter."""
-_MODEL = 0.015
-"""Share of the sweep by which a parabola through poses misses the way of a robot at its fastest turn; by simulation."""
-SIGNIFICANT = 5.0
-"""Standard deviations from which on a sweep is real: by chance, one log in two million."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -58,9 +45,6 @@ class _Effort:
     steps: int
 
 
-_QUICK, _THOROUGH = _Effort(scans=100, points=90, steps=2), _Effort(scans=150, points=180, steps=3)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SweepEstimate:
     """What the scans say of the sweep.
@@ -74,14 +58,13 @@ class SweepEstimate:
     share: float
     deviation: float
 
-    @property
-    def is_significant(self) -> bool:
-        """Whether there is a sweep beyond doubt."""
-        return abs(self.share) > SIGNIFICANT * self.deviation
+    def is_significant(self, false_alarm: float) -> bool:
+        """Whether chance explains it with a smaller probability only."""
+        return abs(self.share) > _sigmas(false_alarm) * self.deviation
 
 
 def learn_sweep(
-    log: Log, T_map_robot: NDArray[np.float64], motion: MotionWithin, least: float = 0.0
+    log: Log, T_map_robot: NDArray[np.float64], motion: MotionWithin, config: SweepConfig, least: float = 0.0
 ) -> SweepEstimate | None:
     """The sweep from the scans of a log, and a trajectory of their middles.
 
@@ -89,22 +72,30 @@ def learn_sweep(
         log: as recorded.
         T_map_robot: (n_scans, 3) trajectory, good over a metre.
         motion: (n_scans,) within each scan.
+        config: how much is asked of the scans.
         least: a sweep shorter than this changes nothing [intervals], and need not be known well.
 
     Returns:
         The estimate; None where too few scans overlap, or none of them moves.
     """
-    if len(log) < _FEWEST_PAIRS or log.geometry.n_beams < _FEWEST_POINTS:
+    if len(log) < config.min_pairs or log.geometry.n_beams < config.min_points:
         return None
-    quick = _solve(_Score.of(log, T_map_robot, motion, _QUICK))
+    effort = _Effort(scans=config.quick_scans, points=config.quick_points, steps=2)
+    quick = _solve(_Score.of(log, T_map_robot, motion, effort, config), config)
     if quick is not None:
-        doubt = _SURE * quick.deviation
+        doubt = _sigmas(config.quick_false_alarm) * quick.deviation
         if abs(quick.share) < doubt or abs(quick.share) + doubt < least:
             return quick
-    return _solve(_Score.of(log, T_map_robot, motion, _THOROUGH))
+    effort = _Effort(scans=config.scans, points=config.points, steps=3)
+    return _solve(_Score.of(log, T_map_robot, motion, effort, config), config)
 
 
-def _solve(score: "_Score") -> SweepEstimate | None:
+def _sigmas(false_alarm: float) -> float:
+    """Standard deviations that a normal error exceeds with this probability, to either side."""
+    return math.sqrt(chi2_gate(false_alarm, freedom=1))
+
+
+def _solve(score: "_Score", config: SweepConfig) -> SweepEstimate | None:
     """The sweep at which the gradient vanishes."""
     information, gradient, scatter = score.at(0.0)
     if information <= 0.0:
@@ -112,7 +103,7 @@ def _solve(score: "_Score") -> SweepEstimate | None:
     share, step = 0.0, _at_least(gradient / information, _PROBE)
     for _ in range(_MOST_ROUNDS):
         start, before = share, gradient
-        share = min(max(share + step, -_LONGEST), _LONGEST)
+        share = min(max(share + step, -config.max_share), config.max_share)
         fitted, gradient, scatter = score.at(share)
         if fitted <= 0.0:
             return None
@@ -122,7 +113,7 @@ def _solve(score: "_Score") -> SweepEstimate | None:
         step = gradient / information
         if abs(step) < _CLOSE * scatter / information:
             break
-    return SweepEstimate(share=share, deviation=math.hypot(scatter / information, _MODEL * share))
+    return SweepEstimate(share=share, deviation=math.hypot(scatter / information, config.model_error * share))
 
 
 def _at_least(step: float, least: float) -> float:
@@ -139,11 +130,19 @@ class _Score:
     T_one_other: NDArray[np.float64]
     laser: kernels.Laser
     fit: kernels.Fit
+    min_pairs: int
 
     @classmethod
-    def of(cls, log: Log, T_map_robot: NDArray[np.float64], motion: MotionWithin, effort: _Effort) -> "_Score":
+    def of(
+        cls,
+        log: Log,
+        T_map_robot: NDArray[np.float64],
+        motion: MotionWithin,
+        effort: _Effort,
+        config: SweepConfig,
+    ) -> "_Score":
         geometry = log.geometry
-        pairs, scan_of_pair = _pairs(T_map_robot, motion, effort.scans)
+        pairs, scan_of_pair = _pairs(T_map_robot, motion, effort.scans, config)
         T_map_laser = compose(T_map_robot[pairs], geometry.T_robot_laser)
         velocity, change = in_laser_frame(motion, geometry)
         return cls(
@@ -152,41 +151,44 @@ class _Score:
             scan_of_pair=scan_of_pair,
             T_one_other=between(T_map_laser[:, 0], T_map_laser[:, 1]),
             laser=kernels.Laser(geometry.bearings, is_full_circle(geometry), velocity, change),
-            fit=_fit(geometry, effort),
+            fit=_fit(geometry, effort, config),
+            min_pairs=config.min_pairs,
         )
 
     def at(self, share: float) -> tuple[float, float, float]:
         """Information, gradient and standard deviation of the gradient with the sweep at `share`."""
         about = np.zeros((len(self.pairs), 2))
         kernels.reduced_information(self.ranges, self.pairs, self.T_one_other, self.laser, share, self.fit, about)
-        if int(np.count_nonzero(about[:, 0])) < _FEWEST_PAIRS:
+        if int(np.count_nonzero(about[:, 0])) < self.min_pairs:
             return 0.0, 0.0, 0.0
         gradients = np.bincount(self.scan_of_pair, weights=about[:, 1])
         mean = float(gradients.mean())
         return float(about[:, 0].sum()), float(gradients.sum()), math.sqrt(float(((gradients - mean) ** 2).sum()))
 
 
-def _fit(geometry: ScanGeometry, effort: _Effort) -> kernels.Fit:
+def _fit(geometry: ScanGeometry, effort: _Effort, config: SweepConfig) -> kernels.Fit:
     return kernels.Fit(
-        gate=_GATE,
-        scale=_SCALE,
+        gate=config.gate,
+        scale=config.scale,
         every=max(1, geometry.n_beams // effort.points),
         half=max(2, round(math.radians(2.0) / geometry.resolution)),
         steps=effort.steps,
-        least=_FEWEST_POINTS,
+        least=config.min_points,
     )
 
 
 def _pairs(
-    T_map_robot: NDArray[np.float64], motion: MotionWithin, scans: int
+    T_map_robot: NDArray[np.float64], motion: MotionWithin, scans: int, config: SweepConfig
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """(m, 2) scans to be laid over each other, and (m,) for which of the scans that are asked."""
     n = len(T_map_robot)
-    speed = np.abs(motion.velocity[:, 2]) + _ARM * np.hypot(motion.velocity[:, 0], motion.velocity[:, 1])
+    speed = np.abs(motion.velocity[:, 2]) + config.bend_per_metre * np.hypot(
+        motion.velocity[:, 0], motion.velocity[:, 1]
+    )
     borders = np.linspace(0, n, min(scans, n) + 1).astype(np.int64).tolist()
     asked = np.array([a + int(np.argmax(speed[a:b])) for a, b in pairwise(borders)])
-    moved = np.hypot(*np.diff(T_map_robot[:, :2], axis=0).T) / _APART
-    turned = np.abs(wrap_angle(np.diff(T_map_robot[:, 2]))) / _TURNED
+    moved = np.hypot(*np.diff(T_map_robot[:, :2], axis=0).T) / config.pair_distance
+    turned = np.abs(wrap_angle(np.diff(T_map_robot[:, 2]))) / config.pair_turn
     way = np.concatenate([[0.0], np.cumsum(moved + turned)])
     before = np.searchsorted(way, way[asked] - 1.0, side="right") - 1
     after = np.searchsorted(way, way[asked] + 1.0)

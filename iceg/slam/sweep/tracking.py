@@ -12,14 +12,8 @@ from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.sweep.deskew import deskewed
 from iceg.slam.sweep.estimate import SweepEstimate, learn_sweep
 from iceg.slam.sweep.motion import MotionWithin, motion_within, usual_interval
+from iceg.slam.sweep_config import SweepConfig
 from iceg.slam.track import Track
-
-_TELLING = 0.005
-"""Root mean square from which on what a sweep moves returns by is worth another pass [m]: half of what the ranges of a
-good laser err by. At half of it the classic logs of fast lasers are tracked twice and get no better, at twice of it
-some that gain a quarter are left as they are."""
-_MOST_PASSES = 2
-"""What still moves after two passes are scans that match here or there; a third pass gained nothing."""
 
 Followed = tuple[Log, Track, OdometryCalibration]
 """A log as it was tracked, its track and the calibration on the way."""
@@ -59,12 +53,15 @@ class SweepFinding:
         }
 
 
-def track_swept(followed: Followed, follow: Callable[[Log], Followed]) -> tuple[Followed, SweepFinding]:
+def track_swept(
+    followed: Followed, follow: Callable[[Log], Followed], config: SweepConfig
+) -> tuple[Followed, SweepFinding]:
     """Track a log again with its beams moved by the motion within each sweep, as long as that moves any.
 
     Args:
         followed: the log, and what the first pass made of it.
         follow: tracks a log.
+        config: what it takes.
 
     Returns:
         The same of the last pass, its log with all beams of a scan seen at once; and what is known of the sweep.
@@ -74,9 +71,9 @@ def track_swept(followed: Followed, follow: Callable[[Log], Followed]) -> tuple[
         return followed, SweepFinding(source="nothing")
     interval = usual_interval(log.stamps)
     finding, moved = SweepFinding(source="nothing"), np.zeros((len(log), 3))
-    for passes in range(_MOST_PASSES + 1):
+    for passes in range(config.max_passes + 1):
         motion = _motion(followed[1], log)
-        source, estimate = _sweep(log, followed[1], motion, interval)
+        source, estimate = _sweep(log, followed[1], motion, interval, config)
         if estimate is None:
             break
         finding = SweepFinding(
@@ -87,7 +84,11 @@ def track_swept(followed: Followed, follow: Callable[[Log], Followed]) -> tuple[
             passes=passes,
         )
         further = estimate.share * motion.velocity - moved
-        if passes == _MOST_PASSES or not estimate.is_significant or _displacement(log, further) < _TELLING:
+        if (
+            passes == config.max_passes
+            or not estimate.is_significant(config.false_alarm)
+            or _displacement(log, further) < config.min_displacement
+        ):
             break
         moved = moved + further
         followed = follow(deskewed(log, motion, estimate.share))
@@ -95,14 +96,14 @@ def track_swept(followed: Followed, follow: Callable[[Log], Followed]) -> tuple[
 
 
 def _sweep(
-    log: Log, track: Track, motion: MotionWithin, interval: float | None
+    log: Log, track: Track, motion: MotionWithin, interval: float | None, config: SweepConfig
 ) -> tuple[Literal["log", "scans"], SweepEstimate | None]:
     """What the log says, else what its scans tell."""
     if log.sweep is not None and interval is not None:
         return "log", SweepEstimate(share=log.sweep / interval, deviation=0.0)
     per_interval = _displacement(log, motion.velocity)
-    least = _TELLING / per_interval if per_interval > 0.0 else np.inf
-    return "scans", learn_sweep(log, _trajectory(track), motion, least)
+    least = config.min_displacement / per_interval if per_interval > 0.0 else np.inf
+    return "scans", learn_sweep(log, _trajectory(track), motion, config, least)
 
 
 def _displacement(log: Log, motion: NDArray[np.float64]) -> float:

@@ -24,15 +24,6 @@ from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan
 from iceg.slam.tracking.odometry_check import Expectation, OdometryCheck
 from iceg.slam.tracking.sight import is_blind, sees_next_to_nothing
 
-_UNKNOWN_ODOMETRY = OdometryModel(
-    along_per_metre=0.3,
-    across_per_metre=0.3,
-    heading_per_metre=0.3,
-    along_floor=0.1,
-    across_floor=0.1,
-    heading_floor=0.1,
-)
-"""What a constant velocity says in a log without odometry."""
 COVERED = NoMatch(reason="the laser is covered")
 """What becomes of a scan that sees nothing."""
 
@@ -52,7 +43,8 @@ class FrontEnd:
         is_foreseen = heading is None or heading.unforeseen < config.tracking.polished
         self._track = matcher.track if is_foreseen else _tracking_by_match(matcher)
         self._has_odometry = odometry is not None
-        self._unknown = _UNKNOWN_ODOMETRY if heading is None else heading.step_noise(_UNKNOWN_ODOMETRY)
+        unknown = config.tracking.unknown_odometry
+        self._unknown = unknown if heading is None else heading.step_noise(unknown)
         self._odometry = odometry or self._unknown
         self._config = config
         self._limits = _limits(config)
@@ -205,7 +197,7 @@ class FrontEnd:
             return
         self._knows_motion = False
         T_key_robot = between(self.keys[-1].T_track_robot, self._T_track_robot)
-        unknown = _UNKNOWN_ODOMETRY.start().covariance + self.motion.covariance
+        unknown = self._config.tracking.unknown_odometry.start().covariance + self.motion.covariance
         self.motion = replace(self.motion, T_key_robot=T_key_robot, covariance=unknown)
 
     def _start(self, index: int, scan: Scan) -> None:

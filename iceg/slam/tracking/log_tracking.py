@@ -18,8 +18,6 @@ from iceg.slam.recording.steps import sudden_steps
 from iceg.slam.track import Track
 from iceg.slam.tracking.front_end import FrontEnd
 
-_MOVED = 0.3
-"""Farther than this [m, rad] a robot that stands is not seen to be."""
 _MOST_TOGETHER = 256
 """Scans that are followed before progress is told."""
 
@@ -81,8 +79,8 @@ def track_calibrating(
         journey.advance(n_first, odometry)
         first = journey.track()
         calibration = calibrate_odometry(first, log.odometry[:n_first], config.calibration)
-        odometry = calibration.apply(log.odometry)
-        if first.failures or calibration.is_late:
+        odometry = calibration.apply(log.odometry, config.calibration.sudden)
+        if first.failures or calibration.is_late(config.calibration):
             journey = _Journey(log, matcher, calibration.noise, config, progress)
         journey.trust(calibration.noise)
     journey.advance(len(log), odometry)
@@ -110,10 +108,11 @@ class _Journey:
         heading: HeadingOdometry | None = None,
     ) -> None:
         self._log = log
+        self._min_motion = config.standstill.min_motion
         self._progress = progress
         self._turns = None if heading is None else np.diff(heading.headings, prepend=0.0)
         self._front_end = FrontEnd(matcher, noise if log.has_odometry else None, config, heading)
-        self._sudden = sudden_steps(log.odometry, log.stamps)
+        self._sudden = sudden_steps(log.odometry, config.calibration.sudden, log.stamps)
         self._dead = dead_intervals(log.odometry, log.ranges, config.standstill) if log.has_odometry else []
         self._is_known = _known_steps(self._dead, len(log))
         is_plain = self._is_known & ~self._sudden & log.has_odometry
@@ -174,14 +173,14 @@ class _Journey:
             lost=list(front_end.lost),
             breaks=list(front_end.breaks),
             unknown_motion=list(front_end.unknown_motion),
-            dead=[interval for interval in self._dead if _has_moved(T_track_scan[slice(*interval)])],
+            dead=[interval for interval in self._dead if _has_moved(T_track_scan[slice(*interval)], self._min_motion)],
         )
 
 
-def _has_moved(poses: NDArray[np.float64]) -> bool:
-    """Whether the robot left the first of (n, 3) poses, as far as its scans tell."""
+def _has_moved(poses: NDArray[np.float64], least: float) -> bool:
+    """Whether the robot went farther than this from the first of (n, 3) poses, as far as its scans tell [m, rad]."""
     T_first_pose = between(poses[:1], poses)
-    return bool((np.abs(T_first_pose) > _MOVED).any())
+    return bool((np.abs(T_first_pose) > least).any())
 
 
 def _known_steps(dead: list[tuple[int, int]], n_scans: int) -> NDArray[np.bool_]:

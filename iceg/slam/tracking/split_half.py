@@ -21,31 +21,23 @@ from graph.elementary import log
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import squared_norm
 from graph.se2 import between, logmap
+from iceg.slam.map_matcher import NEAR
 from iceg.slam.track import KeyScan, Track
-
-_BEHIND = 12
-"""Key scans in the local map of a test."""
-_USUAL = 1.2
-"""Geometric mean of the squared distances in simulated scenes. The halves of a scan lie nearer together than the 2.1 of
-three degrees of freedom: the covariance of a match is that of a step between two key scans, on a map that errs too."""
-_LEAST = 0.05
-"""Squared distances are not taken to be smaller: halves that agree by chance prove nothing."""
-_GUESS = np.diag((0.05, 0.05, 0.02)) ** 2
-"""Covariance of the pose that the whole scan found, as the guess of its halves [m², rad²]."""
+from iceg.slam.tracking_config import SplitHalfConfig
 
 
-def with_measured_covariance_scale(track: Track, matcher: Matcher, tests: int) -> Track:
+def with_measured_covariance_scale(track: Track, matcher: Matcher, config: SplitHalfConfig) -> Track:
     """The same track, the variances of its matches as much larger as the log's own scans ask for.
 
     Args:
         track: what the front end found.
         matcher: that matched it.
-        tests: how many scans are split at most, evenly spread; 0 leaves the track as it is.
+        config: how many scans are split.
 
     Returns:
         The track with its `match_covariance_scale`.
     """
-    scale = match_covariance_scale(split_half_distances(track, matcher, tests))
+    scale = match_covariance_scale(split_half_distances(track, matcher, config), config)
     if scale == 1.0:
         return track
     keys = [_inflated(key, scale) for key in track.keys]
@@ -58,35 +50,36 @@ def _inflated(key: KeyScan, scale: float) -> KeyScan:
     return replace(key, match=replace(key.match, covariance=scale * key.match.covariance))
 
 
-def match_covariance_scale(distances2: NDArray[np.float64]) -> float:
+def match_covariance_scale(distances2: NDArray[np.float64], config: SplitHalfConfig) -> float:
     """By how much the variances of matches are too small.
 
     Args:
         distances2: (n,) squared Mahalanobis distances between halves.
+        config: what is usual.
 
     Returns:
         The ratio of their geometric mean to what is usual, as far as it is certain by a standard error; at least 1.
     """
     if len(distances2) < 2:
         return 1.0
-    logs = log(np.maximum(distances2, _LEAST) / _USUAL)
+    logs = log(np.maximum(distances2, config.min_distance2) / config.usual_distance2)
     return math.exp(max(0.0, float(logs.mean() - logs.std(ddof=1) / np.sqrt(len(logs)))))
 
 
-def split_half_distances(track: Track, matcher: Matcher, tests: int) -> NDArray[np.float64]:
+def split_half_distances(track: Track, matcher: Matcher, config: SplitHalfConfig) -> NDArray[np.float64]:
     """Squared Mahalanobis distances between the poses of the two halves of some key scans.
 
     Args:
         track: with the key scans.
         matcher: finds the halves.
-        tests: how many key scans are tried at most, evenly spread.
+        config: how many key scans are tried at most, evenly spread.
 
     Returns:
         (n,) of those both of whose halves know every direction.
     """
-    able = [key for key in range(_BEHIND, len(track.keys)) if _is_telling(track.keys[key].match)]
-    chosen = np.unique(np.linspace(0, len(able) - 1, min(tests, len(able))).round().astype(int)).tolist()
-    found = (_distance2(track, matcher, able[k]) for k in chosen)
+    able = [key for key in range(config.window, len(track.keys)) if _is_telling(track.keys[key].match)]
+    chosen = np.unique(np.linspace(0, len(able) - 1, min(config.scans, len(able))).round().astype(int)).tolist()
+    found = (_distance2(track, matcher, able[k], config.window) for k in chosen)
     return np.array([distance2 for distance2 in found if distance2 is not None])
 
 
@@ -100,18 +93,18 @@ def halves(scan: Scan) -> tuple[Scan, Scan]:
     return replace(scan, ranges=first), replace(scan, ranges=last)
 
 
-def _distance2(track: Track, matcher: Matcher, key: int) -> float | None:
+def _distance2(track: Track, matcher: Matcher, key: int, window: int) -> float | None:
     """How far the halves of one key scan lie apart, matched to the key scans before it."""
-    before = track.keys[key - _BEHIND : key]
+    before = track.keys[key - window : key]
     T_track_before = np.array([one.T_track_robot for one in before])
     T_ref_before = between(T_track_before[-1], T_track_before)
     guess = between(T_track_before[-1], track.keys[key].T_track_robot)
     reference = matcher.prepare([one.scan for one in before], T_ref_before)
     one_half, other_half = halves(track.keys[key].scan)
-    first = matcher.match(reference, one_half, guess, _GUESS)
+    first = matcher.match(reference, one_half, guess, NEAR)
     if not _is_telling(first):
         return None
-    last = matcher.match(reference, other_half, guess, _GUESS)
+    last = matcher.match(reference, other_half, guess, NEAR)
     if not _is_telling(last):
         return None
     apart = logmap(between(first.T_ref_cur, last.T_ref_cur))

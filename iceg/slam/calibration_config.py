@@ -1,0 +1,128 @@
+"""Settings of the calibration of odometry and gyro by the matches of a log."""
+
+from dataclasses import dataclass, field
+from math import log, sqrt
+
+from graph.odometry import OdometryModel, check_odometry_setting
+from graph.ranges import RATES, check_between, check_numbers
+from graph.units import Radians
+from iceg.slam.config_error import SlamConfigError
+
+
+@dataclass(frozen=True, kw_only=True)
+class SuddenStepConfig:
+    """Which steps of odometry no robot made, as where it was set anew."""
+
+    distance: float = 1.0
+    """A step stands out that is longer than this [m] …"""
+    turn: Radians = 0.8
+    """… or turns by more [rad] …"""
+    factor: float = 3.0
+    """… and is so many times as fast as nearly all."""
+    nearly_all: float = 0.99
+    """Share of the steps that are nearly all of them."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError)
+        check_between(self, SlamConfigError, "sudden steps: ", nearly_all=(0.5, 0.9999))
+
+    @property
+    def nearly_all_sigmas(self) -> float:
+        """Standard deviations within which nearly all steps lie, if they scatter in two axes alike (Rayleigh)."""
+        return sqrt(-2.0 * log(1.0 - self.nearly_all))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CalibrationConfig:
+    """What the matches of a log tell of its odometry: bias, delay, mount, noise; and of its gyro."""
+
+    min_keys: int = 20
+    """Fewest matched key scans to calibrate from."""
+    window: int = 5
+    """Key scans over which moves are compared: the noise of single steps makes a scale fitted to them too small."""
+    min_turn: Radians = 0.3
+    """Only windows that turn by more than this tell the scale of turns [rad]."""
+    sudden: SuddenStepConfig = field(default_factory=SuddenStepConfig)
+    """Which steps of odometry stand out."""
+    scale_sigma: float = 0.05
+    """Standard deviation, before any data, of the scale of moves and of turns."""
+    drift_sigma: float = 0.05
+    """Standard deviation, before any data, of the drift of the heading [rad/m]."""
+    delay_sigma: float = 0.7
+    """Standard deviation, before any data, of the delay [scans]."""
+    mount_ahead_sigma: float = 0.2
+    """Standard deviation, before any data, of how far ahead the laser sits [m]."""
+    mount_aside_sigma: float = 0.1
+    """Standard deviation, before any data, of how far aside the laser sits [m]."""
+    mount_heading_sigma: Radians = 0.03
+    """Standard deviation, before any data, of the heading of the laser [rad]."""
+    max_delay: int = 16
+    """Scans up to which a delay is looked for."""
+    max_linear_delay: float = 1.0
+    """Scans up to which odometry may be late without harm, and a linear fit tells the delay better."""
+    delay_gain: float = 2.0
+    """So many times smaller must the mean square of the differences become by a delay of several scans."""
+    wrong_turn: Radians = 0.3
+    """A match that differs by more differs by no more than this: it may be wrong itself [rad]."""
+    scale_false_alarm: float = 5.733e-7
+    """Odometry is a measure of moves, or of turns, where chance explains its share of what the matches say with a
+    smaller probability (normal distribution; 5 σ)."""
+    outlier_sigmas: float = 3.0
+    """Standard deviations beyond which a difference counts as being so far and no farther."""
+    max_claimed: float = 2.0
+    """What cancels from step to step is the match's up to so many times the variance it claims; the rest is clocks."""
+    floor_gain: float = 10.0
+    """F statistic from which on an error that does not grow with the way explains more than chance would."""
+    min_floor: float = 0.05
+    """No odometry is believed to be off by less, without any motion, than this share of its usual deviation."""
+    max_persistence: float = 4.0
+    """By how much the variance is widened at most for errors that persist."""
+    persistence_lags: int = 16
+    """Steps over which errors may persist."""
+    least_noise: OdometryModel = field(
+        default_factory=lambda: OdometryModel(
+            along_floor=0.0002,
+            across_floor=0.0002,
+            heading_floor=0.0005,
+            along_per_metre=0.01,
+            across_per_metre=0.0005,
+            position_per_radian=0.0005,
+            heading_per_metre=0.003,
+            heading_per_radian=0.005,
+        )
+    )
+    """No robot's odometry is believed to be better than this."""
+    gyro_false_alarm: float = 1e-4
+    """A gyro counts, and so does a further axis of it, where chance explains as much with a smaller probability."""
+    gyro_freedom: float = 3.0
+    """Degrees of freedom of Student's t for what a gyro leaves of the turns: the usual residuals count as normal ones
+    do, a few wrong matches hardly at all."""
+    gyro_min_turns: int = 10
+    """Fewest turns between matched key scans that tell anything of a gyro: four coefficients and their scatter."""
+    gyro_max_delay: float = 3.0
+    """Scans up to which the delay of a gyro is looked for."""
+    velocity_scans: int = 5
+    """Scans whose motion tells the velocity that is taken to be constant."""
+    velocity_min_steps: int = 10
+    """Fewest steps that tell how well a constant velocity is kept."""
+    velocity_min_sigma: float = 0.005
+    """Standard deviations of a constant velocity are never taken to be smaller [m, rad]."""
+
+    def __post_init__(self) -> None:
+        check_odometry_setting(self.least_noise, SlamConfigError, "least_noise")
+        sigmas = ("scale_sigma", "drift_sigma", "delay_sigma", "mount_ahead_sigma", "mount_aside_sigma")
+        positive = ("mount_heading_sigma", "window", "min_keys", "velocity_min_sigma")
+        check_numbers(self, SlamConfigError, positive=(*sigmas, *positive))
+        check_between(self, SlamConfigError, "calibration: ", gyro_false_alarm=RATES, scale_false_alarm=RATES)
+        check_between(
+            self,
+            SlamConfigError,
+            "calibration: ",
+            max_delay=(0, 1000),
+            min_floor=(0.0, 1.0),
+            persistence_lags=(3, 1000),
+            gyro_freedom=(1.0, 1000.0),
+            gyro_min_turns=(5, 10**6),
+            velocity_min_steps=(1, 10**6),
+            velocity_scans=(1, 1000),
+        )
