@@ -43,7 +43,8 @@ def consistent_pairs(
         gate: largest squared norm.
     """
     m = len(i)
-    consistent = np.ones((m, m), dtype=np.bool_)
+    consistent = np.empty((m, m), np.bool_)
+    consistent[:] = True
     s, chain, moved = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3))
     carry = np.zeros((3, 3))
     carry[2, 2] = 1.0
@@ -89,7 +90,8 @@ def consistent_pairs(
 def greedy_clique(consistent: Bools) -> Bools:
     """(m,) members of a large clique: who has most conflicts leaves until none is left, then who fits returns."""
     m = len(consistent)
-    member = np.ones(m, dtype=np.bool_)
+    member = np.empty(m, np.bool_)
+    member[:] = True
     conflicts = np.zeros(m, dtype=np.int64)
     for a in range(m):
         for b in range(m):

@@ -19,7 +19,7 @@ Ints = NDArray[np.int64]
 @compiled
 def multiplied(column_starts: Ints, rows: Ints, upper: Floats, diagonal: Floats, x: Floats) -> Floats:
     """(n, 3) product of the symmetric matrix with these strictly upper blocks and diagonal, and x."""
-    y = np.zeros_like(x)
+    y = np.zeros(x.shape)
     for k in range(len(diagonal)):
         for a in range(3):
             for b in range(3):
@@ -215,11 +215,11 @@ def selected_inverse(starts: Ints, rows_of_l: Ints, values: Floats, diagonal: Fl
         The strictly lower blocks in the places of `values` and the (n, 3, 3) diagonal.
     """
     n = len(diagonal)
-    lower = np.zeros_like(values)
-    on_diagonal = np.zeros_like(diagonal)
+    lower = np.zeros(values.shape)
+    on_diagonal = np.zeros(diagonal.shape)
     place_of = np.full(n, -1)
     inverse = np.zeros((3, 3))
-    scaled = np.zeros_like(values)  # L_kj L_jj⁻¹
+    scaled = np.zeros(values.shape)  # L_kj L_jj⁻¹
     for j in range(n - 1, -1, -1):
         d = diagonal[j]
         inverse[0, 0], inverse[1, 1], inverse[2, 2] = 1.0 / d[0, 0], 1.0 / d[1, 1], 1.0 / d[2, 2]

@@ -18,6 +18,7 @@ from iceg.config import Config
 from iceg.ice.noise import PLAIN, beyond_allowed
 from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
+from iceg.show.progress import prepare_kernels
 from iceg.slam.corrections.corrections import Corrections
 from iceg.slam.corrections.cut import Cut
 from iceg.slam.finding import laser_noise, matcher_of
@@ -99,7 +100,10 @@ class Mapper:
             config: settings; the defaults when left out.
             stages: those that are replaced by functions of one's own.
             name: what the log is called.
+
+        The first one on a machine waits here until the kernels are compiled, so that no scan has to.
         """
+        prepare_kernels()
         self._given = config or Config()
         self._stages = stages or IN_HOUSE
         self._log = GrowingLog(geometry, Path(name))

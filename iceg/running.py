@@ -40,16 +40,21 @@ def run(
     Raises:
         IcegError: a correction that does not fit the log, or a stage that returns what is of no use.
     """
-    from iceg.kernels.ahead import compile_ahead
-    from iceg.show.progress import ProgressBar, prepare_kernels
+    from iceg.kernels.ahead import compiling_ahead
+    from iceg.show.progress import ProgressBar, compiling_bar
     from iceg.slam import pipeline
 
     def run_told(callback: ProgressCallback | None) -> "SlamResult":
         return pipeline.run(log, config, callback, stages=stages, closures=closures, corrections=corrections)
 
-    if progress is True:
-        prepare_kernels()
+    with compiling_ahead() as kernels:
+        if progress is not True:
+            result = run_told(kernels.before_each_stage(progress or None))
+            kernels.wait()
+            return result
+        with compiling_bar() as told:
+            kernels.wait_for("matching", told)
         with ProgressBar(log) as bar:
-            return run_told(bar)
-    compile_ahead()
-    return run_told(progress or None)
+            result = run_told(kernels.before_each_stage(bar, bar.compiling))
+            kernels.wait(bar.compiling)
+        return result

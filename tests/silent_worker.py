@@ -1,6 +1,13 @@
-"""Stands for a process that compiles, and takes very long."""
+"""Stands for a process that compiles what a run needs first, and takes very long for the rest."""
 
+import os
 import sys
+import time
 
-for _ in sys.stdin:
-    pass
+from iceg.kernels.signatures import listed_kernels
+
+if __name__ == "__main__":
+    for place, kernel in enumerate(listed_kernels()):
+        if kernel.stage in ("matching", "sweep"):
+            os.write(sys.stdout.fileno(), bytes([place, True]))
+    time.sleep(600)

@@ -49,6 +49,18 @@ def test_the_bar_tells_stage_scans_speed_and_share_of_matches(capsys: pytest.Cap
     assert "made-up.clf, done: 100%" in done
 
 
+def test_waiting_for_kernels_is_told_and_is_no_progress(capsys: pytest.CaptureFixture[str]) -> None:
+    with ProgressBar(make_log(4)) as bar:
+        bar(Progress(scans=4, tried=4, accepted=4))
+        bar.compiling(41, 55)
+        bar.compiling(42, 55)
+        bar(Progress(scans=4, tried=4, accepted=4, stage="graph"))
+    lines = shown(capsys)
+    waited = [line for line in lines if "compiling" in line]
+    assert "made-up.clf, compiling 42 of 55" in waited[-1]
+    assert share(waited[0]) == share(waited[-1]) < share(lines[-1])
+
+
 def test_every_stage_is_named_and_the_bar_is_full_only_at_the_end(capsys: pytest.CaptureFixture[str]) -> None:
     stages = [stage for stage in get_args(Stage) if stage != "filtering"]
     with ProgressBar(make_log(4)) as bar:

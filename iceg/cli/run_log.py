@@ -13,6 +13,7 @@ from iceg.slam.run_warning import RunWarning, in_short
 
 if TYPE_CHECKING:
     from frontends.scan import Log
+    from iceg.kernels.ahead import KernelsAhead
     from iceg.slam.pipeline import SlamResult
     from iceg.slam.progress import Progress, ProgressCallback
 
@@ -50,6 +51,7 @@ def run_log(
     Raises:
         IcegError: the log cannot be read, or the results not be written.
     """
+    from iceg.kernels.ahead import compiling_ahead
     from iceg.results import check_directory, write_results
     from iceg.show.progress import ProgressBar, compile_note
 
@@ -57,15 +59,17 @@ def run_log(
     before = written_at(directory)
     started = time.perf_counter()
     try:
-        log = _read_while_compiling(path, config, skip_bad_lines=skip_bad_lines)
-        with compile_note():
+        with compiling_ahead() as kernels:
+            log = _read_while_compiling(path, config, kernels, skip_bad_lines=skip_bad_lines)
             if truth is not None:
                 log = _with_truth(log, truth)
-            with ProgressBar(log) as progress:
-                result, beside = _corrected_run(log, config, progress, closures, corrections)
+            with compile_note(), ProgressBar(log) as progress:
+                told = kernels.before_each_stage(progress, progress.compiling)
+                result, beside = _corrected_run(log, config, told, closures, corrections)
                 write_results(
                     result, directory, overwrite=overwrite, report=report, beside=beside, progress=progress.writing
                 )
+                kernels.wait(progress.compiling)
     except KeyboardInterrupt:
         raise KeyboardInterrupt(what_was_kept(directory, before)) from None
     with Telling(as_json=as_json) as telling:
@@ -77,24 +81,23 @@ def run_log(
         telling.keep(results=str(directory))
 
 
-def _read_while_compiling(path: Path, config: Config, *, skip_bad_lines: bool) -> "Log":
-    """The log; with what the run needs loaded, and all kernels compiled."""
-    from iceg.show.progress import preparing_kernels, reading_bar
+def _read_while_compiling(path: Path, config: Config, kernels: "KernelsAhead", *, skip_bad_lines: bool) -> "Log":
+    """The log; with what the run needs loaded, and the kernels compiled that it needs first."""
+    from frontends.logs import read_log
+    from iceg.show.progress import compiling_bar, reading_bar
 
-    with preparing_kernels() as wait_for_kernels:
-        from frontends.logs import read_log
+    with reading_bar(path) as reading:
+        log = read_log(path, skip_bad_lines=skip_bad_lines, progress=reading, **dataclasses.asdict(config.log))
+    tell_warnings(log)
+    import iceg.slam.pipeline  # noqa: F401 while others compile
 
-        with reading_bar(path) as reading:
-            log = read_log(path, skip_bad_lines=skip_bad_lines, progress=reading, **dataclasses.asdict(config.log))
-        tell_warnings(log)
-        import iceg.slam.pipeline  # noqa: F401 while others compile
-
-        wait_for_kernels()
+    with compiling_bar() as told:
+        kernels.wait_for("matching", told)
     return log
 
 
 def _corrected_run(
-    log: "Log", config: Config, progress: "ProgressCallback", closures: Path | None, corrections: Path | None
+    log: "Log", config: Config, progress: "ProgressCallback | None", closures: Path | None, corrections: Path | None
 ) -> "tuple[SlamResult, dict[str, str] | None]":
     """The result, and the corrections as they are kept beside it, if they are all that was corrected."""
     from graph.errors import GraphError

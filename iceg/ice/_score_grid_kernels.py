@@ -65,8 +65,9 @@ def score_grid(scored: Scored, n_picks: int, pose: F64, axes: F64, steps: F64, c
     stride, inverse_scale2 = len(points) / n_picks, 1.0 / (scored.scale * scored.scale)
     grid, n = _poses(pose, axes, steps, costs.shape), costs.size
     landed = Landed(np.empty(n), np.empty(n), np.empty(n, np.int32), np.zeros(n), np.zeros(n), np.empty(n), np.empty(n))
-    total, products = costs.reshape(-1), np.ones(n)
+    total, products = costs.reshape(-1), np.empty(n)
     total[:] = 0.0
+    products[:] = 1.0
     for q in range(n_picks):
         i = int((q + 0.5) * stride)
         _land(grid, points[i, 0], points[i, 1], scored.nearest.shape, scored.origin, scored.cell, landed)
@@ -79,7 +80,10 @@ def score_grid(scored: Scored, n_picks: int, pose: F64, axes: F64, steps: F64, c
             for p in range(n):
                 total[p] += log(products[p])
                 products[p] = 1.0
-    return float(total.min())
+    least_cost = total[0]
+    for cost in total:
+        least_cost = min(least_cost, cost)
+    return float(least_cost)
 
 
 @compiled

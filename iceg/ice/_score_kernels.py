@@ -317,7 +317,7 @@ def _moments(costs: F64, best: float, per_cost: float, steps: F64, second: F64, 
     for a in range(3):
         for b in range(3):
             second[a, b] = second[a, b] / total - mean[a] * mean[b] / (total * total)
-        second[a, a] += steps[a] ** 2 / 12.0
+        second[a, a] += steps[a] * steps[a] / 12.0
         edges[a] /= total
     costs /= total
 
@@ -340,15 +340,17 @@ def score_covariance(scored: Scored, pose: F64, reading: Reading, out: Weighed) 
     precision = share / (reading.temperature * reading.sigma * reading.sigma)
     _lay_grid(found.hessian, precision, reading, out)
     best = score_grid(scored, n_picks, pose, out.axes, out.steps, out.weights)
-    per_point = 0.5 * (scored.scale / reading.sigma) ** 2 * share / reading.temperature
+    sigmas = scored.scale / reading.sigma
+    per_point = 0.5 * (sigmas * sigmas) * share / reading.temperature
     edges, second, side = np.empty(3), np.empty((3, 3)), len(out.weights)
     _moments(out.weights, best, per_point * len(scored.points) / n_picks, out.steps, second, edges)
     second /= reading.temperature
-    variance = reading.sigma**2 * repeated
+    variance = reading.sigma * reading.sigma * repeated
+    reach = side // 2 * reading.max_step
     _unevenness(found, out.axes, reading.least_variance, variance, out.ratios)
     for a in range(3):
         out.ratios[a] *= _pretence(found, out.axes[:, a])
-        beyond = second[a, a] * out.ratios[a] > (side // 2 * reading.max_step) ** 2
+        beyond = second[a, a] * out.ratios[a] > reach * reach
         out.weak[a] = beyond or (edges[a] > reading.edge_mass and out.steps[a] >= 0.999 * reading.max_step)
         if out.weak[a]:
             second[a, :] = 0.0
@@ -398,8 +400,11 @@ def _on_surfaces(scored: Scored) -> Scored:
 @compiled
 def _lay_grid(hessian: F64, precision: float, reading: Reading, out: Weighed) -> None:
     """Axes and steps of the grid: the principal axes of the Hessian, steps by their width."""
-    values = np.empty(3)
-    _principal_axes(precision * hessian, values, out.axes)
+    values, curvature = np.empty(3), np.empty((3, 3))
+    for a in range(3):
+        for b in range(3):
+            curvature[a, b] = precision * hessian[a, b]
+    _principal_axes(curvature, values, out.axes)
     for a in range(3):
         width = reading.spacing / sqrt(max(values[a], 1e-9))
         out.steps[a] = min(reading.max_step, max(reading.min_step, width))

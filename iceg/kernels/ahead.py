@@ -1,44 +1,26 @@
-"""Compiling every listed kernel before the first run, in as many processes as there are processors."""
+"""Compiling every listed kernel before the first run calls it, in as many processes as there are processors."""
 
 import contextlib
 import hashlib
-import json
+import io
 import os
 import subprocess
 import sys
-import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from queue import Empty, SimpleQueue
-from typing import Self
 
 from graph.locks import locked
+from iceg.kernels.groups import ORDER, groups_of
 from iceg.kernels.signatures import SIGNATURES, listed_kernels
+from iceg.slam.progress import Progress, ProgressCallback
 
 _ROOT = Path(__file__).parent.parent.parent
 _WORKER = "iceg.kernels.worker"
-_GROUPS = (
-    (
-        "iceg.ice._point_kernels",
-        "iceg.ice._refinement_kernels",
-        "iceg.ice._score_kernels",
-        "iceg.ice._tracking_kernels",
-    ),
-    ("iceg.maps._landmark_kernels",),
-    ("iceg.ice._agreement_kernels", "iceg.ice._feature_kernels"),
-    ("iceg.maps._grid_kernels",),
-    ("graph._sparse_kernels",),
-    ("iceg.slam.sweep._pair_kernels",),
-)
-"""Modules that one process compiles in a row, as they share what they call; those that take longest are begun first, so
-that all processes end together. Every other module is a group of its own …"""
-_LAST = ("frontends.logs._number_kernels", "frontends.logs._sweep_kernels")
-"""… and these come last: by then the process that reads a log meanwhile has compiled what it needs of them."""
 _NO_COLOURS = {"NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING": "1"}
 """Where colorama is installed, numba would colour a message for each overload it tries in vain: 3 % of the time."""
 
 Told = Callable[[int, int], None]
-"""Called with how many kernels are compiled, and how many there are."""
+"""Called with how many of the kernels that are waited for are compiled, and how many these are."""
 
 
 def compile_ahead(told: Told | None = None) -> None:
@@ -47,41 +29,104 @@ def compile_ahead(told: Told | None = None) -> None:
     Args:
         told: called as kernels are compiled.
     """
-    with compiling_ahead() as wait:
-        wait(told)
+    with compiling_ahead() as kernels:
+        kernels.wait(told)
 
 
 @contextlib.contextmanager
-def compiling_ahead() -> Iterator[Callable[[Told | None], None]]:
+def compiling_ahead() -> "Iterator[KernelsAhead]":
     """Compile all listed kernels that are not kept on disk yet, while the block goes on until it waits for them.
 
     Kernels are kept for one processor, version of Python, of numba and of the source. Where nothing can be kept, the
     run compiles what it needs.
 
     Yields:
-        What waits until all are compiled, and tells of each to what it is given. What is not compiled by the end of the
-        block is left.
+        What waits for them. What is not compiled by the end of the block is left.
     """
-    mark = _mark()
     with contextlib.ExitStack() as stack:
-        compiling = None if mark is None or mark.exists() else _begin(mark, stack)
-
-        def wait(told: Told | None = None) -> None:
-            if mark is not None and compiling is not None and compiling.finish(told):
-                with contextlib.suppress(OSError):
-                    mark.touch()
-            stack.close()
-
-        yield wait
+        mark = _mark()
+        answers = None if mark is None or mark.exists() else _begin(mark, stack)
+        yield KernelsAhead(mark, answers, stack)
 
 
-def _begin(mark: Path, stack: contextlib.ExitStack) -> "_Compiling | None":
+class KernelsAhead:
+    """The listed kernels, which other processes compile where that is due."""
+
+    def __init__(self, mark: Path | None, answers: io.RawIOBase | None, compiling: contextlib.ExitStack) -> None:
+        """See `compiling_ahead`.
+
+        Args:
+            mark: a file to make when all are compiled.
+            answers: through which the processes tell of each; None when there is nothing to wait for.
+            compiling: what is closed then.
+        """
+        self._mark = mark
+        self._answers = answers
+        self._compiling = compiling
+        self._answered: dict[int, bool] = {}
+        self._stage = ""
+
+    def wait(self, told: Told | None = None) -> None:
+        """Wait until all are compiled."""
+        self.wait_for(ORDER[-1], told)
+
+    def wait_for(self, stage: str, told: Told | None = None) -> None:
+        """Wait until those are compiled that a run calls in a stage, or before.
+
+        Args:
+            stage: one of `iceg.slam.progress`.
+            told: called as kernels are compiled.
+        """
+        called = ORDER[: ORDER.index(stage) + 1]
+        needed = {place for place, kernel in enumerate(listed_kernels()) if kernel.stage in called}
+        while self._answers is not None and not needed <= self._answered.keys():
+            if told is not None:
+                told(len(needed & self._answered.keys()), len(needed))
+            self._listen(self._answers)
+            if told is not None:
+                told(len(needed & self._answered.keys()), len(needed))
+
+    def before_each_stage(self, progress: ProgressCallback | None, told: Told | None = None) -> ProgressCallback | None:
+        """What a run is to call as it proceeds, so that each stage waits for its kernels.
+
+        Args:
+            progress: called then.
+            told: called as kernels are compiled.
+        """
+        if self._answers is None:
+            return progress
+
+        def waited(now: Progress) -> None:
+            if now.stage != self._stage:
+                self._stage = now.stage
+                self.wait_for(now.stage, told)
+            if progress is not None:
+                progress(now)
+
+        return waited
+
+    def _listen(self, answers: io.RawIOBase) -> None:
+        """Take what is said of one kernel; after the last, or where all processes have died, nothing is waited for."""
+        answer = answers.read(2)
+        if answer:
+            place, is_compiled = answer
+            self._answered[place] = bool(is_compiled)
+        is_complete = len(self._answered) == len(listed_kernels())
+        if is_complete and all(self._answered.values()) and self._mark is not None:
+            with contextlib.suppress(OSError):
+                self._mark.touch()
+        if is_complete or not answer:
+            self._answers = None
+            self._compiling.close()
+
+
+def _begin(mark: Path, stack: contextlib.ExitStack) -> io.RawIOBase | None:
     """Processes that compile until the stack is closed; None where another process has compiled all, or none can."""
     try:
         mark.parent.mkdir(parents=True, exist_ok=True)
         lock = mark.with_name("listed.lock")
         stack.enter_context(locked(lock, lambda: os.open(lock, os.O_RDWR | os.O_CREAT)))
-        return None if mark.exists() else stack.enter_context(_Compiling())
+        return None if mark.exists() else stack.enter_context(_workers())
     except OSError:  # a full disk, say: where nothing can be kept, the run compiles what it needs
         return None
 
@@ -105,97 +150,43 @@ def _mark() -> Path | None:
     return Path(kept) / f"listed-{known.hexdigest()}.compiled"
 
 
-class _Compiling:
-    """Processes that compile all kernels, each with a thread that hands it group after group. A context manager."""
+@contextlib.contextmanager
+def _workers() -> Iterator[io.RawIOBase]:
+    """Processes that compile all kernels.
 
-    def __init__(self) -> None:
-        self._groups: SimpleQueue[list[int]] = SimpleQueue()
-        self._answers: SimpleQueue[bool | None] = SimpleQueue()
-        self._threads: list[threading.Thread] = []
-        self._workers = contextlib.ExitStack()
+    They share two pipes: each takes the number of the next group from the one as it has time, which is a byte, and
+    tells of each kernel through the other. No thread looks after them: a process that has threads must not be copied.
 
-    def __enter__(self) -> Self:
-        for group in _groups():
-            self._groups.put(group)
-        with contextlib.ExitStack() as workers:
-            for _ in range(min(processors(), self._groups.qsize())):
-                worker = workers.enter_context(_worker())
-                feeding = (worker, self._groups, self._answers)
-                self._threads.append(threading.Thread(target=_feed, args=feeding, daemon=True))
-            self._workers = workers.pop_all()
-        for thread in self._threads:
-            thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._workers.close()
-        for thread in self._threads:  # a process that has threads must not be copied
-            thread.join()
-
-    def finish(self, told: Told | None) -> bool:
-        """Tell of each kernel until all processes have ended; whether all were compiled."""
-        n_kernels = len(listed_kernels())
-        working, done, compiled = len(self._threads), 0, 0
-        while working:
-            answer = self._answers.get()
-            if answer is None:
-                working -= 1
-                continue
-            done, compiled = done + 1, compiled + answer
-            if told is not None:
-                told(done, n_kernels)
-        return compiled == n_kernels
+    Yields:
+        The end of the pipe where their answers come out, and an end of file when all of them have ended.
+    """
+    groups = bytes(range(len(groups_of(listed_kernels()))))
+    with contextlib.ExitStack() as kept:
+        with contextlib.ExitStack() as handed_over:
+            tasks, all_tasks = _pipe(handed_over, handed_over)
+            answers, all_answers = _pipe(kept, handed_over)
+            all_tasks.write(groups)
+            for _ in range(min(processors(), len(groups))):
+                kept.enter_context(_worker(tasks, all_answers))
+        yield answers
 
 
-def _groups() -> list[list[int]]:
-    """Which kernels one process compiles in a row, by their places in the list."""
-    first = {module: modules for modules in _GROUPS for module in modules}
-    groups: dict[tuple[str, ...], list[int]] = {modules: [] for modules in _GROUPS}
-    last: list[list[int]] = []
-    for place, kernel in enumerate(listed_kernels()):
-        if kernel.module in _LAST:
-            last.append([place])
-        else:
-            groups.setdefault(first.get(kernel.module, (kernel.module,)), []).append(place)
-    return [*filter(None, groups.values()), *last]
-
-
-def _feed(
-    worker: "subprocess.Popen[str]", groups: "SimpleQueue[list[int]]", answers: "SimpleQueue[bool | None]"
-) -> None:
-    """Hand a process group after group, and pass on what it says; None when it has ended or nothing is left."""
-    assert worker.stdin is not None
-    assert worker.stdout is not None
-    try:
-        while True:
-            group = groups.get_nowait()
-            worker.stdin.write(f"{json.dumps(group)}\n")
-            worker.stdin.flush()
-            for _ in group:
-                line = worker.stdout.readline()
-                if not line:
-                    return
-                answers.put(line.strip() == "compiled")
-    except (Empty, OSError):
-        pass
-    finally:
-        worker.stdout.close()
-        with contextlib.suppress(OSError):  # it has ended, and does not take what is left to say
-            worker.stdin.close()
-        answers.put(None)
+def _pipe(keeps_reading: contextlib.ExitStack, keeps_writing: contextlib.ExitStack) -> tuple[io.FileIO, io.FileIO]:
+    """The ends of a pipe, each closed with a stack."""
+    reading, writing = os.pipe()
+    return keeps_reading.enter_context(io.FileIO(reading)), keeps_writing.enter_context(io.FileIO(writing, "w"))
 
 
 @contextlib.contextmanager
-def _worker() -> "Iterator[subprocess.Popen[str]]":
+def _worker(tasks: io.FileIO, answers: io.FileIO) -> "Iterator[subprocess.Popen[bytes]]":
     """A process that compiles; it ends with the block."""
     paths = [str(_ROOT), *filter(None, os.environ.get("PYTHONPATH", "").split(os.pathsep))]
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", _WORKER],
         env=os.environ | {"PYTHONPATH": os.pathsep.join(paths), **_NO_COLOURS},
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
+        stdin=tasks,
+        stdout=answers,
         stderr=subprocess.DEVNULL,
-        encoding="utf-8",
     )
     try:
         yield process

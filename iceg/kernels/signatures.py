@@ -6,27 +6,33 @@ from collections.abc import Sequence
 from functools import cache
 from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 from numba import from_dtype, types
+
+from iceg.slam.progress import Stage
 
 SIGNATURES = Path(__file__).with_name("signatures.json")
 """Kernel by kernel; `python -m iceg.kernels.record` writes it anew."""
 _ARRAY = re.compile(r"([\w.]+)\[(\d)([CFA])( readonly)?\]")
 _RECORDS = ("iceg.maps.landmark_arrays.FEATURE", "iceg.maps.landmark_arrays.LANDMARK")
 """Where the structured types of arrays are that kernels take."""
+STAGES = ("reading", *get_args(Stage), "writing")
+"""Of a run, in order."""
 
 
 class Kernel(NamedTuple):
     """A compiled function, for arguments of given types.
 
     Attributes:
+        stage: of a run, that calls it first.
         module: where it is.
         name: of the function there.
         arguments: types as plain data: "float64", "float64[2C]", "uint8[1C readonly]", "module.DTYPE[1C]", a list for a
             tuple, {"module.Class": list} for a named one.
     """
 
+    stage: str
     module: str
     name: str
     arguments: Sequence[Any]

@@ -91,6 +91,10 @@ class ProgressBar:
         """Show that a file is being written, the one after `begun` of `of`."""
         self._show(f"writing {name}", 100.0 - _WRITING * (1.0 - begun / of), "")
 
+    def compiling(self, compiled: int, of: int) -> None:
+        """Show that the run waits for kernels, of which some are compiled."""
+        self._show(f"compiling {compiled} of {of}", self._bar.n, "")
+
     def _show(self, stage: str, share: float, postfix: str) -> None:
         description = f"{self._log.path.name}, {stage}"
         is_new = not self._bar.desc.startswith(description)
@@ -132,7 +136,7 @@ def compiling_bar() -> Iterator[Callable[[int, int], None]]:
     """A bar while kernels are compiled ahead.
 
     Yields:
-        What to call with how many are compiled, and how many there are.
+        What to call with how many are compiled, and how many are waited for.
     """
     description = "first run, compiling"
     with _bar(desc=description, bar_format=_COMPILING, delay=_SHORT_READ_S) as bar:
@@ -146,26 +150,10 @@ def compiling_bar() -> Iterator[Callable[[int, int], None]]:
 
 def prepare_kernels() -> None:
     """Compile what is not compiled yet, with a bar; at once where that was done before."""
-    with preparing_kernels() as wait:
-        wait()
+    from iceg.kernels.ahead import compile_ahead
 
-
-@contextmanager
-def preparing_kernels() -> Iterator[Callable[[], None]]:
-    """Compile what is not compiled yet, while the block goes on.
-
-    Yields:
-        What waits until all is compiled, with a bar.
-    """
-    from iceg.kernels.ahead import compiling_ahead
-
-    with compiling_ahead() as wait:
-
-        def wait_with_bar() -> None:
-            with compiling_bar() as told:
-                wait(told)
-
-        yield wait_with_bar
+    with compiling_bar() as told:
+        compile_ahead(told)
 
 
 @contextmanager

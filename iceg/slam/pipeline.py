@@ -257,8 +257,8 @@ def conclude(
         joint = _joint_covariance(finished, solution)
         _release(matcher, track)
     trajectory = track.trajectory(solution.poses)
-    drawing = InThread(partial(_timed_grid, log, trajectory, config, stages))
     with clock.stage("feature_map"):
+        drawing = InThread(partial(_timed_grid, log, trajectory, config, stages))
         landmarks = landmarks_of(track, solution.poses, matcher, config)
     clock.begin("grid")
     grid, grid_warning, drawn = drawing.result()

@@ -143,7 +143,7 @@ def _factorize_lines(hll: F64, gl: F64) -> None:
     for g in range(len(hll)):
         l00 = sqrt(hll[g, 0] + _LOOSE)
         l10 = hll[g, 1] / l00
-        l11 = sqrt(hll[g, 2] + _LOOSE * _PRIOR_LENGTH**2 - l10 * l10)
+        l11 = sqrt(hll[g, 2] + _LOOSE * (_PRIOR_LENGTH * _PRIOR_LENGTH) - l10 * l10)
         hll[g, 0], hll[g, 1], hll[g, 2] = l00, l10, l11
         gl[g, 0] /= l00
         gl[g, 1] = (gl[g, 1] - l10 * gl[g, 0]) / l11
@@ -165,7 +165,7 @@ def _eliminate_lines(system: JointSystem, count: int, factors: F64, gl: F64) -> 
 def product(system: JointSystem, n_lines: int, x: F64) -> F64:
     """(k, 3) H x."""
     diagonal, pose_of, line_of = system.diagonal, system.pose_of, system.line_of
-    y = np.empty_like(x)
+    y = np.empty(x.shape)
     for k in range(len(x)):
         for a in range(3):
             y[k, a] = diagonal[k, a, 0] * x[k, 0] + diagonal[k, a, 1] * x[k, 1] + diagonal[k, a, 2] * x[k, 2]

@@ -274,7 +274,8 @@ def _line(m: F64, anchor: F64, fit: LineFit, line: F64) -> None:
     if nx * mx + ny * my < 0.0:
         nx, ny = -nx, -ny
     norm = hypot(mx, my)
-    root = sqrt(0.25 * (xx - yy) ** 2 + xy * xy)
+    apart = xx - yy
+    root = sqrt(0.25 * (apart * apart) + xy * xy)
     long, short = 0.5 * (xx + yy) + root, 0.5 * (xx + yy) - root
     if long < fit.elongation * fit.elongation * short or nx * mx + ny * my < fit.facing * norm:
         nx, ny = mx / max(norm, 1e-12), my / max(norm, 1e-12)
