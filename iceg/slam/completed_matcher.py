@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from frontends.matcher import Matcher
 from frontends.scan import Scan, ScanGeometry
 from graph.measurement import NoMatch, RelativePose
+from graph.noise import chi2_gate, squared_norm
 from graph.odometry import OdometryModel
+from graph.se2 import between
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.points import ScanPoints
@@ -18,7 +20,9 @@ from iceg.ice.verification import Agreement
 from iceg.slam.map_matcher import MapMatcher
 
 _NEAR = np.diag([0.05, 0.05, 0.02]) ** 2
-"""Covariance of a guess that a match must not leave far [m², m², rad²]."""
+"""Covariance of a guess that a match must not leave far [m², m², rad²] …"""
+_LEFT = chi2_gate(0.05)
+"""… and the squared Mahalanobis distance from which on it has."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -103,8 +107,26 @@ class CompletedMatcher:
     def match_near(
         self, reference: JudgedReference, scan: Scan, T_ref_guess: NDArray[np.float64]
     ) -> RelativePose | NoMatch:
-        """The match from a guess that is known to centimetres."""
-        return self.match(reference, scan, T_ref_guess, _NEAR)
+        """The match from a guess that is known to centimetres; the guess itself where that leads away from it.
+
+        Most matchers take no prior: along what is weak they do not stay at the guess but slide.
+        """
+        match = self.match(reference, scan, T_ref_guess, _NEAR)
+        if isinstance(match, NoMatch) or squared_norm(between(T_ref_guess, match.T_ref_cur), _NEAR) > _LEFT:
+            return self._at(reference, scan, T_ref_guess)
+        return match
+
+    def _at(self, reference: JudgedReference, scan: Scan, T_ref_guess: NDArray[np.float64]) -> RelativePose:
+        """A guess that is known to centimetres as a match, with what the judge says for it."""
+        support = self.agreement(reference, scan, T_ref_guess)
+        return RelativePose(
+            T_ref_cur=T_ref_guess,
+            covariance=_NEAR,
+            score=support.inliers / max(1, support.points),
+            inliers=support.inliers,
+            overlap=support.overlap,
+            weak_directions=np.empty((0, 3)),
+        )
 
     def alternatives(
         self,
