@@ -1,6 +1,6 @@
 """Any matcher in the pipeline: what it does not do itself is made of its matches, and judged by ICE."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,9 +20,9 @@ from iceg.ice.verification import Agreement
 from iceg.slam.map_matcher import MapMatcher
 
 _NEAR = np.diag([0.05, 0.05, 0.02]) ** 2
-"""Covariance of a guess that a match must not leave far [m², m², rad²] …"""
+"""Covariance of what the judge finds near a guess [m², m², rad²] …"""
 _LEFT = chi2_gate(0.05)
-"""… and the squared Mahalanobis distance from which on it has."""
+"""… and the squared Mahalanobis distance from which on a match has left it."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -46,7 +46,7 @@ class CompletedMatcher:
     """A matcher of two methods with all that `MapMatcher` asks: to be overridden by what is quicker or better.
 
     Scans are tracked by full matches; a reference is extended by preparing it again; ICE says how well a scan agrees,
-    and where else it fits.
+    where else it fits, and where it fits near a guess that the matcher slides away from.
     """
 
     def __init__(self, matcher: Matcher, judge: IceMatcher | None = None) -> None:
@@ -107,26 +107,18 @@ class CompletedMatcher:
     def match_near(
         self, reference: JudgedReference, scan: Scan, T_ref_guess: NDArray[np.float64]
     ) -> RelativePose | NoMatch:
-        """The match from a guess that is known to centimetres; the guess itself where that leads away from it.
+        """The match begun where the judge finds the scan near the guess; if it leaves that, what the judge finds.
 
-        Most matchers take no prior: along what is weak they do not stay at the guess but slide.
+        Most matchers take no prior: along what is weak they do not stay at the guess but slide. The judge's pose is
+        known to centimetres only: it keeps the scan from where it is not, and leaves the rest to odometry.
         """
-        match = self.match(reference, scan, T_ref_guess, _NEAR)
-        if isinstance(match, NoMatch) or squared_norm(between(T_ref_guess, match.T_ref_cur), _NEAR) > _LEFT:
-            return self._at(reference, scan, T_ref_guess)
+        held = self._judge.match_near(reference.local_map, scan, T_ref_guess)
+        if isinstance(held, NoMatch):
+            return held
+        match = self.match(reference, scan, held.T_ref_cur, _NEAR)
+        if isinstance(match, NoMatch) or squared_norm(between(held.T_ref_cur, match.T_ref_cur), _NEAR) > _LEFT:
+            return replace(held, covariance=held.covariance + _NEAR)
         return match
-
-    def _at(self, reference: JudgedReference, scan: Scan, T_ref_guess: NDArray[np.float64]) -> RelativePose:
-        """A guess that is known to centimetres as a match, with what the judge says for it."""
-        support = self.agreement(reference, scan, T_ref_guess)
-        return RelativePose(
-            T_ref_cur=T_ref_guess,
-            covariance=_NEAR,
-            score=support.inliers / max(1, support.points),
-            inliers=support.inliers,
-            overlap=support.overlap,
-            weak_directions=np.empty((0, 3)),
-        )
 
     def alternatives(
         self,
