@@ -507,8 +507,8 @@ def test_two_key_poses_are_joined_by_one_closure_only(track: Track) -> None:
     poses = _poses(track)
     before, new = _over_the_whole_path(track), len(track.keys) - 2
     factors = [*_path(track), closure_factor(before)]
-    match = replace(_over_the_whole_path(track).match, T_ref_cur=between(poses[0], poses[new]))
-    fresh = replace(before, key_old=0, key_new=new, match=match)
+    assert before.match is not None
+    fresh = replace(before, key_new=new, match=replace(before.match, T_ref_cur=between(poses[0], poses[new])))
     now = ChangingEstimate(
         Estimate(factors=factors, poses=poses, attempts=[before]), LoopClosureConfig().verification.near
     )
