@@ -20,7 +20,7 @@ from iceg.slam import back_end
 from iceg.slam.back_end import BackEnd
 from iceg.slam.broken_path import place_search, relocalisation
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
-from iceg.slam.broken_path.estimate import Estimate
+from iceg.slam.broken_path.estimate import ChangingEstimate, Estimate
 from iceg.slam.broken_path.hypothesis_verification import FitCount
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_single_steps
@@ -501,3 +501,18 @@ def test_hypotheses_are_apart_by_how_far_they_put_the_same_scan(track: Track) ->
 
 def _contradicted(distance2: float) -> TrackingFailure:
     return TrackingFailure(kind=FailureKind.INCONSISTENT, reason="", distance2=distance2)
+
+
+def test_two_key_poses_are_joined_by_one_closure_only(track: Track) -> None:
+    poses = _poses(track)
+    before, new = _over_the_whole_path(track), len(track.keys) - 2
+    factors = [*_path(track), closure_factor(before)]
+    assert before.match is not None
+    fresh = replace(before, key_new=new, match=replace(before.match, T_ref_cur=between(poses[0], poses[new])))
+    now = ChangingEstimate(
+        Estimate(factors=factors, poses=poses, attempts=[before]), LoopClosureConfig().verification.near
+    )
+    now.close([before, fresh])
+    closures = [(factor.i, factor.j) for factor in now.factors if factor.kind == "closure"]
+    assert closures == [(before.key_old, before.key_new), (0, new)]
+    assert [(a.key_old, a.key_new) for a in now.attempts] == closures

@@ -1,6 +1,6 @@
 """Any matcher in the pipeline: what it does not do itself is made of its matches, and judged by ICE."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -9,13 +9,18 @@ from numpy.typing import NDArray
 from frontends.matcher import Matcher
 from frontends.scan import Scan, ScanGeometry
 from graph.measurement import NoMatch, RelativePose
+from graph.noise import chi2_gate, squared_norm
 from graph.odometry import OdometryModel
+from graph.se2 import between
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.points import ScanPoints
 from iceg.ice.tracking import Followed, Limits, Standing
 from iceg.ice.verification import Agreement
 from iceg.slam.map_matcher import NEAR, MapMatcher
+
+_LEFT = chi2_gate(0.05)
+"""Squared Mahalanobis distance from which on a match has left what the judge finds near a guess."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -39,7 +44,7 @@ class CompletedMatcher:
     """A matcher of two methods with all that `MapMatcher` asks: to be overridden by what is quicker or better.
 
     Scans are tracked by full matches; a reference is extended by preparing it again; ICE says how well a scan agrees,
-    and where else it fits.
+    where else it fits, and where it fits near a guess that the matcher slides away from.
     """
 
     def __init__(self, matcher: Matcher, judge: IceMatcher | None = None) -> None:
@@ -100,8 +105,18 @@ class CompletedMatcher:
     def match_near(
         self, reference: JudgedReference, scan: Scan, T_ref_guess: NDArray[np.float64]
     ) -> RelativePose | NoMatch:
-        """The match from a guess that is known to centimetres."""
-        return self.match(reference, scan, T_ref_guess, NEAR)
+        """The match begun where the judge finds the scan near the guess; if it leaves that, what the judge finds.
+
+        Most matchers take no prior: along what is weak they do not stay at the guess but slide. The judge's pose is
+        known to centimetres only: it keeps the scan from where it is not, and leaves the rest to odometry.
+        """
+        held = self._judge.match_near(reference.local_map, scan, T_ref_guess)
+        if isinstance(held, NoMatch):
+            return held
+        match = self.match(reference, scan, held.T_ref_cur, NEAR)
+        if isinstance(match, NoMatch) or squared_norm(between(held.T_ref_cur, match.T_ref_cur), NEAR) > _LEFT:
+            return replace(held, covariance=held.covariance + NEAR)
+        return match
 
     def alternatives(
         self,

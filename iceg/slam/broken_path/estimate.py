@@ -48,11 +48,13 @@ class ChangingEstimate:
         self.attempts = list(start.attempts)
 
     def close(self, closures: Sequence[Attempt]) -> None:
-        """Let closures into the graph and solve it."""
+        """Let closures into the graph, but those between key poses that one joins already, and solve it."""
+        joined = {(factor.i, factor.j) for factor in self.factors if factor.kind == "closure"}
+        fresh = [c for c in closures if (c.key_old, c.key_new) not in joined]
         self.attempts += [
-            replace(c, reason=f"place recognition, with {len(closures) - 1} others; {c.reason}") for c in closures
+            replace(c, reason=f"place recognition, with {len(closures) - 1} others; {c.reason}") for c in fresh
         ]
-        self.factors = [*self.factors, *(closure_factor(closure) for closure in closures)]
+        self.factors = [*self.factors, *(closure_factor(closure) for closure in fresh)]
         self._solve()
 
     def move(
