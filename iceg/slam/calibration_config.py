@@ -14,11 +14,11 @@ class SuddenStepConfig:
     """Which steps of odometry no robot made, as where it was set anew."""
 
     distance: float = 1.0
-    """A step stands out that is longer than this [m] …"""
+    """Least length of a step that stands out [m]."""
     turn: Radians = 0.8
-    """… or turns by more [rad] …"""
+    """Least turn of a step that stands out, if it is not long [rad]."""
     factor: float = 3.0
-    """… and is so many times as fast as nearly all."""
+    """How many times as fast as nearly all steps one is, at least, that stands out."""
     nearly_all: float = 0.99
     """Share of the steps that are nearly all of them."""
 

@@ -26,9 +26,9 @@ class SweepConfig:
     """Share of the sweep by which a parabola through poses misses the way of a robot at its fastest turn. By
     simulation."""
     pair_distance: float = 0.4
-    """Each scan asked is laid over one before and one after it, about so far away [m] …"""
+    """How far the scans before and after lie away that each scan asked is laid over, about [m]."""
     pair_turn: Radians = 0.35
-    """… or turned by so much [rad]; both add up."""
+    """How far they may be turned instead [rad]; both add up."""
     bend_per_metre: float = 0.3
     """A metre of motion bends a scan as much as a turn of so much, at a usual range [rad/m]."""
     gate: float = 0.3
