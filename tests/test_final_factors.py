@@ -1,16 +1,13 @@
-"""The factors at the end of a run, in three versions."""
+"""The factors at the end of a run, in two versions."""
 
 import numpy as np
 import pytest
 
-import iceg
 from graph.factors import Factor
-from graph.measurement import NoMatch, RelativePose
-from graph.odometry import OdometryMotion
 from graph.se2 import compose
 from iceg.slam.broken_path.path_break import Break, Outcome
 from iceg.slam.final_factors import FinalFactors
-from iceg.slam.track import UNKNOWN_STEP, KeyScan, Track
+from iceg.slam.track import UNKNOWN_STEP
 
 _STEP = np.array([0.5, 0.0, 0.1])
 _MOVED = np.array([[0.0, 0.0, 0.0], [0.01, -0.02, 0.003], [-0.03, 0.01, -0.01]])
@@ -19,22 +16,6 @@ _MOVED = np.array([[0.0, 0.0, 0.0], [0.01, -0.02, 0.003], [-0.03, 0.01, -0.01]])
 @pytest.fixture
 def factors() -> FinalFactors:
     """Three poses in a row, closed in a triangle, whose second step is a sudden loss."""
-    scan = iceg.Scan.from_ranges(np.full(31, 4.0), field_of_view=np.pi)
-    motion = OdometryMotion(T_key_robot=_STEP, covariance=1e-4 * np.eye(3))
-    match = RelativePose(
-        T_ref_cur=_STEP,
-        covariance=1e-4 * np.eye(3),
-        score=1.0,
-        inliers=31,
-        overlap=1.0,
-        weak_directions=np.zeros((0, 3)),
-    )
-    matches: list[RelativePose | NoMatch] = [match, match, NoMatch(reason="nothing")]
-    keys = [
-        KeyScan(index=k, scan=scan, motion=motion, match=found, anchor=max(0, k - 1), T_track_robot=k * _STEP)
-        for k, found in enumerate(matches)
-    ]
-    track = Track(keys=keys, key_of_scan=np.arange(3), T_key_scan=np.zeros((3, 3)), failures=0, lost=[])
     small = 1e-4 * np.eye(3)
     solved = [
         Factor(kind="prior", i=None, j=0, T_i_j=np.zeros(3), covariance=1e-6 * np.eye(3)),
@@ -42,7 +23,7 @@ def factors() -> FinalFactors:
         Factor(kind="odometry", i=1, j=2, T_i_j=_STEP, covariance=small),
         Factor(kind="closure", i=0, j=2, T_i_j=compose([0.03, 0.0, 0.0], compose(_STEP, _STEP)), covariance=small),
     ]
-    return FinalFactors.of(solved, [Break(key=2, outcome=Outcome.APART, reason="")], track, 3)
+    return FinalFactors.of(solved, [Break(key=2, outcome=Outcome.APART, reason="", is_sudden=True)], 3)
 
 
 def test_odometry_that_is_no_longer_believed_still_has_its_say_in_what_was_solved(factors: FinalFactors) -> None:

@@ -17,7 +17,6 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
 from iceg.slam import back_end
-from iceg.slam.back_end import BackEnd
 from iceg.slam.broken_path import place_search, relocalisation
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
 from iceg.slam.broken_path.estimate import ChangingEstimate, Estimate
@@ -43,6 +42,10 @@ _HERE, _THERE = np.array([5.0, -2.0, 0.3]), np.array([-4.0, 7.0, -0.2])
 @pytest.fixture(scope="module")
 def track() -> Track:
     return track_log(simulate("office", seed=1).log, IceMatcher(), OdometryModel(), FrontEndConfig(), n_scans=1500)
+
+
+_carried = partial(TrackingFailure, change_by_chance=0.0)
+"""A failure at which the robot sees something else at once."""
 
 
 def _poses(track: Track) -> Array:
@@ -133,7 +136,7 @@ def _searched(
     before = Estimate(factors=factors, poses=_poses(track), attempts=list(spanning))
     failures = {}
     if kind is not None:
-        failures[_BREAK] = TrackingFailure(reason="nothing matched what was known before", kind=kind)
+        failures[_BREAK] = _carried(reason="nothing matched what was known before", kind=kind)
     return relocalise(_Closer(track, places), track, before, failures, config or LoopClosureConfig())
 
 
@@ -210,27 +213,14 @@ def _over_the_whole_path(track: Track) -> Attempt:
     return _Closer(track, {last: [between(poses[0], poses[last])]}).match_anywhere(0, last, poses)
 
 
-@pytest.mark.parametrize(("is_dead_reckoned", "outcome"), [(False, "joined"), (True, "contradicted")])
-def test_dead_reckoning_into_a_loss_is_not_overruled_by_similar_places(
-    track: Track, monkeypatch: pytest.MonkeyPatch, is_dead_reckoned: bool, outcome: str
+@pytest.mark.parametrize(("chance", "outcome"), [(0.001, "joined"), (0.2, "contradicted"), (None, "contradicted")])
+def test_who_goes_on_seeing_the_same_is_not_put_where_places_are_similar(
+    track: Track, monkeypatch: pytest.MonkeyPatch, chance: float | None, outcome: str
 ) -> None:
-    monkeypatch.setitem(globals(), "TrackingFailure", partial(TrackingFailure, is_dead_reckoned=is_dead_reckoned))
+    monkeypatch.setitem(globals(), "_carried", partial(TrackingFailure, change_by_chance=chance))
     found = _relocalised(track, {k: [_moved(track, k, _HERE)] for k in _AGAIN}, monkeypatch)
     assert [at.outcome for at in found.breaks] == [outcome]
-    assert np.array_equal(found.poses, _poses(track)) == is_dead_reckoned
-
-
-@pytest.mark.parametrize(("known", "is_dead_reckoned"), [(True, [False, True, True]), (False, [False, False, False])])
-def test_odometry_leads_from_the_second_key_scan_on_that_matches_nothing(
-    track: Track, known: bool, is_dead_reckoned: list[bool]
-) -> None:
-    keys, nothing = list(track.keys[:30]), NoMatch(reason="nothing")
-    keys[20:23] = [replace(key, match=nothing) for key in keys[20:23]]
-    some = replace(track, keys=keys)
-    end = BackEnd(some, LoopCloser(IceMatcher(), some, LoopClosureConfig(enabled=False)), PoseGraphConfig())
-    for k, key in enumerate(keys[1:], start=1):
-        end.add(k, key.motion if known else None)
-    assert [end.failures[k].is_dead_reckoned for k in (20, 21, 22)] == is_dead_reckoned
+    assert np.array_equal(found.poses, _poses(track)) == (outcome != "joined")
 
 
 def test_two_sets_about_as_strong_close_nothing_and_it_is_said(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -321,7 +311,7 @@ def test_few_pairs_are_matched_where_tracking_never_failed_and_bridges_are_few(
     estimate = Estimate(
         factors=_path(track) + [closure_factor(c) for c in spanning], poses=_poses(track), attempts=spanning
     )
-    failures = {first: TrackingFailure(reason="the odometry jumped", kind=FailureKind.NO_MATCH)} if has_failed else {}
+    failures = {first: _carried(reason="the odometry jumped", kind=FailureKind.NO_MATCH)} if has_failed else {}
     relocalise(closer, track, estimate, failures, config)
     assert asked == [expected]
 
@@ -354,7 +344,7 @@ def test_a_part_that_only_a_later_one_is_tied_to_moves_with_it(track: Track, mon
     monkeypatch.setattr(place_search, "similar_places", lambda *_: pairs)
     monkeypatch.setattr(relocalisation, "HypothesisVerifier", _HypothesisVerifier)
     failures = {
-        key: TrackingFailure(reason="nothing matched what was known before", kind=FailureKind.TRACKING_LOSS)
+        key: _carried(reason="nothing matched what was known before", kind=FailureKind.TRACKING_LOSS)
         for key in (before, third)
     }
     estimate = Estimate(factors=_path(track), poses=poses, attempts=[])
@@ -376,8 +366,8 @@ def test_what_spans_one_suspect_step_is_heard_before_what_spans_two(
     monkeypatch.setattr(place_search, "similar_places", lambda *_: pairs)
     monkeypatch.setattr(relocalisation, "HypothesisVerifier", _HypothesisVerifier)
     failures = {
-        second: TrackingFailure(reason="scripted", kind=FailureKind.TRACKING_LOSS),
-        _BREAK: TrackingFailure(reason="scripted", kind=FailureKind.NO_MATCH),
+        second: _carried(reason="scripted", kind=FailureKind.TRACKING_LOSS),
+        _BREAK: _carried(reason="scripted", kind=FailureKind.NO_MATCH),
     }
     estimate = Estimate(factors=_path(track), poses=poses, attempts=[])
     found = relocalise(_Closer(track, places | within), track, estimate, failures, LoopClosureConfig())
@@ -394,7 +384,7 @@ def test_a_set_that_speaks_of_two_breaks_is_two_hypotheses(track: Track) -> None
     before = [claim(20 + k, 60 + k) for k in range(4)]
     after = [claim(70 + k, 120 + k) for k in range(6)]
     failures = {
-        key: TrackingFailure(reason="nothing matched what was known before", kind=FailureKind.TRACKING_LOSS)
+        key: _carried(reason="nothing matched what was known before", kind=FailureKind.TRACKING_LOSS)
         for key in (50, _BREAK)
     }
     steps = BridgeEdges(track, _path(track), failures, LoopClosureConfig())
@@ -500,7 +490,7 @@ def test_hypotheses_are_apart_by_how_far_they_put_the_same_scan(track: Track) ->
 
 
 def _contradicted(distance2: float) -> TrackingFailure:
-    return TrackingFailure(kind=FailureKind.INCONSISTENT, reason="", distance2=distance2)
+    return _carried(kind=FailureKind.INCONSISTENT, reason="", distance2=distance2)
 
 
 def test_two_key_poses_are_joined_by_one_closure_only(track: Track) -> None:

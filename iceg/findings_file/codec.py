@@ -24,7 +24,7 @@ from iceg.slam.finish import Round
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.gyro import GyroFinding
 
-VERSION = 2
+VERSION = 3
 """Of the file; it changes with what is in it."""
 _WHAT = "the findings of a run"
 

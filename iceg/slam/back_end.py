@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.scan import Log
 from graph.config import PoseGraphConfig
 from graph.consistency import maximum_clique
 from graph.growing_rows import GrowingRows
@@ -20,6 +21,7 @@ from iceg.slam.broken_path.estimate import Estimate
 from iceg.slam.broken_path.path_break import Break, FailureKind, TrackingFailure
 from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, unsettled
 from iceg.slam.broken_path.relocalisation import relocalise
+from iceg.slam.broken_path.view_change import ViewChanges, judged_by_view
 from iceg.slam.closures.attempt import Attempt, are_consistent, is_near
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
@@ -77,7 +79,6 @@ class BackEnd:
         self._searched_to = 0
         self._is_confirmed = False
         self._closures_waiting = 0
-        self._unmatched, self._is_dead_reckoned = 0, True
         self._drift = Drift()
 
     def add(self, key: int, motion: OdometryMotion | None) -> None:
@@ -99,7 +100,6 @@ class BackEnd:
         self.graph.add_pose(self.poses[-1])
         known, searched = [], []
         match = None if isinstance(current.match, NoMatch) else current.match
-        self._note_dead_reckoning(key, motion, match)
         if motion is not None:
             covariance = motion.covariance if match is None else self._believed(motion, match, key)
             self.graph.add_odometry(key - 1, key, motion.T_key_robot, covariance)
@@ -119,19 +119,6 @@ class BackEnd:
     def poses(self) -> NDArray[np.float64]:
         """(n, 3) T_map_robot of all key poses so far."""
         return self._poses.rows
-
-    def _note_dead_reckoning(self, key: int, motion: OdometryMotion | None, match: RelativePose | None) -> None:
-        """Mark the failure of a key pose that was reached by dead reckoning."""
-        self._unmatched = 0 if match is not None else self._unmatched + 1
-        self._is_dead_reckoned = match is not None or (self._is_dead_reckoned and motion is not None)
-        failure = self.failures.get(key)
-        if (
-            failure is not None
-            and failure.kind < FailureKind.UNKNOWN_MOTION
-            and self._is_dead_reckoned
-            and self._unmatched > 1
-        ):
-            self.failures[key] = replace(failure, is_dead_reckoned=True)
 
     def _believed(self, motion: OdometryMotion, match: RelativePose, key: int) -> NDArray[np.float64]:
         """Covariance of odometry; widened where the match contradicts it, as after a jump or a slip."""
@@ -332,6 +319,7 @@ def solve_track(
     progress: Callable[[int], None] | None = None,
     is_forbidden: Forbids | None = None,
     stages: Stages = IN_HOUSE,
+    log: Log | None = None,
 ) -> Solution:
     """Build and solve the graph of a whole track.
 
@@ -345,6 +333,7 @@ def solve_track(
         progress: called with the number of scans whose key poses are in the graph.
         is_forbidden: see `LoopCloser`.
         stages: see `LoopCloser`.
+        log: all scans, which tell whether the robot was carried where tracking fails; None where they are not at hand.
 
     Returns:
         The solved graph.
@@ -360,7 +349,10 @@ def solve_track(
         back_end.add(key, motion)
         if progress is not None:
             progress(track.keys[key].index + 1)
-    return _relocalised(back_end.solution(), back_end.failures, closer, track, graph_config)
+    failures = back_end.failures
+    if log is not None:
+        failures = judged_by_view(failures, ViewChanges(log, track, closures.view), closures.failures)
+    return _relocalised(back_end.solution(), failures, closer, track, graph_config)
 
 
 def _relocalised(

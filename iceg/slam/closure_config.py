@@ -194,6 +194,36 @@ class TrackingFailureConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
+class ViewChangeConfig:
+    """By how much what the laser sees changes from scan to scan, and whether the robot may have been carried then."""
+
+    distance: float = 0.05
+    """Two scans agree about a beam that ends within this of what the other sees there [m] …"""
+    share: float = 0.02
+    """… and this share of its range."""
+    min_compared: int = 20
+    """Fewest beams of a scan that must be comparable."""
+    keys: int = 3
+    """So many key scans before a failure the view may have changed."""
+    most_steps: int = 2000
+    """Most steps of the log that tell how the view changes by chance."""
+    min_steps: int = 50
+    """Fewest of them."""
+    tail: float = 0.05
+    """Share of the steps, those that change most, to which a Pareto tail is fitted."""
+    carried_chance: float = 0.01
+    """A robot may have been carried where chance changes the view as much with no more than this probability."""
+    false_alarm: float = 0.01
+    """It was carried where, besides, match and odometry contradict each other beyond chance, and chance changes the
+    view as much anywhere in a log at such places with no more than this probability."""
+
+    def __post_init__(self) -> None:
+        check_numbers(self, SlamConfigError)
+        rates = {"tail": RATES, "carried_chance": RATES, "false_alarm": RATES}
+        check_between(self, SlamConfigError, "view: ", keys=(1, 1000), most_steps=(1, 1_000_000), **rates)
+
+
+@dataclass(frozen=True, kw_only=True)
 class RelocalisationConfig:
     """Which hypotheses join parts of a broken path."""
 

@@ -12,6 +12,7 @@ from iceg.slam.closure_config import (
     RelocalisationConfig,
     TrackingFailureConfig,
     VerificationConfig,
+    ViewChangeConfig,
 )
 from iceg.slam.config_error import SlamConfigError
 from iceg.slam.joint_config import JointRefinementConfig
@@ -179,6 +180,8 @@ class LoopClosureConfig:
     """Where tracking may have failed."""
     relocalisation: RelocalisationConfig = field(default_factory=RelocalisationConfig)
     """Which hypotheses join parts of a broken path."""
+    view: ViewChangeConfig = field(default_factory=ViewChangeConfig)
+    """Whether the robot may have been carried."""
     confirmed: ConfirmedAreaConfig = field(default_factory=ConfirmedAreaConfig)
     """Where passes show nothing new."""
 

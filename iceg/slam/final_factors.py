@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from graph.factors import Factor
-from iceg.slam.broken_path.path_break import Break, without_lost_odometry
-from iceg.slam.track import Track
+from iceg.slam.broken_path.path_break import Break, without_lost_steps
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,9 +22,9 @@ class FinalFactors:
     measured: list[Factor]
 
     @classmethod
-    def of(cls, solved: Sequence[Factor], breaks: Sequence[Break], track: Track, min_credible: int) -> "FinalFactors":
-        """Both, from the solved ones and where the path is broken; see `without_lost_odometry`."""
-        return cls(solved=list(solved), measured=without_lost_odometry(solved, breaks, track, min_credible))
+    def of(cls, solved: Sequence[Factor], breaks: Sequence[Break], min_credible: int) -> "FinalFactors":
+        """Both, from the solved ones and where the path is broken; see `without_lost_steps`."""
+        return cls(solved=list(solved), measured=without_lost_steps(solved, breaks, min_credible))
 
     @property
     def are_all_believed(self) -> bool:

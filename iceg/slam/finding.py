@@ -139,7 +139,7 @@ def _solve(
             calibration.lasting_noise,
         )
     return solve_track(
-        track, odometry, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden, stages=stages
+        track, odometry, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden, stages=stages, log=log
     )
 
 

@@ -174,7 +174,7 @@ def refined(
     )
     poses, done = solution.poses, list(rounds)
     covariances, information, walls = None, None, WallPieces.none()
-    final = FinalFactors.of([*chain, *loops], solution.breaks, track, closures.relocalisation.min_credible)
+    final = FinalFactors.of([*chain, *loops], solution.breaks, closures.relocalisation.min_credible)
     if config.joint.enabled:
         clouds = key_clouds(track, scan_of, config.joint, noise).without(distrusted)
         if matcher.judge is matcher:  # what halves of scans say of ICE they say of the points

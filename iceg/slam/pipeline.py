@@ -332,9 +332,7 @@ def _finish(
             distrusted=corrected.distrusted,
         )
     else:
-        factors = FinalFactors.of(
-            solution.graph.factors, solution.breaks, track, config.loops.relocalisation.min_credible
-        )
+        factors = FinalFactors.of(solution.graph.factors, solution.breaks, config.loops.relocalisation.min_credible)
         finished = Finished(poses=solution.poses, factors=factors, attempts=solution.attempts, rounds=[])
         if factors.are_all_believed:
             return solution, finished

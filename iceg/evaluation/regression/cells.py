@@ -77,6 +77,8 @@ _CLOSE_SHORT = frozenset({("mit-csail", "half the view"), ("aces", "90° view"),
 _SHORT_EVERY = 2
 """In the short form every other fault is tried on one log, another one each time: a tenth of all."""
 
+_WORLD_FAULTS = ("carried", "noise 3 cm", "every 2nd scan")
+"""One of them for each recorded world, in turn."""
 _SHORT_LASERS = (0, 2, 3)
 """So far on from its first are the lasers with which a scene is simulated in the short form."""
 
@@ -87,7 +89,7 @@ def cells(data: Path | None) -> list[Cell]:
     Args:
         data: folder of the public logs and of `worlds/`; without it the embedded log and the simulations are left.
     """
-    return [*_worlds(data), *_logs(data), *_faults(data), *_simulated(), *_carried()]
+    return [*_worlds(data), *_logs(data), *_faults(data), *_world_faults(data), *_simulated(), *_carried()]
 
 
 def chosen(data: Path | None, groups: Sequence[Group] = (), *, short: bool = True) -> list[Cell]:
@@ -103,10 +105,19 @@ def chosen(data: Path | None, groups: Sequence[Group] = (), *, short: bool = Tru
 
 
 def _worlds(data: Path | None) -> Iterator[Cell]:
-    for path in sorted((data / "worlds").glob("*.clf.gz")) if data else ():
-        source = path.name.partition(".")[0]
+    for source in _world_names(data):
         yield Cell(group="worlds", source=source, is_short=True)
         yield from (Cell(group="worlds", source=source, seed=seed) for seed in SEEDS[:2])
+
+
+def _world_names(data: Path | None) -> list[str]:
+    return sorted(path.name.partition(".")[0] for path in (data / "worlds").glob("*.clf.gz")) if data else []
+
+
+def _world_faults(data: Path | None) -> Iterator[Cell]:
+    for world, source in enumerate(_world_names(data)):
+        for index, fault in enumerate(_WORLD_FAULTS):
+            yield Cell(group="faults", source=source, fault=fault, is_short=world % len(_WORLD_FAULTS) == index)
 
 
 def _present(data: Path | None) -> list[str]:

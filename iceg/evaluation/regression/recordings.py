@@ -15,7 +15,7 @@ from frontends.simulator.simulation import simulate
 from iceg.demo import demo_log_path, demo_truth_path
 from iceg.evaluation.bench.logs import BenchLog
 from iceg.evaluation.errors import EvaluationError
-from iceg.evaluation.regression.cells import Cell
+from iceg.evaluation.regression.cells import LOGS, Cell
 from iceg.evaluation.regression.lasers import LASERS
 from iceg.evaluation.relations import read_relations_csv, relation_errors
 from iceg.evaluation.trajectory import (
@@ -71,7 +71,7 @@ def recording_of(cell: Cell, data: Path | None) -> Recording:
         return _of(BenchLog(name="office", path=demo_log_path(), known=demo_truth_path()))
     if data is None:
         raise EvaluationError(f"found no folder of public logs, expected one with {cell.source}")
-    folder = data / "worlds" if cell.group == "worlds" else data
+    folder = data if cell.source in LOGS else data / "worlds"
     return _of(BenchLog.at(folder / f"{cell.source}.clf.gz"))
 
 

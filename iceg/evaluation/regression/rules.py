@@ -107,6 +107,14 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="the same where something always matched: against drift, and matches that lead astray",
             without={f"{_SLAM}.back_end:relocalise": _only_after_a_loss},
         ),
+        "view": Rule(
+            what="only who sees something else at once may have been carried",
+            without={
+                f"{_SLAM}.back_end:judged_by_view": lambda failures, *_: {
+                    key: replace(failure, change_by_chance=0.0) for key, failure in failures.items()
+                }
+            },
+        ),
         "place votes": Rule(
             what="no closure after much drift while key scans fit another place as well",
             without={
@@ -184,8 +192,8 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="scans around a break go to the right side of it", without={f"{_SLAM}.finding:reassigned": _first}
         ),
         "lost odometry": Rule(
-            what="odometry tells nothing across a sudden loss",
-            without={f"{_SLAM}.final_factors:without_lost_odometry": lambda factors, *_: list(factors)},
+            what="a step tells nothing across a sudden loss",
+            without={f"{_SLAM}.final_factors:without_lost_steps": lambda factors, *_: list(factors)},
         ),
         "believed walls": Rule(
             what="poses that went part of the way to the walls keep part of the graph's covariance",

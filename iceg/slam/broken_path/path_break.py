@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum
 
 from graph.factors import Factor
-from graph.measurement import NoMatch
-from iceg.slam.closure_config import TrackingFailureConfig
+from iceg.slam.closure_config import TrackingFailureConfig, ViewChangeConfig
 from iceg.slam.run_warning import Kind, RunWarning
 from iceg.slam.track import UNKNOWN_STEP, Track
 
@@ -50,16 +49,24 @@ class TrackingFailure:
         reason: what was noticed there, for a person.
         unexplained: share of the scan that the match does not explain.
         distance2: squared Mahalanobis distance of an inconsistent match from odometry.
-        is_dead_reckoned: whether the laser saw nothing it knew at the key pose before either, and odometry told the
-            way: on ground where little is in reach that is what losing it looks like. Who is carried is lost at once,
-            for odometry does not drive on meanwhile.
+        change_by_chance: how probable it is that what the laser sees changes so much by chance from one scan to the
+            next; None where that is not known.
     """
 
     kind: FailureKind
     reason: str
     unexplained: float = 0.0
     distance2: float = 0.0
-    is_dead_reckoned: bool = False
+    change_by_chance: float | None = None
+
+    def may_be_carried(self, config: ViewChangeConfig) -> bool:
+        """Whether the robot may have been carried: the view changed at once, or nothing has seen the way."""
+        is_unseen = self.change_by_chance is None and self.kind is FailureKind.UNKNOWN_MOTION
+        return is_unseen or self.has_changed_view(config)
+
+    def has_changed_view(self, config: ViewChangeConfig) -> bool:
+        """Whether what the laser sees changed at once."""
+        return self.change_by_chance is not None and self.change_by_chance <= config.carried_chance
 
     @property
     def is_lost(self) -> bool:
@@ -93,6 +100,7 @@ class Break:
         closures: how many agree about it; of one that is apart, how many agree with dead reckoning.
         moved: how far they say that the robot is from where the path puts it [m].
         across: how many closures span one that is apart, too few or too uncertain to join it.
+        is_sudden: whether what the laser sees changed at once there.
     """
 
     key: int
@@ -101,43 +109,31 @@ class Break:
     closures: int = 0
     moved: float = 0.0
     across: int = 0
+    is_sudden: bool = False
 
 
-def without_lost_odometry(
-    factors: Sequence[Factor], breaks: Sequence[Break], track: Track, min_credible: int
-) -> list[Factor]:
-    """The factors of a graph, odometry telling nothing where it alone holds what a sudden loss has torn apart.
+def without_lost_steps(factors: Sequence[Factor], breaks: Sequence[Break], min_credible: int) -> list[Factor]:
+    """The factors of a graph, steps telling nothing where they alone hold what a sudden loss has torn apart.
 
-    Where the laser knew its way until the key scan before, and nothing fits the next one, the robot may have been
-    carried anywhere. Where it saw little before, too, the robot went by dead reckoning: on logs made worse on purpose
-    odometry told the truth in each of thirty such places, but not in four of fifteen sudden losses. It did, too, where
-    the loss came before there was anything but the first scan to know, and where scans agreed with what odometry says,
-    if not enough of them to hold the path together.
+    Where what the laser sees changed at once the robot may have been carried anywhere. Elsewhere it went by dead
+    reckoning, and odometry tells the truth; it does, too, where scans agree with what it says, if not enough of them
+    to hold the path together.
 
     Args:
         factors: of the graph.
         breaks: of the path; those that are apart matter.
-        track: key scans and their matches.
         min_credible: so many scans that agree with odometry make it credible that the robot was not carried, even where
             as many do not.
     """
     torn = {
         found.key
         for found in breaks
-        if found.outcome is Outcome.APART and found.closures < min_credible and _is_sudden(track, found.key)
+        if found.outcome is Outcome.APART and found.closures < min_credible and found.is_sudden
     }
     return [
-        replace(factor, covariance=UNKNOWN_STEP)
-        if factor.kind == "odometry" and factor.j in torn and factor.i == factor.j - 1
-        else factor
+        replace(factor, covariance=UNKNOWN_STEP) if factor.kind in {"odometry", "ice"} and factor.j in torn else factor
         for factor in factors
     ]
-
-
-def _is_sudden(track: Track, key: int) -> bool:
-    """Whether the scan of a key pose matches nothing, and that before it was well matched."""
-    before, here = track.keys[key - 1].match, track.keys[key].match
-    return isinstance(here, NoMatch) and not isinstance(before, NoMatch) and before.is_fully_observed
 
 
 def describe_break(found: Break, track: Track) -> RunWarning:

@@ -272,14 +272,14 @@ class _Relocalisation:
     def _break(self, key: int, hypothesis: Hypothesis, fit: FitCount, closures: list[Attempt]) -> _Decision:
         """Record a break; the parts are joined only where something else spoke against the path, too.
 
-        Where the robot went into a loss by dead reckoning nothing did: farther off than its errors explain, only
-        perceptual aliasing puts the robot elsewhere.
+        Where what the laser sees changed no more than usual nothing did: only perceptual aliasing puts a robot
+        elsewhere that was not carried.
 
         It needs to be sure where nothing did, where places are compared anew, and where a few scans are all there
         is to compare: the three metres before a loss fit many places along a corridor of evenly spaced doors.
         """
         failure = self._steps.failures.get(key)
-        is_known = failure is not None and not failure.is_dead_reckoned
+        is_known = failure is not None and failure.may_be_carried(self._config.view)
         if not is_known:
             if self._steps.failure(key).rank <= 1.0 - self._config.failures.believed_inlier_ratio:
                 return _Decision.OPEN
@@ -338,9 +338,10 @@ class _Relocalisation:
         end = min((other for other in self._breaks if other > key), default=len(self._now.poses))
         across = [a for a in self._now.attempts if a.accepted and a.key_old < key <= a.key_new < end]
         claimed, agreeing = Hypothesis(key=key, closures=across), 0
+        is_sudden = failure.has_changed_view(self._config.view)
         if claimed.support >= self._config.confirmations:
             fit = self._verifier.of_estimate(claimed, self._now.poses)
-            if fit.is_passed:
+            if fit.is_passed and not is_sudden:
                 return
             if failure.kind < FailureKind.UNKNOWN_MOTION:
                 agreeing = len(fit.agreeing)
@@ -350,7 +351,12 @@ class _Relocalisation:
                     )
                     return
         self._breaks[key] = Break(
-            key=key, outcome=Outcome.APART, reason=failure.reason, closures=agreeing, across=len(across)
+            key=key,
+            outcome=Outcome.APART,
+            reason=failure.reason,
+            closures=agreeing,
+            across=len(across),
+            is_sudden=is_sudden,
         )
 
 

@@ -1,0 +1,164 @@
+"""Whether the robot may have been carried at a step of its path: then the laser sees something else at once.
+
+A robot that drives sees from one scan to the next almost the same, whatever its odometry or a match says of the step.
+One that is carried, or whose recording was cut, does not; only where places look alike does it go unnoticed. How often
+chance changes a view by as much is told by all other steps of the same log: by their ranks, and beyond the rarest of
+them by the Pareto tail that fits these (Hill 1975), for people and doors that appear at once make that tail heavy.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from frontends.scan import Log
+from graph.elementary import arctan2
+from graph.se2 import between, compose, transform_points
+from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
+from iceg.slam.closure_config import TrackingFailureConfig, ViewChangeConfig
+from iceg.slam.track import Track
+
+_TOGETHER = 100
+"""Steps that are compared at once, for memory."""
+_WHOLE_TURN = 2.0 * np.pi
+
+
+@dataclass(frozen=True, eq=False)
+class ViewChanges:
+    """How much the view changes at the steps of a path.
+
+    Attributes:
+        log: the scans.
+        track: where the front end saw them from.
+        config: what is compared.
+    """
+
+    log: Log
+    track: Track
+    config: ViewChangeConfig
+
+    def chance(self, steps: NDArray[np.int64]) -> float | None:
+        """How probable by chance the largest change of view at some steps is, at any one of them.
+
+        Args:
+            steps: (n,) see `steps`.
+
+        Returns:
+            A probability. None where it cannot be told: where scans see too little.
+        """
+        changes = self._changes(steps)
+        if not len(self._usual) or not np.isfinite(changes).all():
+            return None
+        return self._tail(float(changes.max(initial=0.0)))
+
+    def steps(self, key: int, keys: int) -> NDArray[np.int64]:
+        """(n,) the scans, each with its step to the next, from so many key scans before one up to it."""
+        scans = self.track.keys
+        return np.arange(scans[max(key - keys, 0)].index, scans[key].index)
+
+    def _tail(self, change: float) -> float:
+        """How many of the steps of the log see so large a change."""
+        usual, share = self._usual, self.config.tail
+        start = float(usual[math.ceil((1.0 - share) * (len(usual) - 1))])
+        if change <= start or start <= 0.0:
+            return float(np.count_nonzero(usual >= change) / len(usual))
+        beyond = usual[usual > start]
+        shape = float(np.median(beyond / start)) if len(beyond) else 1.0  # half of the tail lies below
+        return share * 2.0 ** (-math.log(change / start) / math.log(shape)) if shape > 1.0 else 0.0
+
+    @cached_property
+    def _usual(self) -> NDArray[np.float64]:
+        """Of steps of the whole log, sorted; none where too few can be compared."""
+        n_steps = len(self.log) - 1
+        every = max(1, -(-n_steps // self.config.most_steps))
+        changes = self._changes(np.arange(0, n_steps, every))
+        changes = np.sort(changes[np.isfinite(changes)])
+        return changes if len(changes) >= self.config.min_steps else changes[:0]
+
+    def _changes(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(n,) share of the beams of two scans that do not agree; NaN where too few can be compared.
+
+        Args:
+            steps: (n,) the earlier scan of each.
+        """
+        parts = [steps[first : first + _TOGETHER] for first in range(0, len(steps), _TOGETHER)]
+        return np.concatenate([np.empty(0), *map(self._changes_at_once, parts)])
+
+    def _changes_at_once(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
+        T_laser = self._T_track_laser[steps], self._T_track_laser[steps + 1]
+        forth = self._compared(steps + 1, steps, between(T_laser[0], T_laser[1]))
+        back = self._compared(steps, steps + 1, between(T_laser[1], T_laser[0]))
+        agreeing, compared = forth[0] + back[0], forth[1] + back[1]
+        is_enough = compared >= 2 * self.config.min_compared
+        return np.where(is_enough, 1.0 - agreeing / np.maximum(compared, 1), np.nan)
+
+    def _compared(
+        self, seen: NDArray[np.int64], by: NDArray[np.int64], T_by_seen: NDArray[np.float64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """How many ends of beams of scans lie where other scans see something, and how many of all these do.
+
+        Args:
+            seen: (n,) scans whose ends of beams are looked at …
+            by: (n,) … by others.
+            T_by_seen: (n, 3) pose of the laser then, seen from the laser of the others.
+
+        Returns:
+            (n,) agreeing, (n,) compared.
+        """
+        geometry = self.log.geometry
+        bearings, ranges = geometry.bearings, self.log.ranges[by].astype(np.float64)
+        far = np.asarray(self.log.ranges[seen], dtype=np.float64)[..., None]
+        ends = np.moveaxis(transform_points(T_by_seen[:, None], far * self._directions), -1, 0)
+        distance = np.sqrt(ends[0] ** 2 + ends[1] ** 2)
+        angle = (arctan2(ends[1], ends[0]) - bearings[0]) % _WHOLE_TURN
+        beam = np.searchsorted(bearings - bearings[0], angle)  # the first beam past it; past the last, in the gap
+        neighbours = (beam[..., None] + np.arange(-2, 2)) % len(bearings)
+        is_gap = (beam == len(bearings)) & (_WHOLE_TURN - geometry.field_of_view > 2.0 * geometry.resolution)
+        known = np.take_along_axis(ranges[:, None, :], neighbours, axis=-1)
+        is_known = np.isfinite(known)
+        allowed = self.config.distance + self.config.share * distance
+        nearest = np.where(is_known, known, np.inf).min(axis=-1) - allowed
+        farthest = np.where(is_known, known, -np.inf).max(axis=-1) + allowed
+        is_compared = is_known.any(axis=-1) & np.isfinite(distance) & ~is_gap
+        agrees = is_compared & (distance >= nearest) & (distance <= farthest)
+        return np.count_nonzero(agrees, axis=-1), np.count_nonzero(is_compared, axis=-1)
+
+    @cached_property
+    def _directions(self) -> NDArray[np.float64]:
+        """(n_beams, 2) of the beams in the laser's frame."""
+        return replace(self.log.geometry, T_robot_laser=np.zeros(3)).directions_robot
+
+    @cached_property
+    def _T_track_laser(self) -> NDArray[np.float64]:
+        """(n_scans, 3) where the laser was."""
+        T_track_keys = np.array([key.T_track_robot for key in self.track.keys])
+        return compose(self.track.trajectory(T_track_keys), self.log.geometry.T_robot_laser)
+
+
+def judged_by_view(
+    failures: Mapping[int, TrackingFailure], views: ViewChanges, config: TrackingFailureConfig
+) -> dict[int, TrackingFailure]:
+    """The failures with what the change of view says of each; where nothing but carrying explains it, all is lost.
+
+    Args:
+        failures: by key pose.
+        views: of the path.
+        config: what is beyond chance.
+    """
+    judged = {
+        key: replace(failure, change_by_chance=views.chance(views.steps(key, views.config.keys)))
+        for key, failure in failures.items()
+    }
+    suspect = [key for key, failure in judged.items() if not failure.is_lost and failure.is_beyond_chance(config)]
+    steps = {key: views.steps(key, 1) for key in suspect}
+    n_steps = sum(map(len, steps.values()))
+    for key in suspect:
+        chance = views.chance(steps[key])
+        if chance is not None and len(steps[key]) and chance * n_steps <= views.config.false_alarm:
+            failure = judged[key]
+            reason = f"what the laser sees changed at once, and {failure.reason}"
+            judged[key] = replace(failure, kind=FailureKind.TRACKING_LOSS, change_by_chance=chance, reason=reason)
+    return judged

@@ -1,0 +1,145 @@
+"""How much the view changes from scan to scan, and what follows for a robot that may have been carried."""
+
+import itertools
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from frontends.scan import Log
+from frontends.simulator.simulation import Simulation, simulate
+from graph.measurement import NoMatch
+from graph.odometry import OdometryModel
+from graph.se2 import between, compose
+from iceg.evaluation.degradation import carried
+from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
+from iceg.slam.broken_path.view_change import ViewChanges, judged_by_view
+from iceg.slam.closure_config import TrackingFailureConfig, ViewChangeConfig
+from iceg.slam.track import KeyScan, Track
+
+_EVERY = 5
+_CONFIG = ViewChangeConfig()
+
+
+@pytest.fixture(scope="module")
+def simulation() -> Simulation:
+    return simulate("office", seed=2)
+
+
+def _views(log: Log, poses: NDArray[np.float64], config: ViewChangeConfig = _CONFIG) -> ViewChanges:
+    """Of a path that is known, every fifth scan a key scan."""
+    keys = [
+        KeyScan(
+            index=index,
+            scan=log.scan(index),
+            motion=OdometryModel().start(),
+            match=NoMatch(reason="nothing"),
+            anchor=0,
+            T_track_robot=poses[index],
+        )
+        for index in range(0, len(log), _EVERY)
+    ]
+    key_of_scan = np.arange(len(log)) // _EVERY
+    T_key_scan = between(poses[_EVERY * key_of_scan], poses)
+    track = Track(keys=keys, key_of_scan=key_of_scan, T_key_scan=T_key_scan, failures=0, lost=[])
+    return ViewChanges(log, track, config)
+
+
+def _carried(simulation: Simulation) -> tuple[ViewChanges, int]:
+    """A robot that is carried, and the scan before."""
+    degraded = carried(simulation.log)
+    poses, at = simulation.truth[degraded.scans], int(np.argmax(np.diff(degraded.scans)))
+    poses[at + 1 :] = compose(poses[at], between(poses[at + 1], poses[at + 1 :]))
+    return _views(degraded.log, poses), at
+
+
+def test_the_view_of_a_robot_that_drives_changes_little(simulation: Simulation) -> None:
+    views = _views(simulation.log, simulation.truth)
+    n_keys = len(views.track.keys)
+    rare = [key for key in range(1, n_keys) if (views.chance(views.steps(key, 1)) or 0.0) <= 1e-4]
+    assert len(rare) <= 0.01 * n_keys
+
+
+def test_that_of_one_that_is_carried_changes_as_it_never_does_by_chance(simulation: Simulation) -> None:
+    views, at = _carried(simulation)
+    chance = views.chance(np.array([at]))
+    assert chance is not None
+    assert chance < 1e-4
+    others = [views.chance(np.array([at + offset])) for offset in (-20, -1, 1, 20)]
+    assert min(other for other in others if other is not None) > 10.0 * chance
+
+
+def test_poses_that_are_wrong_by_little_change_no_view(simulation: Simulation) -> None:
+    """Odometry may jump, or a match be wrong by a hand's breadth: what the laser sees goes on all the same."""
+    poses, step = simulation.truth.copy(), 700
+    poses[step:] = compose(compose(poses[step], [0.02, -0.02, 0.003]), between(poses[step], poses[step:]))
+    chance = _views(simulation.log, poses).chance(np.array([step - 1]))
+    assert chance is not None
+    assert chance > _CONFIG.carried_chance
+
+
+def test_nothing_is_said_of_a_laser_that_is_covered(simulation: Simulation) -> None:
+    ranges = simulation.log.ranges.copy()
+    ranges[500:510] = np.nan
+    views = _views(replace(simulation.log, ranges=ranges), simulation.truth)
+    assert views.chance(np.arange(495, 505)) is None
+    assert views.chance(np.arange(480, 490)) is not None
+
+
+def test_nor_by_a_log_of_few_scans(simulation: Simulation) -> None:
+    views = _views(simulation.log, simulation.truth, replace(_CONFIG, min_steps=10**6))
+    assert views.chance(np.arange(495, 505)) is None
+
+
+def test_a_whole_turn_is_compared_across_its_ends() -> None:
+    log = Log.from_arrays(np.full((2, 360), 4.0), bearings=np.radians(np.arange(360.0) - 180.0))
+    for turn in (0.0, 0.5, 3.0, -3.0):
+        views = _views(log, np.array([[0.0, 0.0, 0.0], [0.0, 0.0, turn]]))
+        np.testing.assert_array_equal(views._changes(np.array([0])), [0.0])
+
+
+@pytest.mark.parametrize(("turn", "share"), [(0.0, 1.0), (0.5, 1.0 - 0.5 / np.pi)])
+def test_only_beams_that_both_scans_have_are_compared(turn: float, share: float) -> None:
+    log = Log.from_arrays(np.full((2, 181), 4.0), bearings=np.radians(np.arange(181.0) - 90.0))
+    views = _views(log, np.array([[0.0, 0.0, 0.0], [0.0, 0.0, turn]]))
+    agreeing, compared = views._compared(np.array([1]), np.array([0]), np.array([[0.0, 0.0, turn]]))
+    assert agreeing == compared
+    assert compared[0] / 181 == pytest.approx(share, abs=0.02)
+
+
+@given(shape=st.floats(0.2, 2.0), factor=st.floats(1.0, 30.0))
+def test_beyond_what_the_log_has_seen_a_pareto_tail_goes_on(shape: float, factor: float) -> None:
+    usual = (1.0 - (np.arange(2000) + 0.5) / 2000) ** -shape  # quantiles of a Pareto distribution
+    views = object.__new__(ViewChanges)
+    object.__setattr__(views, "config", _CONFIG)
+    views.__dict__["_usual"] = usual
+    start = float(np.quantile(usual, 1.0 - _CONFIG.tail))
+    assert views._tail(factor * start) == pytest.approx(_CONFIG.tail * factor ** (-1.0 / shape), rel=0.15)
+
+
+@given(usual=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=80), changes=st.lists(st.floats(0.0, 1.0), min_size=2))
+def test_larger_changes_are_never_more_probable(usual: list[float], changes: list[float]) -> None:
+    views = object.__new__(ViewChanges)
+    object.__setattr__(views, "config", _CONFIG)
+    views.__dict__["_usual"] = np.sort(usual)
+    chances = [views._tail(change) for change in sorted(changes)]
+    assert all(0.0 <= chance <= 1.0 for chance in chances)
+    assert all(later <= earlier + 1e-12 for earlier, later in itertools.pairwise(chances))
+
+
+def test_what_nothing_but_carrying_explains_is_a_loss(simulation: Simulation) -> None:
+    views, at = _carried(simulation)
+    carried_key, other = at // _EVERY + 1, 40
+    beyond = TrackingFailure(kind=FailureKind.INCONSISTENT, reason="the match lies far off", distance2=1000.0)
+    within = replace(beyond, distance2=30.0)
+    judged = judged_by_view({carried_key: beyond, other: beyond}, views, TrackingFailureConfig())
+    assert judged[carried_key].is_lost
+    assert judged[carried_key].reason == "what the laser sees changed at once, and the match lies far off"
+    assert not judged[other].is_lost
+    assert not judged[other].may_be_carried(_CONFIG)
+    (chance_explains,) = judged_by_view({carried_key: within}, views, TrackingFailureConfig()).values()
+    assert not chance_explains.is_lost
+    assert chance_explains.may_be_carried(_CONFIG)
