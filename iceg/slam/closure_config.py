@@ -198,9 +198,9 @@ class ViewChangeConfig:
     """By how much what the laser sees changes from scan to scan, and whether the robot may have been carried then."""
 
     distance: float = 0.05
-    """Two scans agree about a beam that ends within this of what the other sees there [m] …"""
+    """Two scans agree about a beam that ends within this of what the other sees there [m]."""
     share: float = 0.02
-    """… and this share of its range."""
+    """Two scans agree about a beam that ends within this share of its range, added to that distance."""
     min_compared: int = 20
     """Fewest beams of a scan that must be comparable."""
     keys: int = 3
@@ -208,7 +208,7 @@ class ViewChangeConfig:
     most_steps: int = 2000
     """Most steps of the log that tell how the view changes by chance."""
     min_steps: int = 50
-    """Fewest of them."""
+    """Fewest such steps; of a log with fewer nothing is said."""
     tail: float = 0.05
     """Share of the steps, those that change most, to which a Pareto tail is fitted."""
     carried_chance: float = 0.01

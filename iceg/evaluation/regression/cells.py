@@ -10,8 +10,8 @@ from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.regression.lasers import LASERS
 
 Group = Literal["worlds", "logs", "faults", "simulated", "carried"]
-"""Recordings with exact truth from another simulator; public logs as they are, and with one fault each; own
-simulations, and the same with a robot that somebody carries."""
+"""Recordings with exact truth from another simulator; public logs as they are; these and the worlds with one
+fault each; own simulations, and the same with a robot that somebody carries."""
 GROUPS: tuple[Group, ...] = get_args(Group)
 
 NO_FAULT = "none"

@@ -7,6 +7,7 @@ them by the Pareto tail that fits these (Hill 1975), for people and doors that a
 """
 
 import math
+from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -53,6 +54,11 @@ class ViewChanges:
         if not len(self._usual) or not np.isfinite(changes).all():
             return None
         return self._tail(float(changes.max(initial=0.0)))
+
+    def largest(self, steps: NDArray[np.int64]) -> int:
+        """The first key pose after the step at which the view changes most, of (n,) comparable ones."""
+        scans = [key.index for key in self.track.keys]
+        return bisect_left(scans, int(steps[self._changes(steps).argmax()]) + 1)
 
     def steps(self, key: int, keys: int) -> NDArray[np.int64]:
         """(n,) the scans, each with its step to the next, from so many key scans before one up to it."""
@@ -143,6 +149,9 @@ def judged_by_view(
 ) -> dict[int, TrackingFailure]:
     """The failures with what the change of view says of each; where nothing but carrying explains it, all is lost.
 
+    One at which the view changed is put where it did: key scans that still match something, if not well, may lie
+    between.
+
     Args:
         failures: by key pose.
         views: of the path.
@@ -161,4 +170,10 @@ def judged_by_view(
             failure = judged[key]
             reason = f"what the laser sees changed at once, and {failure.reason}"
             judged[key] = replace(failure, kind=FailureKind.TRACKING_LOSS, change_by_chance=chance, reason=reason)
-    return judged
+    found: dict[int, TrackingFailure] = {}
+    for key, failure in judged.items():
+        is_known = failure.has_changed_view(views.config) and key > 0
+        at = views.largest(views.steps(key, views.config.keys)) if is_known else key
+        if at not in found or failure.rank > found[at].rank:
+            found[at] = failure
+    return found

@@ -101,10 +101,10 @@ def joint_information(
         numpy.linalg.LinAlgError: neither points nor factors hold some pose.
     """
     k = len(poses)
-    anchors = _anchors(k)
+    steps = _steps(factors, k)
+    anchors = _anchors(steps)
     starts = np.append(key_starts[anchors], key_starts[-1])
     _, information = _of_points(poses[anchors], starts, walls, precision, filled=True)
-    steps = _steps(factors, k)
     _add_links(information, poses, steps, anchors)
     information[:3, :3] += np.eye(3) / _HELD
     known = diagonal_of_inverse(information)
@@ -129,12 +129,18 @@ def joint_information(
     )
 
 
-def _anchors(k: int) -> NDArray[np.int64]:
-    """Which of k key poses are unknowns: the first ones, and then every so many."""
+def _anchors(steps: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Which key poses are unknowns: the first ones, every so many, and the first after a step that nothing has seen.
+
+    Args:
+        steps: (k - 1, 3, 3) covariances of the steps between key poses.
+    """
+    k = len(steps) + 1
     if k <= _ALL_ALONE:
         return np.arange(k)
     every = max(2, -(-(k - _FIRST_ALONE) // (_MOST_ANCHORS - _FIRST_ALONE)))
-    return np.append(np.arange(_FIRST_ALONE), np.arange(_FIRST_ALONE, k, every))
+    is_unseen = steps[:, 0, 0] + steps[:, 1, 1] >= 0.5 * (UNKNOWN_STEP[0, 0] + UNKNOWN_STEP[1, 1])
+    return np.union1d(np.arange(_FIRST_ALONE, k, every), [*range(_FIRST_ALONE), *np.flatnonzero(is_unseen) + 1])
 
 
 def _add_links(
