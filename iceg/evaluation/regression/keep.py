@@ -27,9 +27,9 @@ python -m iceg.evaluation.regression.keep DIR ... [--as-baseline]    # writes th
 ```
 
 A cell is one run with the default settings: thirty recorded worlds with exact truth (*worlds*), the five logs of the
-benchmark (*logs*), both with one fault each (*faults*, see [robustness.md](robustness.md)), simulated scenes with lasers
-from 3.5 m to 80 m (*simulated*), and some of these with a robot that is carried (*carried*). Where a millimetre decides,
-a cell comes with four seeds of a millimetre of noise.
+benchmark (*logs*), both with one fault each (*faults*, see [robustness.md](robustness.md)), simulated scenes with
+lasers from 3.5 m to 80 m (*simulated*), and some of these with a robot that is carried (*carried*). Where a millimetre
+decides, a cell comes with four seeds of a millimetre of noise.
 
 *Good* is an error below 0.1 m, or below 2 % of that of the odometry; *ruined* is neither, above 0.3 m, and five times
 the error without the fault. *Said*: the run was lost, its path is broken, or it warns. *Off in silence* is what is not
