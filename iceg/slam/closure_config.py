@@ -201,11 +201,13 @@ class ViewChangeConfig:
     """Two scans agree about a beam that ends within this of what the other sees there [m]."""
     share: float = 0.02
     """Two scans agree about a beam that ends within this share of its range, added to that distance."""
-    min_compared: int = 20
-    """Fewest beams of a scan that must be comparable."""
+    most_beams: int = 120
+    """Most beams of a scan that are looked at, evenly spread."""
+    min_compared: int = 10
+    """Fewest of them that must be comparable."""
     keys: int = 3
     """So many key scans before a failure the view may have changed."""
-    most_steps: int = 2000
+    most_steps: int = 1000
     """Most steps of the log that tell how the view changes by chance."""
     min_steps: int = 50
     """Fewest such steps; of a log with fewer nothing is said."""
@@ -220,7 +222,15 @@ class ViewChangeConfig:
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError)
         rates = {"tail": RATES, "carried_chance": RATES, "false_alarm": RATES}
-        check_between(self, SlamConfigError, "view: ", keys=(1, 1000), most_steps=(1, 1_000_000), **rates)
+        check_between(
+            self,
+            SlamConfigError,
+            "view: ",
+            most_beams=(1, 1_000_000),
+            keys=(1, 1000),
+            most_steps=(1, 1_000_000),
+            **rates,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,6 +24,7 @@ from iceg.slam.track import Track
 
 _TOGETHER = 100
 """Steps that are compared at once, for memory."""
+_NOT_YET = -1.0
 _WHOLE_TURN = 2.0 * np.pi
 
 
@@ -90,8 +91,16 @@ class ViewChanges:
         Args:
             steps: (n,) the earlier scan of each.
         """
-        parts = [steps[first : first + _TOGETHER] for first in range(0, len(steps), _TOGETHER)]
-        return np.concatenate([np.empty(0), *map(self._changes_at_once, parts)])
+        unknown = np.unique(steps[self._found[steps] == _NOT_YET])
+        for first in range(0, len(unknown), _TOGETHER):
+            some = unknown[first : first + _TOGETHER]
+            self._found[some] = self._changes_at_once(some)
+        return np.asarray(self._found[steps])
+
+    @cached_property
+    def _found(self) -> NDArray[np.float64]:
+        """(n_scans - 1,) changes of the steps that were asked for."""
+        return np.full(len(self.log) - 1, _NOT_YET)
 
     def _changes_at_once(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
         T_laser = self._T_track_laser[steps], self._T_track_laser[steps + 1]
@@ -116,7 +125,7 @@ class ViewChanges:
         """
         geometry = self.log.geometry
         bearings, ranges = geometry.bearings, self.log.ranges[by].astype(np.float64)
-        far = np.asarray(self.log.ranges[seen], dtype=np.float64)[..., None]
+        far = self.log.ranges[seen, :: self._every].astype(np.float64)[..., None]
         ends = np.moveaxis(transform_points(T_by_seen[:, None], far * self._directions), -1, 0)
         distance = np.sqrt(ends[0] ** 2 + ends[1] ** 2)
         angle = (arctan2(ends[1], ends[0]) - bearings[0]) % _WHOLE_TURN
@@ -134,8 +143,13 @@ class ViewChanges:
 
     @cached_property
     def _directions(self) -> NDArray[np.float64]:
-        """(n_beams, 2) of the beams in the laser's frame."""
-        return replace(self.log.geometry, T_robot_laser=np.zeros(3)).directions_robot
+        """(n, 2) of the beams that are looked at, in the laser's frame."""
+        return replace(self.log.geometry, T_robot_laser=np.zeros(3)).directions_robot[:: self._every]
+
+    @property
+    def _every(self) -> int:
+        """From one beam that is looked at to the next."""
+        return -(-self.log.geometry.n_beams // self.config.most_beams)
 
     @cached_property
     def _T_track_laser(self) -> NDArray[np.float64]:
@@ -160,20 +174,22 @@ def judged_by_view(
     judged = {
         key: replace(failure, change_by_chance=views.chance(views.steps(key, views.config.keys)))
         for key, failure in failures.items()
+        if key > 0
     }
     suspect = [key for key, failure in judged.items() if not failure.is_lost and failure.is_beyond_chance(config)]
     steps = {key: views.steps(key, 1) for key in suspect}
     n_steps = sum(map(len, steps.values()))
     for key in suspect:
         chance = views.chance(steps[key])
-        if chance is not None and len(steps[key]) and chance * n_steps <= views.config.false_alarm:
+        if chance is not None and chance * n_steps <= views.config.false_alarm:
             failure = judged[key]
             reason = f"what the laser sees changed at once, and {failure.reason}"
             judged[key] = replace(failure, kind=FailureKind.TRACKING_LOSS, change_by_chance=chance, reason=reason)
     found: dict[int, TrackingFailure] = {}
     for key, failure in judged.items():
-        is_known = failure.has_changed_view(views.config) and key > 0
-        at = views.largest(views.steps(key, views.config.keys)) if is_known else key
+        at = key
+        if failure.has_changed_view(views.config):
+            at = views.largest(views.steps(key, views.config.keys))
         if at not in found or failure.rank > found[at].rank:
             found[at] = failure
     return found
