@@ -21,6 +21,8 @@ from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
 from iceg.slam import back_end
 from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
+from iceg.slam.broken_path.path_break import Break, Outcome
+from iceg.slam.broken_path.reassigned_scans import reassigned
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.closures.reference import References
@@ -30,7 +32,6 @@ from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.pipeline import SlamResult, run
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
-from iceg.slam.tracking.reassigned_scans import reassigned
 
 _QUICK = Config(grid=GridConfig(resolution=0.2), finish=FinishConfig(enabled=False))
 
@@ -184,19 +185,25 @@ def test_a_majority_is_enough_where_odometry_says_the_same(
     assert (exam.is_credible, exam.is_passed) == (credible, passed)
 
 
-def test_scans_taken_before_the_next_key_scan_belong_to_it(log: Log) -> None:
+@pytest.mark.parametrize("scan", [None, 400])
+def test_scans_taken_before_the_next_key_scan_belong_to_it(log: Log, scan: int | None) -> None:
     # The robot stands still for six scans after it was carried: they are no key scans, but they see the new place.
     still = _joined(_part(log, 0, 400), _part(log, 900, 901))
     for _ in range(5):
         still = _joined(still, _part(log, 900, 901))
-    track = track_log(_joined(still, _part(log, 901, 1000)), IceMatcher(), OdometryModel(), FrontEndConfig())
-    key = next(k for k, scan in enumerate(track.keys) if scan.index >= 400)
+    still = _joined(still, _part(log, 901, 1000))
+    track = track_log(still, IceMatcher(), OdometryModel(), FrontEndConfig())
+    key = next(k for k, key_scan in enumerate(track.keys) if key_scan.index >= 400)
     assert (track.key_of_scan[400:405] == key - 1).all()
-    tied = reassigned(track, [key], _joined(still, _part(log, 901, 1000)), IceMatcher())
+    tied = reassigned(track, [Break(key=key, outcome=Outcome.JOINED, reason="", scan=scan)], still, IceMatcher())
     assert (tied.key_of_scan[400 : track.keys[key].index + 1] == key).all()
     assert (tied.key_of_scan[:400] == track.key_of_scan[:400]).all()
-    poses = np.array([scan.T_track_robot for scan in track.keys])
-    np.testing.assert_allclose(tied.trajectory(poses), track.trajectory(poses), atol=1e-9)
+    if scan is None:
+        poses = np.array([key_scan.T_track_robot for key_scan in track.keys])
+        np.testing.assert_allclose(tied.trajectory(poses), track.trajectory(poses), atol=1e-9)
+    else:  # where odometry says: tracking has looked for them at the old place
+        moved = between(still.odometry[track.keys[key].index], still.odometry[400:405])
+        np.testing.assert_allclose(tied.T_key_scan[400:405], moved, atol=1e-9)
 
 
 def test_references_and_supporters_stay_on_their_side_of_a_loss(log: Log) -> None:

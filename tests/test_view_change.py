@@ -72,6 +72,14 @@ def test_that_of_one_that_is_carried_changes_as_it_never_does_by_chance(simulati
     assert min(other for other in others if other is not None) > 10.0 * chance
 
 
+def test_where_tracking_comes_back_is_not_where_the_robot_was_carried(simulation: Simulation) -> None:
+    views, at = _carried(simulation)
+    poses = views._T_track_robot.copy()
+    poses[at + 1 : at + 4] = compose(poses[at + 1 : at + 4], [0.7, 0.3, 0.8])  # astray for three scans
+    log = replace(views.log, odometry=views._T_track_robot)
+    assert _views(log, poses).after_largest(np.arange(at - 5, at + 8)) == (at // _EVERY + 1, at + 1)
+
+
 def test_poses_that_are_wrong_by_little_change_no_view(simulation: Simulation) -> None:
     """Odometry may jump, or a match be wrong by a hand's breadth: what the laser sees goes on all the same."""
     poses, step = simulation.truth.copy(), 700

@@ -151,4 +151,5 @@ def _break(found: Mapping[str, Any]) -> Break:
         moved=float(found["moved"]),
         across=int(found["across"]),
         is_sudden=bool(found["is_sudden"]),
+        scan=None if found["scan"] is None else int(found["scan"]),
     )

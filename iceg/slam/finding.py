@@ -16,6 +16,7 @@ from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import beyond_allowed
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.broken_path.path_break import Outcome
+from iceg.slam.broken_path.reassigned_scans import reassigned
 from iceg.slam.completed_matcher import completed
 from iceg.slam.corrections.corrected import Corrected, corrected
 from iceg.slam.corrections.corrections import Corrections
@@ -38,7 +39,6 @@ from iceg.slam.stage_clock import StageClock
 from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
 from iceg.slam.tracking.open_ground import is_open_ground
-from iceg.slam.tracking.reassigned_scans import reassigned
 from iceg.slam.tracking.split_half import with_measured_covariance_scale
 
 
@@ -178,10 +178,8 @@ def _with_factors(solution: Solution, guided: Corrected, config: Config) -> Solu
 
 def _reassigned(track: Track, solution: Solution, log: Log, matcher: MapMatcher) -> Track:
     """The track with the scans around each break on the right side of it."""
-    joined = [found.key for found in solution.breaks if found.outcome is Outcome.JOINED]
-    if not joined:
-        return track
-    return reassigned(track, joined, log, matcher.judge)
+    breaks = [found for found in solution.breaks if found.outcome is Outcome.JOINED or found.scan is not None]
+    return reassigned(track, breaks, log, matcher.judge) if breaks else track
 
 
 def matcher_of(config: Config, noise: RangeNoise, stages: Stages, *, on_open_ground: bool) -> MapMatcher:

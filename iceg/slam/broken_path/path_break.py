@@ -51,6 +51,7 @@ class TrackingFailure:
         distance2: squared Mahalanobis distance of an inconsistent match from odometry.
         change_by_chance: how probable it is that what the laser sees changes so much by chance from one scan to the
             next; None where that is not known.
+        scan: of the log, the first that sees something else; None where the view goes on.
     """
 
     kind: FailureKind
@@ -58,6 +59,7 @@ class TrackingFailure:
     unexplained: float = 0.0
     distance2: float = 0.0
     change_by_chance: float | None = None
+    scan: int | None = None
 
     def may_be_carried(self, config: ViewChangeConfig) -> bool:
         """Whether the robot may have been carried: the view changed at once, or nothing has seen the way."""
@@ -101,6 +103,7 @@ class Break:
         moved: how far they say that the robot is from where the path puts it [m].
         across: how many closures span one that is apart, too few or too uncertain to join it.
         is_sudden: whether what the laser sees changed at once there.
+        scan: of the log, the first that sees something else; None where the view goes on.
     """
 
     key: int
@@ -110,6 +113,7 @@ class Break:
     moved: float = 0.0
     across: int = 0
     is_sudden: bool = False
+    scan: int | None = None
 
 
 def without_lost_steps(factors: Sequence[Factor], breaks: Sequence[Break], min_credible: int) -> list[Factor]:

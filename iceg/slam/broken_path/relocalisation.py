@@ -311,6 +311,7 @@ class _Relocalisation:
             reason=self._steps.failure(key).reason,
             closures=len({closure.key_new for closure in closures}),
             moved=float(np.hypot(*(compose(correction, pose) - pose)[:2])),
+            scan=self._steps.failure(key).scan,
         )
 
     def _parts(self) -> PathParts:
@@ -357,6 +358,7 @@ class _Relocalisation:
             closures=agreeing,
             across=len(across),
             is_sudden=is_sudden,
+            scan=failure.scan,
         )
 
 

@@ -56,10 +56,16 @@ class ViewChanges:
             return None
         return self._tail(float(changes.max(initial=0.0)))
 
-    def largest(self, steps: NDArray[np.int64]) -> int:
-        """The first key pose after the step at which the view changes most, of (n,) comparable ones."""
-        scans = [key.index for key in self.track.keys]
-        return bisect_left(scans, int(steps[self._changes(steps).argmax()]) + 1)
+    def after_largest(self, steps: NDArray[np.int64]) -> tuple[int, int]:
+        """The first key pose, and the first scan, after the step at which the view changes most, of (n,) steps.
+
+        A match that leads back from where tracking went astray changes the view as well, but not as odometry has it.
+        """
+        changes = self._changes(steps)
+        if self.log.has_odometry:
+            changes = np.minimum(changes, self._changes_along(steps, self.log.odometry))
+        scan = int(steps[changes.argmax()]) + 1
+        return bisect_left([key.index for key in self.track.keys], scan), scan
 
     def steps(self, key: int, keys: int) -> NDArray[np.int64]:
         """(n,) the scans, each with its step to the next, from so many key scans before one up to it."""
@@ -94,7 +100,7 @@ class ViewChanges:
         unknown = np.unique(steps[self._found[steps] == _NOT_YET])
         for first in range(0, len(unknown), _TOGETHER):
             some = unknown[first : first + _TOGETHER]
-            self._found[some] = self._changes_at_once(some)
+            self._found[some] = self._changes_along(some, self._T_track_robot)
         return np.asarray(self._found[steps])
 
     @cached_property
@@ -102,8 +108,10 @@ class ViewChanges:
         """(n_scans - 1,) changes of the steps that were asked for."""
         return np.full(len(self.log) - 1, _NOT_YET)
 
-    def _changes_at_once(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
-        T_laser = self._T_track_laser[steps], self._T_track_laser[steps + 1]
+    def _changes_along(self, steps: NDArray[np.int64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The same along (n_scans, 3) poses of the robot, all at once."""
+        mount = self.log.geometry.T_robot_laser
+        T_laser = compose(poses[steps], mount), compose(poses[steps + 1], mount)
         forth = self._compared(steps + 1, steps, between(T_laser[0], T_laser[1]))
         back = self._compared(steps, steps + 1, between(T_laser[1], T_laser[0]))
         agreeing, compared = forth[0] + back[0], forth[1] + back[1]
@@ -152,10 +160,9 @@ class ViewChanges:
         return -(-self.log.geometry.n_beams // self.config.most_beams)
 
     @cached_property
-    def _T_track_laser(self) -> NDArray[np.float64]:
-        """(n_scans, 3) where the laser was."""
-        T_track_keys = np.array([key.T_track_robot for key in self.track.keys])
-        return compose(self.track.trajectory(T_track_keys), self.log.geometry.T_robot_laser)
+    def _T_track_robot(self) -> NDArray[np.float64]:
+        """(n_scans, 3) where tracking has the robot."""
+        return self.track.trajectory(np.array([key.T_track_robot for key in self.track.keys]))
 
 
 def judged_by_view(
@@ -187,9 +194,9 @@ def judged_by_view(
             judged[key] = replace(failure, kind=FailureKind.TRACKING_LOSS, change_by_chance=chance, reason=reason)
     found: dict[int, TrackingFailure] = {}
     for key, failure in judged.items():
-        at = key
+        at, scan = key, None
         if failure.has_changed_view(views.config):
-            at = views.largest(views.steps(key, views.config.keys))
+            at, scan = views.after_largest(views.steps(key, views.config.keys))
         if at not in found or failure.rank > found[at].rank:
-            found[at] = failure
+            found[at] = replace(failure, scan=scan)
     return found

@@ -10,18 +10,22 @@ from frontends.scan import Log
 from graph.se2 import between, compose
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
+from iceg.slam.broken_path.path_break import Break
 from iceg.slam.track import Track
 
 _AROUND = 5
 """Key scans on either side of a break that show what is there."""
 
 
-def reassigned(track: Track, breaks: Iterable[int], log: Log, matcher: IceMatcher) -> Track:
+def reassigned(track: Track, breaks: Iterable[Break], log: Log, matcher: IceMatcher) -> Track:
     """Tie the scans that were taken after a break, but before the next key scan, to that one.
+
+    Where the break is known to the scan, tracking put those after it where it took the robot to be before: they lie as
+    odometry says.
 
     Args:
         track: what the front end found; each scan hangs on the key scan before it.
-        breaks: the first key pose after each break.
+        breaks: of its path.
         log: with the scans.
         matcher: judges which side a scan agrees with.
 
@@ -29,12 +33,17 @@ def reassigned(track: Track, breaks: Iterable[int], log: Log, matcher: IceMatche
         The same track, with some scans tied to the key scan that follows.
     """
     key_of_scan, T_key_scan = track.key_of_scan.copy(), track.T_key_scan.copy()
-    for key in breaks:
+    for found in breaks:
+        key = found.key
         first, last = track.keys[key - 1].index + 1, track.keys[key].index
-        T_after_before = between(track.keys[key].T_track_robot, track.keys[key - 1].T_track_robot)
-        moved = range(first + _scans_before(track, key, log, matcher), last)
+        scan = found.scan
+        moved = np.arange(first + _scans_before(track, key, log, matcher) if scan is None else scan, last)
         key_of_scan[moved] = key
-        T_key_scan[moved] = compose(T_after_before, track.T_key_scan[moved])
+        if scan is not None and log.has_odometry:
+            T_key_scan[moved] = between(log.odometry[last], log.odometry[moved])
+        else:
+            T_after_before = between(track.keys[key].T_track_robot, track.keys[key - 1].T_track_robot)
+            T_key_scan[moved] = compose(T_after_before, track.T_key_scan[moved])
     return replace(track, key_of_scan=key_of_scan, T_key_scan=T_key_scan)
 
 
