@@ -23,7 +23,7 @@ def factors() -> FinalFactors:
         Factor(kind="odometry", i=1, j=2, T_i_j=_STEP, covariance=small),
         Factor(kind="closure", i=0, j=2, T_i_j=compose([0.03, 0.0, 0.0], compose(_STEP, _STEP)), covariance=small),
     ]
-    return FinalFactors.of(solved, [Break(key=2, outcome=Outcome.APART, reason="", is_sudden=True)], 3)
+    return FinalFactors.of(solved, [Break(key=2, outcome=Outcome.APART, reason="", scan=2)], 3)
 
 
 def test_odometry_that_is_no_longer_believed_still_has_its_say_in_what_was_solved(factors: FinalFactors) -> None:

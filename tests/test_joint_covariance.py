@@ -1,5 +1,7 @@
 """Marginal covariances of the joint refinement: against poses and lines solved densely; long runs; any map frame."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -8,6 +10,7 @@ from graph.factors import Factor
 from graph.se2 import adjoint, between, compose
 from iceg.slam.joint import covariance as joint_covariance
 from iceg.slam.joint.covariance import Walls, joint_information
+from iceg.slam.track import UNKNOWN_STEP
 
 Array = NDArray[np.float64]
 
@@ -126,6 +129,18 @@ def test_long_runs_have_anchors(monkeypatch: pytest.MonkeyPatch) -> None:
     assert 0.8 < ratio.min() < ratio.max() < 1.25
     assert np.median(ratio) == pytest.approx(1.0, abs=0.1)  # with the first four as one group it is 0.76
     assert (np.linalg.eigvalsh(coarse) > 0.0).all()
+
+
+@pytest.mark.parametrize("key", [30, 31])
+def test_no_group_reaches_across_a_step_that_nothing_has_seen(monkeypatch: pytest.MonkeyPatch, key: int) -> None:
+    poses = _path(60)
+    walls, starts = _walls(60, 12)
+    walls.weights[starts[key] :] = 0.0
+    factors = [replace(f, covariance=UNKNOWN_STEP) if f.j == key else f for f in _factors(poses)]
+    monkeypatch.setattr(joint_covariance, "_ALL_ALONE", 59)
+    deviations = np.sqrt(joint_information(factors, poses, starts, walls, PRECISION).covariances[:, 0, 0])
+    assert deviations[:key].max() < 1.0
+    assert deviations[key:].min() > 50.0
 
 
 def test_runs_of_middling_length_have_pairs(monkeypatch: pytest.MonkeyPatch) -> None:

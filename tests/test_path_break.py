@@ -28,7 +28,7 @@ def _torn(*breaks: Break) -> list[tuple[str, int]]:
 
 
 def _break(key: int, outcome: Outcome = Outcome.APART, *, agreeing: int = 0, is_sudden: bool = True) -> Break:
-    return Break(key=key, outcome=outcome, reason="", closures=agreeing, is_sudden=is_sudden)
+    return Break(key=key, outcome=outcome, reason="", closures=agreeing, scan=10 * key if is_sudden else None)
 
 
 def test_a_robot_that_sees_something_else_at_once_may_be_anywhere() -> None:

@@ -150,6 +150,5 @@ def _break(found: Mapping[str, Any]) -> Break:
         closures=int(found["closures"]),
         moved=float(found["moved"]),
         across=int(found["across"]),
-        is_sudden=bool(found["is_sudden"]),
         scan=None if found["scan"] is None else int(found["scan"]),
     )

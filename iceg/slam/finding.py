@@ -178,7 +178,11 @@ def _with_factors(solution: Solution, guided: Corrected, config: Config) -> Solu
 
 def _reassigned(track: Track, solution: Solution, log: Log, matcher: MapMatcher) -> Track:
     """The track with the scans around each break on the right side of it."""
-    breaks = [found for found in solution.breaks if found.outcome is Outcome.JOINED or found.scan is not None]
+    breaks = [
+        found
+        for found in solution.breaks
+        if found.outcome is Outcome.JOINED or (found.outcome is Outcome.APART and found.is_sudden)
+    ]
     return reassigned(track, breaks, log, matcher.judge) if breaks else track
 
 

@@ -102,7 +102,6 @@ class Break:
         closures: how many agree about it; of one that is apart, how many agree with dead reckoning.
         moved: how far they say that the robot is from where the path puts it [m].
         across: how many closures span one that is apart, too few or too uncertain to join it.
-        is_sudden: whether what the laser sees changed at once there.
         scan: of the log, the first that sees something else; None where the view goes on.
     """
 
@@ -112,8 +111,12 @@ class Break:
     closures: int = 0
     moved: float = 0.0
     across: int = 0
-    is_sudden: bool = False
     scan: int | None = None
+
+    @property
+    def is_sudden(self) -> bool:
+        """Whether what the laser sees changed at once there."""
+        return self.scan is not None
 
 
 def without_lost_steps(factors: Sequence[Factor], breaks: Sequence[Break], min_credible: int) -> list[Factor]:

@@ -339,10 +339,9 @@ class _Relocalisation:
         end = min((other for other in self._breaks if other > key), default=len(self._now.poses))
         across = [a for a in self._now.attempts if a.accepted and a.key_old < key <= a.key_new < end]
         claimed, agreeing = Hypothesis(key=key, closures=across), 0
-        is_sudden = failure.has_changed_view(self._config.view)
         if claimed.support >= self._config.confirmations:
             fit = self._verifier.of_estimate(claimed, self._now.poses)
-            if fit.is_passed and not is_sudden:
+            if fit.is_passed and failure.scan is None:
                 return
             if failure.kind < FailureKind.UNKNOWN_MOTION:
                 agreeing = len(fit.agreeing)
@@ -357,7 +356,6 @@ class _Relocalisation:
             reason=failure.reason,
             closures=agreeing,
             across=len(across),
-            is_sudden=is_sudden,
             scan=failure.scan,
         )
 

@@ -63,7 +63,7 @@ class ViewChanges:
         """
         changes = self._changes(steps)
         if self.log.has_odometry:
-            changes = np.minimum(changes, self._changes_along(steps, self.log.odometry))
+            changes = np.fmin(changes, self._changes_along(steps, self.log.odometry))  # along it fewer may compare
         scan = int(steps[changes.argmax()]) + 1
         return bisect_left([key.index for key in self.track.keys], scan), scan
 
