@@ -190,7 +190,7 @@ def test_a_path_that_was_not_lost_is_not_broken_by_what_fits_elsewhere_too(
 
 @pytest.mark.parametrize(
     ("agree", "against", "n_spanning", "is_told"),
-    [(5, 1, 0, True), (3, 2, 0, True), (2, 1, 0, False), (4, 4, 0, False), (5, 1, 3, True), (5, 1, 4, False)],
+    [(5, 0, 0, True), (3, 0, 0, True), (2, 0, 0, False), (5, 1, 0, False), (5, 0, 1, False)],
 )
 def test_what_is_told_without_acting_on_it_is_credible(
     track: Track, monkeypatch: pytest.MonkeyPatch, agree: int, against: int, n_spanning: int, is_told: bool
@@ -257,11 +257,11 @@ def test_two_places_that_both_beat_the_path_are_told_though_closures_hold_the_pa
     assert solution.ambiguous == (vote,)
 
 
-@pytest.mark.parametrize(("against", "outcome"), [(0, "joined"), (1, "joined"), (2, "joined"), (3, "apart")])
+@pytest.mark.parametrize(("against", "outcome"), [(0, "joined"), (1, "joined"), (2, "apart")])
 def test_what_only_a_second_comparison_of_places_finds_must_be_sure(
     track: Track, monkeypatch: pytest.MonkeyPatch, against: int, outcome: str
 ) -> None:
-    # Ten agree: at first three against them are few enough; those who look again find more that agree by chance.
+    # Ten agree: at first two against them are few enough; those who look again find more that agree by chance.
     places = {k: [_moved(track, k, _HERE)] for k in _AGAIN}
     monkeypatch.setattr(_HypothesisVerifier, "against", against)
     monkeypatch.setattr(Hypothesis, "breadth", Hypothesis.support)
@@ -455,7 +455,7 @@ def test_where_something_speaks_against_a_path_it_drifts_only_along_what_no_clos
     assert Hypothesis(key=50, closures=[closure]).is_drift(path, poses, RelocalisationConfig(), steps) == is_drift
 
 
-@pytest.mark.parametrize(("against", "outcome"), [(2, "joined"), (3, "apart")])
+@pytest.mark.parametrize(("against", "outcome"), [(1, "joined"), (2, "apart")])
 def test_what_a_single_place_before_the_loss_says_must_be_sure(
     track: Track, monkeypatch: pytest.MonkeyPatch, against: int, outcome: str
 ) -> None:

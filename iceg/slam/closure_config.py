@@ -260,15 +260,19 @@ class RelocalisationConfig:
     """The path explains an offset if a bias of up to so many standard deviations at every step does."""
     min_agreeing: int = 6
     """Fewest scans that must agree with a hypothesis."""
-    majority: float = 3.0
-    """Least number of scans that agree with a hypothesis for each that contradicts it."""
     min_credible: int = 3
-    """Fewest scans, and a majority, that are enough where something else says the same."""
-    lead: float = 2.0
-    """How many times what speaks for the present estimate, or a rival, must speak for a hypothesis."""
-    dissent: int = 2
-    """How many scans that agree each one against it outweighs where nothing else has failed on the path; the fewest
-    that must agree must be left."""
+    """Fewest scans, and more than contradict it, that are enough where something else says the same."""
+    right_contradicted: float = 0.03
+    """Share of the scans that contradict a hypothesis that is right, in the mean."""
+    right_strength: float = 15.0
+    """So many scans tell as much about that share as is known beforehand (beta-binomial distribution)."""
+    wrong_contradicted: float = 0.33
+    """Share of the scans that contradict one that is wrong, in the mean."""
+    wrong_strength: float = 3.0
+    """So many scans tell as much about that share as is known beforehand: some places are alike all over."""
+    odds: float = 3.0
+    """A hypothesis must be so many times as probable as the present estimate, or a rival; one that is so many times as
+    probably wrong as right is refused."""
     scan_distance: float = 0.3
     """Standard deviation in position of a scan that verifies a hypothesis [m]."""
     scan_turn: Radians = 0.1
@@ -281,7 +285,7 @@ class RelocalisationConfig:
     """Farthest along the path from a closure that they are matched against [m]."""
     spacing: float = 1.4
     """Path from one such key scan to the next [m], lest few be left in a log of few scans."""
-    max_keys: int = 24
+    max_keys: int = 96
     """Most key scans that verify a hypothesis."""
     rival_distance: float = 2.0
     """Hypotheses that put the same scans so far apart are about different places [m]."""
@@ -289,8 +293,9 @@ class RelocalisationConfig:
     """Another is weighed that has this share of the key scans of a hypothesis."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("max_keys",))
-        check_between(self, SlamConfigError, "relocalisation: ", false_alarm=RATES, spacing=(0.0, 1000.0))
+        check_numbers(self, SlamConfigError, positive=("max_keys", "right_strength", "wrong_strength", "odds"))
+        rates = {"false_alarm": RATES, "right_contradicted": RATES, "wrong_contradicted": RATES}
+        check_between(self, SlamConfigError, "relocalisation: ", spacing=(0.0, 1000.0), **rates)
 
     @property
     def found(self) -> Tolerance:

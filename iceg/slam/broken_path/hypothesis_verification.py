@@ -6,6 +6,7 @@ chance one after the other, and where they do at both places, nothing is decided
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from math import lgamma, log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,8 +37,8 @@ class FitCount:
 
     @property
     def is_passed(self) -> bool:
-        """Whether enough agree, and hardly any do not."""
-        return len(self.agreeing) >= max(self.config.min_agreeing, self.config.majority * self.against)
+        """Whether enough agree, and so few do not that they may well be put rightly."""
+        return len(self.agreeing) >= self.config.min_agreeing and self.log_odds > -log(self.config.odds)
 
     @property
     def is_credible(self) -> bool:
@@ -46,12 +47,38 @@ class FitCount:
 
     @property
     def is_sure(self) -> bool:
-        """Whether so few do not agree that a path may be contradicted in which nothing else has failed."""
-        return len(self.agreeing) - self.config.dissent * self.against >= self.config.min_agreeing
+        """Whether, besides, they are more probably put rightly than not."""
+        return self.is_passed and self.log_odds > 0.0
 
-    def beats(self, other: "FitCount") -> bool:
-        """Whether this is clearly the better of two."""
-        return len(self.agreeing) - self.against > self.config.lead * (len(other.agreeing) - other.against)
+    @property
+    def log_odds(self) -> float:
+        """How much more probable such counts are where scans are put rightly than where they are not, the logarithm.
+
+        Scans near each other err together, and places are alike to a different degree: the share of scans that
+        contradict is beta distributed in either case, so that even a hundred that agree tell a finite amount.
+        """
+        config = self.config
+        right = self._log_probability(config.right_contradicted, config.right_strength)
+        return right - self._log_probability(config.wrong_contradicted, config.wrong_strength)
+
+    def beats(self, other: "FitCount", log_prior: float = 0.0) -> bool:
+        """Whether this is clearly the more probable of two.
+
+        Args:
+            other: how the scans fit elsewhere.
+            log_prior: the logarithm of what else makes the other so many times as probable.
+        """
+        return self.log_odds - other.log_odds - log_prior > log(self.config.odds)
+
+    def _log_probability(self, share: float, strength: float) -> float:
+        """Of these scans in their order, if the share that contradicts is beta distributed."""
+        against, agreeing = share * strength, (1.0 - share) * strength
+        return _log_beta(against + self.against, agreeing + len(self.agreeing)) - _log_beta(against, agreeing)
+
+
+def _log_beta(a: float, b: float) -> float:
+    """The logarithm of the beta function."""
+    return lgamma(a) + lgamma(b) - lgamma(a + b)
 
 
 class HypothesisVerifier:

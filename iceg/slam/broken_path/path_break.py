@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum
+from math import log
+from sys import float_info
 
 from graph.factors import Factor
 from iceg.slam.closure_config import TrackingFailureConfig, ViewChangeConfig
@@ -69,6 +71,12 @@ class TrackingFailure:
     def has_changed_view(self, config: ViewChangeConfig) -> bool:
         """Whether what the laser sees changed at once."""
         return self.change_by_chance is not None and self.change_by_chance <= config.carried_chance
+
+    def log_odds_of_view(self, config: ViewChangeConfig) -> float:
+        """The logarithm of how many times less probable the path is for what the laser sees having changed at once."""
+        if not self.has_changed_view(config):
+            return 0.0
+        return log(max(self.change_by_chance or 0.0, float_info.min) / config.carried_chance)
 
     @property
     def is_lost(self) -> bool:

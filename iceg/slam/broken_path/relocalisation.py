@@ -203,7 +203,8 @@ class _Relocalisation:
             return _Decision.OPEN
         whole, first = self._parts().whole, hypothesis.closures[0]
         among = whole == whole[first.key_old]
-        if not (is_confirmed or fit.beats(self._verifier.of_estimate(hypothesis, poses, among))):
+        estimate = self._verifier.of_estimate(hypothesis, poses, among)
+        if not (is_confirmed or fit.beats(estimate, self._log_odds_of_view(hypothesis.key))):
             return _Decision.OPEN
         if not is_confirmed and (rival := self._rival(hypothesis, fit, others)) is not None:
             self._ambiguous[hypothesis.key] = rival
@@ -224,6 +225,11 @@ class _Relocalisation:
         """Whether most of them say what the present estimate says."""
         near = self._config.verification.near
         return sum(is_near(closure, self._now.poses, near) for closure in closures) > 0.5 * len(closures)
+
+    def _log_odds_of_view(self, key: int) -> float:
+        """See `TrackingFailure.log_odds_of_view`; 0 where nothing failed."""
+        failure = self._steps.failures.get(key)
+        return 0.0 if failure is None else failure.log_odds_of_view(self._config.view)
 
     def _lost(self) -> list[int]:
         """The key poses before which the robot was lost, and nothing says yet how they lie to what was before."""
@@ -264,7 +270,7 @@ class _Relocalisation:
         closures = _distinct([*fit.agreeing, *hypothesis.closures])
         if not fit.is_credible or self._is_confirmed(closures):
             return
-        if fit.beats(self._verifier.of_estimate(hypothesis, poses)):
+        if fit.log_odds > self._verifier.of_estimate(hypothesis, poses).log_odds:
             self._note(key, Outcome.CONTRADICTED, closures, hypothesis.correction(poses))
 
     # What becomes of a break.
@@ -345,7 +351,7 @@ class _Relocalisation:
                 return
             if failure.kind < FailureKind.UNKNOWN_MOTION:
                 agreeing = len(fit.agreeing)
-                if fit.is_credible:
+                if fit.is_credible and (failure.scan is None or fit.log_odds + self._log_odds_of_view(key) > 0.0):
                     self._breaks[key] = Break(
                         key=key, outcome=Outcome.CREDIBLE, reason=failure.reason, closures=agreeing
                     )
