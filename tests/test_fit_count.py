@@ -63,7 +63,7 @@ def test_what_the_laser_sees_at_once_speaks_against_the_path() -> None:
     failure = TrackingFailure(kind=FailureKind.TRACKING_LOSS, reason="", change_by_chance=1e-6)
     assert not elsewhere.beats(path)
     assert elsewhere.beats(path, failure.log_odds_of_view(view))
-    assert failure.log_odds_of_view(view) == pytest.approx(log(1e-6 / view.carried_chance))
+    assert failure.log_odds_of_view(view) == pytest.approx(log(1e-6 * log(1e6) * exp(1.0) / view.carried_prior))
 
 
 @pytest.mark.parametrize("chance", [None, 0.5])

@@ -215,13 +215,15 @@ class ViewChangeConfig:
     """Share of the steps, those that change most, to which a Pareto tail is fitted."""
     carried_chance: float = 0.01
     """A robot may have been carried where chance changes the view as much with no more than this probability."""
-    false_alarm: float = 0.01
+    carried_prior: float = 0.01
+    """Probability, before anything is seen, that the robot was carried where tracking failed."""
+    false_alarm: float = 0.05
     """It was carried where, besides, match and odometry contradict each other beyond chance, and chance changes the
     view as much anywhere in a log at such places with no more than this probability."""
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError)
-        rates = {"tail": RATES, "carried_chance": RATES, "false_alarm": RATES}
+        rates = dict.fromkeys(("tail", "carried_chance", "carried_prior", "false_alarm"), RATES)
         check_between(
             self,
             SlamConfigError,

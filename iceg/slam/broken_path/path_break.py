@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum
-from math import log
+from math import e, log
 from sys import float_info
 
 from graph.factors import Factor
@@ -73,10 +73,15 @@ class TrackingFailure:
         return self.change_by_chance is not None and self.change_by_chance <= config.carried_chance
 
     def log_odds_of_view(self, config: ViewChangeConfig) -> float:
-        """The logarithm of how many times less probable the path is for what the laser sees having changed at once."""
-        if not self.has_changed_view(config):
+        """The logarithm of how many times as probable as a carried robot it is that the view changed by chance.
+
+        A p-value p speaks against chance by no more than the Bayes factor -e p log p (Sellke, Bayarri and Berger 2001).
+        0 where the view goes on: nothing is said of how probable the path is then.
+        """
+        if self.change_by_chance is None or not self.has_changed_view(config):
             return 0.0
-        return log(max(self.change_by_chance or 0.0, float_info.min) / config.carried_chance)
+        p = max(self.change_by_chance, float_info.min)
+        return log(-e * p * log(p) / config.carried_prior)
 
     @property
     def is_lost(self) -> bool:
