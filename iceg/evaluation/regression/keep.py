@@ -43,6 +43,11 @@ are flipped at random (McNemar's exact test where they are counts), cells that d
 time on the same machine.
 """
 
+_WHY_SOME_STAY = """Of those that move nothing here, *mount*, *delay*, *slow odometry*, *frozen scans*, *dead odometry* and
+*lost odometry* answer faults of laser, odometry and recorder, *open ground* woods, of which the table has none.
+*Contradicted closures* decides what `closures.csv` calls removed, and no more.
+"""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Keep:
@@ -87,6 +92,7 @@ def page(before: Sequence[Outcome], after: Sequence[Outcome], rules: Sequence[Ro
         parts.append(f"## Without one rule\n\n{format_markdown(rules)}\n")
         off = [name for name in dict.fromkeys(str(row["off"]) for row in rules) if name in RULES]
         parts.append("".join(f"- *{name}*: {RULES[name].what}.\n" for name in off))
+        parts.append(_WHY_SOME_STAY)
     return "\n".join(parts)
 
 
