@@ -43,8 +43,8 @@ are flipped at random (McNemar's exact test where they are counts), cells that d
 time on the same machine.
 """
 
-_WHY_SOME_STAY = """Of those that move nothing here, *mount*, *delay*, *slow odometry*, *frozen scans*, *dead odometry* and
-*lost odometry* answer faults of laser, odometry and recorder, *open ground* woods, of which the table has none.
+_WHY_SOME_STAY = """Of those that move nothing here, *mount*, *delay*, *slow odometry*, *frozen scans*, *dead odometry*
+and *lost odometry* answer faults of laser, odometry and recorder, *open ground* woods, of which the table has none.
 *Contradicted closures* decides what `closures.csv` calls removed, and no more.
 """
 
