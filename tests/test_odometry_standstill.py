@@ -8,13 +8,17 @@ from numpy.typing import NDArray
 
 from frontends.logs import read_log
 from frontends.scan import Log
+from graph.odometry import OdometryModel
 from iceg.demo import demo_log_path
+from iceg.ice.matcher import IceMatcher
+from iceg.slam.config import FrontEndConfig
 from iceg.slam.recording.standstill import (
     between_readings,
     dead_intervals,
     reading_period,
     with_odometry_between_readings,
 )
+from iceg.slam.tracking.log_tracking import track_log
 from iceg.slam.tracking_config import StandstillConfig
 
 
@@ -90,3 +94,36 @@ def test_a_laser_that_sees_the_move_a_little_before_the_odometry_does_is_no_cont
     late = 2
     odometry = np.concatenate([np.tile(log.odometry[500], (40 + late, 1)), log.odometry[500 : 560 - late]])
     assert not dead_intervals(odometry, ranges, StandstillConfig())
+
+
+def _among_trunks(step: float) -> NDArray[np.float64]:
+    """(100, 360) ranges of 8 m among trunks, a step [m] from each scan to the next; few return, and seldom twice."""
+    rng = np.random.default_rng(3)
+    trunks, bearings = rng.uniform((-6.0, -15.0), (56.0, 15.0), (90, 2)), np.arange(-180, 180) * (np.pi / 180.0)
+    ranges = np.full((100, 360), np.inf)
+    for row, x in enumerate(step * np.arange(100)):
+        offset = trunks - (x, 0.0)
+        aside = offset[:, 1, None] * np.cos(bearings) - offset[:, 0, None] * np.sin(bearings)
+        ahead = offset[:, 0, None] * np.cos(bearings) + offset[:, 1, None] * np.sin(bearings)
+        distance = np.where((np.abs(aside) < 0.15) & (ahead > 0.0), ahead, np.inf)
+        ranges[row] = distance.min(axis=0)
+    noisy = ranges + rng.normal(0.0, 0.02, ranges.shape)
+    return np.where(noisy < 8.0, noisy, np.nan)
+
+
+def test_where_hardly_a_beam_returns_in_two_scans_those_that_return_in_one_tell_of_a_move() -> None:
+    moving = _among_trunks(0.4).astype(np.float32)
+    assert 10 < np.median(np.count_nonzero(np.isfinite(moving), axis=1)) < 90
+    assert dead_intervals(np.zeros((100, 3)), moving, StandstillConfig()) == [(0, 99)]
+    assert not dead_intervals(np.zeros((100, 3)), _among_trunks(0.0).astype(np.float32), StandstillConfig())
+
+
+def test_a_robot_whose_scans_match_nothing_is_lost_and_does_not_stand_still() -> None:
+    """Neither odometry nor matches tell how far it went: what no motion is known of is no standstill."""
+    bearings, odometry = np.arange(-180, 180) * (np.pi / 180.0), np.zeros((100, 3))
+    odometry[0, 0] = -1.0
+    log = Log.from_arrays(_among_trunks(3.0), bearings=bearings, odometry=odometry)
+    track = track_log(log, IceMatcher(), OdometryModel(), FrontEndConfig())
+    assert track.dead == [(1, 99)]
+    assert track.lost
+    assert len(track.keys) > 20

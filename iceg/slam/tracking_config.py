@@ -60,7 +60,7 @@ class StandstillConfig:
     ends: int = 3
     """Scans at either end of a standstill that may show the robot's move already, or still: two clocks."""
     samples: int = 64
-    """Scans of a standstill that are compared with its beginning."""
+    """Scans of a standstill that are compared with the one among them that sees most."""
     min_change: float = 0.1
     """Least change of the readings that only a move explains [m]."""
     min_change_factor: float = 3.0
@@ -69,14 +69,14 @@ class StandstillConfig:
     """Largest share of the beams that may change less when the robot moves: people hide what is behind them."""
     changed_samples: int = 3
     """Fewest scans that must show the change."""
-    min_common: float = 0.2
-    """Share of the beams that two scans need in common."""
+    min_seen: float = 0.2
+    """Least share of what is seen in either of two scans that each of them must see: a covered laser tells nothing."""
     min_motion: float = 0.3
     """Odometry that stands is dead only where the scans tell of a motion farther than this [m, rad]."""
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError, positive=("samples",))
-        check_between(self, SlamConfigError, "standstill: ", unchanged_share=(0.0, 1.0), min_common=(0.0, 1.0))
+        check_between(self, SlamConfigError, "standstill: ", unchanged_share=(0.0, 1.0), min_seen=(0.0, 1.0))
         check_between(self, SlamConfigError, "standstill: ", samples=(1, 100_000))
 
 

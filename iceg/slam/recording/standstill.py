@@ -101,35 +101,42 @@ def _standstills(odometry: NDArray[np.float64], config: StandstillConfig) -> Ite
 
 
 def _scans_change(ranges: NDArray[np.float32], config: StandstillConfig) -> bool:
-    """Whether several scans differ from one at the beginning by more than noise and passers-by explain."""
-    samples = np.unique(np.linspace(config.ends + 1, len(ranges) - 1 - config.ends, config.samples).astype(int))
-    changes = _changes(ranges[config.ends], ranges[samples], config)
+    """Whether several scans differ from the one that sees most by more than noise and passers-by explain."""
+    samples = np.unique(np.linspace(config.ends, len(ranges) - 1 - config.ends, config.samples + 1).astype(int))
+    fullest = samples[np.argmax(np.count_nonzero(np.isfinite(ranges[samples]), axis=1))]
+    changes = _changes(ranges[fullest], ranges[samples], config)
     if np.count_nonzero(changes > config.min_change) < config.changed_samples:
         return False
-    noise = np.median(_changes(ranges[samples - 1], ranges[samples], config))
+    noise = float(np.median(_changes(ranges[samples - 1], ranges[samples], config)))
+    if noise == np.inf:  # no laser loses most beams from one scan to the next
+        return True
     return int(np.sum(changes > max(config.min_change, config.min_change_factor * noise))) >= config.changed_samples
 
 
 def _changes(before: NDArray[np.float32], after: NDArray[np.float32], config: StandstillConfig) -> NDArray[np.float64]:
-    """Change of the beams that scans have in common, the least but for a few; 0 if these are few.
+    """Change of the beams that return in one of two scans or in both, the least but for a few; 0 if one sees little.
+
+    A beam that returns in one of them alone has changed by more than any range can, as at the trunks of a wood.
 
     Args:
         before: (n_beams,) or (n, n_beams) [m].
         after: (n, n_beams) [m].
-        config: how many may be changed less, and must be in common.
+        config: how many may be changed less, and how many the poorer of the scans must see.
 
     Returns:
         (n,) [m].
     """
-    differences = np.abs(after - before)
-    differences[~np.isfinite(differences)] = np.inf
+    returns = np.isfinite(before), np.isfinite(after)
+    seen = np.count_nonzero(returns[0] | returns[1], axis=1)
+    fewer = np.minimum(*(np.count_nonzero(one, axis=-1) for one in returns))
+    differences = np.where(returns[0] | returns[1], np.inf, -np.inf)
+    np.abs(np.subtract(after, before), out=differences, where=returns[0] & returns[1])
     differences.sort(axis=1)
-    common = np.count_nonzero(differences < np.inf, axis=1)
-    changes, rows = np.zeros(len(differences)), np.flatnonzero(common > config.min_common * differences.shape[1])
-    at = config.unchanged_share * (common[rows] - 1)
-    below = at.astype(np.int64)
-    least, next_least = differences[rows, below], differences[rows, np.minimum(below + 1, common[rows] - 1)]
-    changes[rows] = least + (at - below) * (next_least - least)
+    rows = np.flatnonzero(fewer > config.min_seen * seen)
+    unseen = differences.shape[1] - seen[rows]
+    at = unseen + (config.unchanged_share * (seen[rows] - 1)).astype(np.int64)
+    changes = np.zeros(len(differences))
+    changes[rows] = differences[rows, at]
     return changes
 
 

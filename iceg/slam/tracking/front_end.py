@@ -290,6 +290,9 @@ class FrontEnd:
         return compose(match.T_ref_cur, dense.matvec(odometry, pulled))
 
     def _is_key(self) -> bool:
+        """Whether the robot has gone far enough, or may have: nothing has seen its motion for several scans."""
+        if self._unknown_scans >= self._config.tracking.unknown_scans and not self.is_blind:
+            return True
         distance, turn = apart(self.keys[-1].T_track_robot, self._T_track_robot)
         limits = self._config.key_scans
         return distance > limits.distance or turn > limits.angle

@@ -173,8 +173,13 @@ class _Journey:
             lost=list(front_end.lost),
             breaks=list(front_end.breaks),
             unknown_motion=list(front_end.unknown_motion),
-            dead=[interval for interval in self._dead if _has_moved(T_track_scan[slice(*interval)], self._min_motion)],
+            dead=[interval for interval in self._dead if self._may_have_moved(T_track_scan, *interval)],
         )
+
+    def _may_have_moved(self, T_track_scan: NDArray[np.float64], first: int, last: int) -> bool:
+        """Whether the scans of an interval tell of a motion, or nothing tells of any."""
+        is_unknown = any(first < scan <= last for scan in self._front_end.unknown_motion)
+        return is_unknown or _has_moved(T_track_scan[first:last], self._min_motion)
 
 
 def _has_moved(poses: NDArray[np.float64], least: float) -> bool:
