@@ -11,8 +11,11 @@ from iceg.slam.broken_path.hypothesis_verification import FitCount
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
 from iceg.slam.closure_config import RelocalisationConfig, ViewChangeConfig
 from iceg.slam.closures.attempt import Attempt
+from iceg.slam.contradiction import ContradictionConfig
 
-_CONFIG = RelocalisationConfig(right_contradicted=0.1, right_strength=10.0, wrong_contradicted=0.5, wrong_strength=2.0)
+_CONFIG = RelocalisationConfig(
+    contradiction=ContradictionConfig(right=0.1, right_strength=10.0, wrong=0.5, wrong_strength=2.0)
+)
 _few = st.integers(0, 60)
 
 

@@ -21,6 +21,7 @@ from iceg.slam.finish import Finished, matched_again, refined
 from iceg.slam.joint import _wall_kernels as kernels
 from iceg.slam.joint._system_kernels import JointSystem, PointsOnLines, fill, normal_equations, product
 from iceg.slam.joint.refinement import Clouds, key_clouds, refine_jointly
+from iceg.slam.odometry.motions import motions_of
 from iceg.slam.pipeline import run
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
@@ -373,7 +374,9 @@ def track(office: Simulation, matcher: IceMatcher) -> Track:
 
 @pytest.fixture(scope="module")
 def solution(office: Simulation, matcher: IceMatcher, track: Track) -> Solution:
-    return solve_track(track, office.log.odometry, OdometryModel(), matcher, PoseGraphConfig(), LoopClosureConfig())
+    return solve_track(
+        track, motions_of(track, office.log.odometry, OdometryModel()), matcher, PoseGraphConfig(), LoopClosureConfig()
+    )
 
 
 def test_points_of_key_scans_and_of_scans_between(office: Simulation, track: Track) -> None:

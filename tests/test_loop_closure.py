@@ -23,6 +23,7 @@ from iceg.slam.drift import Drift
 from iceg.slam.finish import matched_again, refined
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.match_errors import placement_covariance
+from iceg.slam.odometry.motions import motions_of
 from iceg.slam.rematch import _spaced_keys
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
@@ -388,7 +389,9 @@ def test_loops_and_finish_bring_the_office_back_together(
     office: Simulation, track: Track, true_poses: NDArray[np.float64]
 ) -> None:
     matcher = IceMatcher()
-    solution = solve_track(track, office.log.odometry, OdometryModel(), matcher, PoseGraphConfig(), LoopClosureConfig())
+    solution = solve_track(
+        track, motions_of(track, office.log.odometry, OdometryModel()), matcher, PoseGraphConfig(), LoopClosureConfig()
+    )
     found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), FinishConfig(), PoseGraphConfig())
     finished = refined(found, rounds, track, matcher, LoopClosureConfig(), FinishConfig())
 

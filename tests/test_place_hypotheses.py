@@ -252,8 +252,8 @@ def test_two_places_that_both_beat_the_path_are_told_though_closures_hold_the_pa
     assert (vote.count, vote.rival) == (len(_AGAIN), len(_AGAIN) - 4)
     # nor do they settle it for the back end
     monkeypatch.setattr(back_end, "relocalise", lambda *_: found)
-    noise, config = OdometryModel(), LoopClosureConfig()
-    solution = back_end.solve_track(track, None, noise, IceMatcher(), PoseGraphConfig(), config)
+    without: list[None] = [None] * (len(track.keys) - 1)
+    solution = back_end.solve_track(track, without, IceMatcher(), PoseGraphConfig(), LoopClosureConfig())
     assert solution.ambiguous == (vote,)
 
 

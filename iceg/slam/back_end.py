@@ -1,7 +1,7 @@
 """The back end: key poses, odometry, matches and loop closures in one graph, solved as it grows."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from graph.consistency import maximum_clique
 from graph.growing_rows import GrowingRows
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import chi2_gate, largest_squared_norm, squared_norm
-from graph.odometry import OdometryModel, OdometryMotion
+from graph.odometry import OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose, wrap_angle
 from iceg.slam.agreement import is_small
@@ -311,8 +311,7 @@ def _offset(attempt: Attempt, poses: NDArray[np.float64]) -> NDArray[np.float64]
 
 def solve_track(
     track: Track,
-    odometry: NDArray[np.float64] | None,
-    noise: OdometryModel,
+    motions: Sequence[OdometryMotion | None],
     matcher: MapMatcher,
     graph_config: PoseGraphConfig,
     closures: LoopClosureConfig,
@@ -325,8 +324,7 @@ def solve_track(
 
     Args:
         track: what the front end found.
-        odometry: (n_scans, 3) calibrated odometry, None in a log without.
-        noise: what the calibration left, persistence of errors included.
+        motions: to every key scan but the first, None where nothing but the matches tells of it.
         matcher: for loop closures.
         graph_config: how the graph is solved.
         closures: how loops are found.
@@ -340,12 +338,7 @@ def solve_track(
     """
     closer = LoopCloser(matcher, track, closures, is_forbidden=is_forbidden, stages=stages)
     back_end = BackEnd(track, closer, graph_config)
-    steps = None if odometry is None else between(odometry[:-1], odometry[1:])
-    unknown, standing = track.keys_without_odometry(), noise.start()
-    for key in range(1, len(track.keys)):
-        motion = None
-        if steps is not None and key not in unknown:
-            motion = noise.extend(standing, steps[track.keys[key - 1].index : track.keys[key].index])
+    for key, motion in enumerate(motions, start=1):
         back_end.add(key, motion)
         if progress is not None:
             progress(track.keys[key].index + 1)

@@ -1,12 +1,13 @@
 """Settings of loop closures: which are consistent, which places similar, and when parts of a broken path are joined."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import pi
 
 from graph.ranges import RATES, check_between, check_numbers
 from graph.units import Radians
 from iceg.slam.agreement import Tolerance
 from iceg.slam.config_error import SlamConfigError
+from iceg.slam.contradiction import ContradictionConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -264,14 +265,8 @@ class RelocalisationConfig:
     """Fewest scans that must agree with a hypothesis."""
     min_credible: int = 3
     """Fewest scans, and more than contradict it, that are enough where something else says the same."""
-    right_contradicted: float = 0.03
-    """Share of the scans that contradict a hypothesis that is right, in the mean."""
-    right_strength: float = 15.0
-    """So many scans tell as much about that share as is known beforehand (beta-binomial distribution)."""
-    wrong_contradicted: float = 0.33
-    """Share of the scans that contradict one that is wrong, in the mean."""
-    wrong_strength: float = 3.0
-    """So many scans tell as much about that share as is known beforehand: some places are alike all over."""
+    contradiction: ContradictionConfig = field(default_factory=ContradictionConfig)
+    """What share of the scans contradicts a hypothesis."""
     odds: float = 3.0
     """A hypothesis must be so many times as probable as the present estimate, or a rival; one that is so many times as
     probably wrong as right is refused."""
@@ -295,9 +290,8 @@ class RelocalisationConfig:
     """Another is weighed that has this share of the key scans of a hypothesis."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("max_keys", "right_strength", "wrong_strength", "odds"))
-        rates = {"false_alarm": RATES, "right_contradicted": RATES, "wrong_contradicted": RATES}
-        check_between(self, SlamConfigError, "relocalisation: ", spacing=(0.0, 1000.0), **rates)
+        check_numbers(self, SlamConfigError, positive=("max_keys", "odds"))
+        check_between(self, SlamConfigError, "relocalisation: ", spacing=(0.0, 1000.0), false_alarm=RATES)
 
     @property
     def found(self) -> Tolerance:

@@ -3,12 +3,10 @@
 from dataclasses import replace
 from math import sqrt
 
-import numpy as np
-from numpy.typing import NDArray
-
 from frontends.laser_noise import LaserNoise, learn_laser_noise
 from frontends.matchers import make_matcher
 from frontends.scan import Log
+from graph.odometry import OdometryMotion
 from graph.pose_graph import PoseGraph
 from iceg.config import Config
 from iceg.ice._point_kernels import RangeNoise
@@ -31,6 +29,7 @@ from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odomet
 from iceg.slam.odometry.constant_velocity import constant_velocity
 from iceg.slam.odometry.gyro import learn_gyro
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
+from iceg.slam.odometry.motions import motions_of
 from iceg.slam.passes import track_with_gyro, track_with_sweep
 from iceg.slam.progress import ProgressCallback
 from iceg.slam.recording.repeated_scans import without_frozen_scans
@@ -130,16 +129,14 @@ def _solve(
     is_forbidden: Forbids,
     stages: Stages,
 ) -> Solution:
+    motions: list[OdometryMotion | None] = [None] * (len(track.keys) - 1)
     if log.has_odometry:
-        odometry: NDArray[np.float64] | None = calibration.apply(log.odometry, config.front_end.calibration.sudden)
-        noise = calibration.lasting_noise
-    else:
-        odometry, noise = constant_velocity(track, config.front_end.calibration, heading) or (
-            None,
-            calibration.lasting_noise,
-        )
+        odometry = calibration.apply(log.odometry, config.front_end.calibration.sudden)
+        motions = motions_of(track, odometry, calibration.lasting_noise)
+    elif velocity := constant_velocity(track, config.front_end.calibration, heading):
+        motions = velocity.motions(track)
     return solve_track(
-        track, odometry, noise, matcher, config.graph, config.loops, is_forbidden=is_forbidden, stages=stages, log=log
+        track, motions, matcher, config.graph, config.loops, is_forbidden=is_forbidden, stages=stages, log=log
     )
 
 

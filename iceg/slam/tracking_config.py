@@ -8,6 +8,7 @@ from graph.ranges import RATES, check_between, check_numbers
 from graph.units import Radians
 from iceg.slam.agreement import Tolerance
 from iceg.slam.config_error import SlamConfigError
+from iceg.slam.contradiction import ContradictionConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,8 +70,8 @@ class StandstillConfig:
     """Largest share of the beams that may change less when the robot moves: people hide what is behind them."""
     changed_samples: int = 3
     """Fewest scans that must show the change."""
-    min_seen: float = 0.2
-    """Least share of what is seen in either of two scans that each of them must see: a covered laser tells nothing."""
+    min_seen: float = 0.05
+    """Least share of the beams that must return in a scan that tells of a change: a covered laser sees nothing."""
     min_motion: float = 0.3
     """Odometry that stands is dead only where the scans tell of a motion farther than this [m, rad]."""
 
@@ -130,13 +131,15 @@ class OdometryCheckConfig:
     jump_false_alarm: float = 6.334e-5
     """A match is a jump that chance puts so far from odometry with this probability only (normal distribution; 4
     σ)."""
-    jump_inlier_ratio: float = 0.75
-    """Least share of the beams on the map that must agree with it after a jump."""
-    jump_free_space: float = 0.75
-    """Least share of the map in view that must be seen after a jump (free-space consistency)."""
+    jump_odds: float = 30.0
+    """What is seen must be so many times as probable after a jump as where odometry has the robot."""
+    refused_odds: float = 5.0
+    """A jump that is so many times as probably wrong as right is refused."""
+    contradiction: ContradictionConfig = field(default_factory=ContradictionConfig)
+    """What share of what is seen contradicts a pose."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError)
+        check_numbers(self, SlamConfigError, positive=("jump_odds", "refused_odds"))
         check_between(self, SlamConfigError, "odometry check: ", false_alarm=RATES, jump_false_alarm=RATES)
 
     @property

@@ -6,7 +6,7 @@ chance one after the other, and where they do at both places, nothing is decided
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from math import lgamma, log
+from math import log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,14 +52,8 @@ class FitCount:
 
     @property
     def log_odds(self) -> float:
-        """How much more probable such counts are where scans are put rightly than where they are not, the logarithm.
-
-        Scans near each other err together, and places are alike to a different degree: the share of scans that
-        contradict is beta distributed in either case, so that even a hundred that agree tell a finite amount.
-        """
-        config = self.config
-        right = self._log_probability(config.right_contradicted, config.right_strength)
-        return right - self._log_probability(config.wrong_contradicted, config.wrong_strength)
+        """How much more probable it is that such counts come of scans that are put rightly, the logarithm."""
+        return self.config.contradiction.log_odds(len(self.agreeing), self.against)
 
     def beats(self, other: "FitCount", log_prior: float = 0.0) -> bool:
         """Whether this is clearly the more probable of two.
@@ -69,16 +63,6 @@ class FitCount:
             log_prior: the logarithm of what else makes the other so many times as probable.
         """
         return self.log_odds - other.log_odds - log_prior > log(self.config.odds)
-
-    def _log_probability(self, share: float, strength: float) -> float:
-        """Of these scans in their order, if the share that contradicts is beta distributed."""
-        against, agreeing = share * strength, (1.0 - share) * strength
-        return _log_beta(against + self.against, agreeing + len(self.agreeing)) - _log_beta(against, agreeing)
-
-
-def _log_beta(a: float, b: float) -> float:
-    """The logarithm of the beta function."""
-    return lgamma(a) + lgamma(b) - lgamma(a + b)
 
 
 class HypothesisVerifier:

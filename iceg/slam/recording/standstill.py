@@ -121,7 +121,7 @@ def _changes(before: NDArray[np.float32], after: NDArray[np.float32], config: St
     Args:
         before: (n_beams,) or (n, n_beams) [m].
         after: (n, n_beams) [m].
-        config: how many may be changed less, and how many the poorer of the scans must see.
+        config: how many may be changed less, and how many each scan must see.
 
     Returns:
         (n,) [m].
@@ -132,7 +132,7 @@ def _changes(before: NDArray[np.float32], after: NDArray[np.float32], config: St
     differences = np.where(returns[0] | returns[1], np.inf, -np.inf)
     np.abs(np.subtract(after, before), out=differences, where=returns[0] & returns[1])
     differences.sort(axis=1)
-    rows = np.flatnonzero(fewer > config.min_seen * seen)
+    rows = np.flatnonzero(fewer > config.min_seen * differences.shape[1])
     unseen = differences.shape[1] - seen[rows]
     at = unseen + (config.unchanged_share * (seen[rows] - 1)).astype(np.int64)
     changes = np.zeros(len(differences))

@@ -61,6 +61,8 @@ class OdometryCheck:
         self._sight = config.sight
         self._one_optimum = one_optimum
         self._gate = chi2_gate(self._config.false_alarm)
+        self._log_jump_odds = math.log(self._config.jump_odds)
+        self._log_refused_odds = math.log(self._config.refused_odds)
         self._jump_sigmas = math.sqrt(chi2_gate(self._config.jump_false_alarm, freedom=1))
 
     def contradicts(self, expected: Expectation, found: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
@@ -154,7 +156,11 @@ class OdometryCheck:
         found: NDArray[np.float64],
         expected: Expectation,
     ) -> bool:
-        """A pose far from the guess (odometry jumped, or the robot was carried) must explain all that is seen."""
+        """A pose far from the guess (odometry jumped, or the robot was carried) must explain what the guess does not.
+
+        What matches elsewhere may be similar: a wall, a corner, trunks. Where odometry has the robot, the scan must
+        contradict the map; it does not where it sees new ground.
+        """
         config, sigmas = self._config, self._jump_sigmas
         if agree(guess, found, config.jump):
             return True
@@ -163,5 +169,13 @@ class OdometryCheck:
         is_near = distance < max(config.jump_distance, sigmas * math.sqrt(max(xx, yy)))
         if is_near and turn < max(config.jump_turn, sigmas * math.sqrt(hh)):
             return True
-        support = self._matcher.agreement(reference, scan, found)
-        return support.fit >= config.jump_inlier_ratio and support.view >= config.jump_free_space
+        there, here = (self._log_odds(reference, scan, pose) for pose in (found, guess))
+        if not expected.is_known:
+            return there > here
+        return there > -self._log_refused_odds and there - here > self._log_jump_odds
+
+    def _log_odds(self, reference: Any, scan: Scan, pose: NDArray[np.float64]) -> float:  # noqa: ANN401
+        """How much more probable it is that a scan was taken at a pose than that it was not, the logarithm."""
+        seen = self._matcher.agreement(reference, scan, pose)
+        against = seen.known - seen.inliers + seen.contradicted
+        return self._config.contradiction.log_odds(seen.inliers + seen.seen, against)
