@@ -125,7 +125,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             },
         ),
         "plausible": Rule(
-            what="a match far from odometry must explain all that is seen",
+            what="a match far from odometry must explain what odometry does not",
             without={f"{_CHECK}._is_plausible": _yes},
         ),
         "goes on": Rule(what="tells a jump of the odometry from a move", without={f"{_FRONT_END}._goes_on": _no}),
