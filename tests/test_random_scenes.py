@@ -2,15 +2,18 @@
 
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from frontends.logs import read_log
 from frontends.simulator.random_scenes.devices import DEVICES, random_laser, random_odometry
 from frontends.simulator.random_scenes.ground import survey
 from frontends.simulator.random_scenes.plans import PLANS, WIDE, Kind
-from frontends.simulator.random_scenes.scene import KINDS, RandomScene, random_scene, simulate_random
+from frontends.simulator.random_scenes.scene import KINDS, RandomScene, named_seed, random_scene, simulate_random
 from frontends.simulator.world import SimulatorError, World, rectangle
+from iceg.cli import main
 
 LENGTH = 25.0
 
@@ -104,3 +107,25 @@ def test_ground_is_the_inside_of_a_room_and_not_of_its_furniture() -> None:
     assert not (np.abs(free - [1.0, 0.0]) < 0.75).all(axis=1).any()
     assert ground.is_free_between(np.array([-2.0, 0.0]), np.array([-1.0, 0.5]))
     assert not ground.is_free_between(np.array([-1.0, 0.0]), np.array([2.3, 0.0]))
+
+
+def test_other_drives_through_a_scene_have_other_noise() -> None:
+    first, other = (simulate_random(3, "house", length=5.0, drive=drive) for drive in (0, 1))
+    assert np.array_equal(first.scene.world.segments, other.scene.world.segments)
+    assert not np.array_equal(first.truth, other.truth)
+
+
+def test_a_name_gives_the_seed() -> None:
+    assert named_seed("random:12") == 12
+    assert named_seed("rooms") is named_seed("random.world") is None
+    for name in ("random:", "random:x", "random:-1", "random:1.5", "random:²"):
+        with pytest.raises(SimulatorError, match="expected random:SEED"):
+            named_seed(name)
+
+
+def test_the_command_simulates_a_random_scene(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "random:19", "-o", str(tmp_path / "out"), "--laser", "sick"]) == 0
+    assert "random-19-maze" in capsys.readouterr().out
+    assert read_log(tmp_path / "out" / "log.clf").geometry.n_beams == 181
+    assert main(["simulate", "random:x", "-o", str(tmp_path / "other")]) == 1
+    assert "expected random:SEED" in capsys.readouterr().err

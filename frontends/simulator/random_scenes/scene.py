@@ -6,6 +6,7 @@ from typing import get_args
 
 import numpy as np
 
+from frontends.simulator.laser import Laser
 from frontends.simulator.people import Person
 from frontends.simulator.random_scenes.devices import Quality, random_laser, random_odometry
 from frontends.simulator.random_scenes.ground import CELL, Cells, Ground, Points, survey
@@ -22,6 +23,8 @@ KINDS: tuple[Kind, ...] = get_args(Kind)
 """Every kind of place; seeds take them in turn."""
 _REACH_OUTSIDE = 8.0  # m: of lasers for wide places
 _WALK = 8.0  # m: nobody walks farther before turning round
+_BRAKING = 0.3  # m: the robot stops within this, lest it meets a wall behind a waypoint that it overshoots
+_MOST_DIGITS = 18  # of a seed in a name
 _AISLE = 0.5  # m: people walk farther than this from the walls
 
 
@@ -72,7 +75,8 @@ def random_scene(seed: int, kind: Kind | None = None, *, length: float | None = 
     world = site.world
     ground = survey(np.concatenate([world.segments, *site.solid]))
     drawn = route_rng.uniform(60.0, 130.0) * (1.8 if kind in LARGE else 1.0)
-    driving = Driving(speed=route_rng.uniform(0.4, 0.8) * (1.6 if kind in LARGE else 1.0))
+    speed = route_rng.uniform(0.4, 0.8) * (1.6 if kind in LARGE else 1.0)
+    driving = Driving(speed=speed, acceleration=max(0.5, speed**2 / (2 * _BRAKING)))
     points = plan_route(ground, length or drawn, route_rng)
     laser_name, laser = random_laser(device_rng, _REACH_OUTSIDE if kind in WIDE else 0.0)
     quality, odometry = random_odometry(device_rng)
@@ -91,13 +95,17 @@ def random_scene(seed: int, kind: Kind | None = None, *, length: float | None = 
     return RandomScene(scene=scene, driving=driving, kind=kind, laser=laser_name, odometry=quality)
 
 
-def simulate_random(seed: int, kind: Kind | None = None, *, length: float | None = None) -> Simulation:
+def simulate_random(
+    seed: int, kind: Kind | None = None, *, length: float | None = None, drive: int = 0, laser: Laser | None = None
+) -> Simulation:
     """Draw a scene and drive through it.
 
     Args:
-        seed: of the scene and of all that is random in the drive.
+        seed: of the scene, and with `drive` of all that is random on the way.
         kind: of place; by the seed unless given.
         length: of the route, about [m]; drawn unless given.
+        drive: number of the drive; others through the same scene have other noise.
+        laser: the device, the scene's own unless given.
 
     Returns:
         Log and truth; without odometry the log says so, and its poses are zero.
@@ -106,11 +114,25 @@ def simulate_random(seed: int, kind: Kind | None = None, *, length: float | None
         SimulatorError: a seed below zero, or a route that cannot be driven.
     """
     drawn = random_scene(seed, kind, length=length)
-    simulation = simulate(drawn.scene, seed, driving=drawn.driving)
+    simulation = simulate(drawn.scene, seed + drive, laser=laser, driving=drawn.driving)
     if drawn.has_odometry:
         return simulation
     log = replace(simulation.log, odometry=np.zeros_like(simulation.log.odometry), has_odometry=False)
     return replace(simulation, log=log)
+
+
+def named_seed(name: str) -> int | None:
+    """The seed of a scene named `random:SEED`; None for the name of another scene.
+
+    Raises:
+        SimulatorError: a seed that is no whole number of 0 or more.
+    """
+    prefix, colon, seed = name.partition(":")
+    if (prefix, colon) != ("random", ":"):
+        return None
+    if not (seed.isascii() and seed.isdigit() and len(seed) <= _MOST_DIGITS):
+        raise SimulatorError(f"found scene '{name}', expected random:SEED with a whole number of 0 or more")
+    return int(seed)
 
 
 def _start(points: Points) -> Points:
