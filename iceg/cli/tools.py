@@ -5,13 +5,16 @@ import math
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from iceg.cli.options import ConfigFile, Json, Overwrite, SkipBadLines, UsageError
 from iceg.cli.telling import Telling
 from iceg.config import Config, LogConfig
+
+if TYPE_CHECKING:
+    from frontends.simulator.simulation import Simulation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,7 +24,8 @@ class Simulate:
     scene: Annotated[
         tyro.conf.Positional[str],
         tyro.conf.arg(
-            metavar="SCENE", help="A scene that comes with iceg, such as rooms, or the path of a .world file."
+            metavar="SCENE",
+            help="A scene that comes with iceg, such as rooms, random:SEED to draw one, or a path of a .world file.",
         ),
     ]
     output: Annotated[
@@ -38,9 +42,7 @@ class Simulate:
 
     def __call__(self) -> None:
         """Simulate and write."""
-        from frontends.simulator.lasers import LASERS
         from frontends.simulator.output import write_simulation
-        from frontends.simulator.simulation import simulate
         from iceg.results import check_directory
         from iceg.show.progress import compile_note
 
@@ -48,12 +50,23 @@ class Simulate:
             raise UsageError(f"found --seed {self.seed}, expected 0 or more")
         check_directory(self.output, overwrite=self.overwrite)
         with compile_note():
-            simulation = simulate(self.scene, self.seed, laser=None if self.laser is None else LASERS[self.laser]())
+            simulation = self._simulation()
             write_simulation(self.output, simulation)
         seconds, scans = float(simulation.log.stamps[-1]), len(simulation.log)
         with Telling(as_json=self.json) as telling:
             telling.say(f"{scans} scans in {seconds:.1f} s of '{simulation.scene.name}' are in {self.output}")
             telling.keep(scene=simulation.scene.name, scans=scans, seconds=seconds)
+
+    def _simulation(self) -> "Simulation":
+        from frontends.simulator.lasers import LASERS
+        from frontends.simulator.random_scenes.scene import named_seed, simulate_random
+        from frontends.simulator.simulation import simulate
+
+        laser = None if self.laser is None else LASERS[self.laser]()
+        drawn = named_seed(self.scene)
+        if drawn is not None:
+            return simulate_random(drawn, drive=self.seed, laser=laser)
+        return simulate(self.scene, self.seed, laser=laser)
 
 
 @dataclass(frozen=True, kw_only=True)
