@@ -9,9 +9,9 @@ from iceg.evaluation.degradation import DEGRADATIONS
 from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.regression.lasers import LASERS
 
-Group = Literal["worlds", "logs", "faults", "simulated", "carried"]
+Group = Literal["worlds", "logs", "faults", "simulated", "carried", "random"]
 """Recordings with exact truth from another simulator; public logs as they are; these and the worlds with one
-fault each; own simulations, and the same with a robot that somebody carries."""
+fault each; own simulations, and the same with a robot that somebody carries; scenes drawn at random."""
 GROUPS: tuple[Group, ...] = get_args(Group)
 
 NO_FAULT = "none"
@@ -27,7 +27,8 @@ class Cell:
 
     Attributes:
         group: what it is a sample of.
-        source: the recording: a name of `LOGS`, of a file in `worlds/`, or scene and laser of a simulation.
+        source: the recording: a name of `LOGS`, of a file in `worlds/`, scene and laser of a simulation, or
+            `random:SEED`.
         fault: of `DEGRADATIONS`, or "none".
         seed: of a millimetre of noise on the ranges; 0 for none.
         is_short: whether it belongs to the short form.
@@ -43,6 +44,11 @@ class Cell:
     def family(self) -> str:
         """Cells that differ by their noise alone are no independent samples."""
         return f"{self.source}, {self.fault}"
+
+    @property
+    def is_simulated(self) -> bool:
+        """Whether it needs no folder of recordings."""
+        return self.group in {"simulated", "carried", "random"}
 
     @property
     def name(self) -> str:
@@ -81,6 +87,8 @@ _WORLD_FAULTS = ("carried", "noise 3 cm", "every 2nd scan")
 """One of them for each recorded world, in turn."""
 _SHORT_LASERS = (0, 2, 3)
 """So far on from its first are the lasers with which a scene is simulated in the short form."""
+_RANDOM, _RANDOM_SHORT = 192, 24
+"""So many scenes are drawn, and so many of them in the short form: as many of each kind of place."""
 
 
 def cells(data: Path | None) -> list[Cell]:
@@ -89,7 +97,7 @@ def cells(data: Path | None) -> list[Cell]:
     Args:
         data: folder of the public logs and of `worlds/`; without it the embedded log and the simulations are left.
     """
-    return [*_worlds(data), *_logs(data), *_faults(data), *_world_faults(data), *_simulated(), *_carried()]
+    return [*_worlds(data), *_logs(data), *_faults(data), *_world_faults(data), *_simulated(), *_carried(), *_random()]
 
 
 def chosen(data: Path | None, groups: Sequence[Group] = (), *, short: bool = True) -> list[Cell]:
@@ -156,3 +164,8 @@ def _carried() -> Iterator[Cell]:
         yield Cell(group="carried", source=f"{scene} {laser}", fault="carried", is_short=True)
         for seed in SEEDS[:2]:
             yield Cell(group="carried", source=f"{scene} {laser}", fault="carried", seed=seed)
+
+
+def _random() -> Iterator[Cell]:
+    for seed in range(_RANDOM):
+        yield Cell(group="random", source=f"random:{seed}", is_short=seed < _RANDOM_SHORT)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from frontends.logs import read_log
 from frontends.scan import Log
+from frontends.simulator.random_scenes.scene import named_seed, simulate_random
 from frontends.simulator.robot import Driving
 from frontends.simulator.simulation import simulate
 from iceg.demo import demo_log_path, demo_truth_path
@@ -65,7 +66,7 @@ def recording_of(cell: Cell, data: Path | None) -> Recording:
     Raises:
         IcegError: it is not there, or cannot be read.
     """
-    if cell.group in {"simulated", "carried"}:
+    if cell.is_simulated:
         return _simulation(cell.source)
     if cell.source == "office":
         return _of(BenchLog(name="office", path=demo_log_path(), known=demo_truth_path()))
@@ -85,9 +86,13 @@ def with_noise(log: Log, seed: int) -> Log:
 
 @cache
 def _simulation(source: str) -> Recording:
-    scene, _, laser = source.rpartition(" ")
-    driving = _BRISK if scene in _LARGE else None
-    simulation = simulate(scene, laser=LASERS[laser], driving=driving)
+    seed = named_seed(source)
+    if seed is None:
+        scene, _, laser = source.rpartition(" ")
+        driving = _BRISK if scene in _LARGE else None
+        simulation = simulate(scene, laser=LASERS[laser], driving=driving)
+    else:
+        simulation = simulate_random(seed)
     return Recording(log=simulation.log, truth=simulation.truth, judge=_against(simulation.truth))
 
 

@@ -111,7 +111,7 @@ def outcomes(recording: Recording, cells: Sequence[Cell], config: Config = CONFI
 
 
 def _recording(cell: Cell) -> tuple[bool, str]:
-    return cell.group in {"simulated", "carried"}, cell.source
+    return cell.is_simulated, cell.source
 
 
 def _clean(recording: Recording, config: Config) -> Clean:
