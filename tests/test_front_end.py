@@ -184,6 +184,48 @@ def test_a_few_beams_close_by_say_nothing_against_odometry(returns: int, distanc
     assert not front_end.lost, "odometry knows the way"
 
 
+class AliasMatcher(TruthMatcher):
+    """One scan matches a wall like the right one, 0.8 m aside, as well as any; `expected` is what it sees in truth."""
+
+    alias = 20
+    expected = Agreement()
+
+    def match(
+        self,
+        reference: NDArray[np.float64],
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> RelativePose | NoMatch:
+        match = super().match(reference, scan, T_ref_guess, covariance_guess)
+        if isinstance(match, NoMatch) or _number(scan) != self.alias:
+            return match
+        return replace(match, T_ref_cur=compose(match.T_ref_cur, np.array([0.0, 0.8, 0.0])))
+
+    def agreement(self, reference: NDArray[np.float64], scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
+        there = super().agreement(reference, scan, T_ref_cur)
+        return there if _number(scan) != self.alias or there.inliers == there.known else self.expected
+
+
+@pytest.mark.parametrize(
+    ("expected", "is_believed"),
+    [
+        (Agreement(points=100, known=0, inliers=0), False),
+        (Agreement(points=100, known=60, inliers=55), False),
+        (Agreement(points=100, known=60, inliers=10), True),
+    ],
+    ids=["new ground", "it fits there, too", "it contradicts the map there"],
+)
+def test_a_match_far_from_odometry_is_believed_only_where_odometry_is_contradicted(
+    expected: Agreement, is_believed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(AliasMatcher, "expected", expected)
+    truth = _straight(20)
+    front_end = FrontEnd(AliasMatcher(np.vstack([np.zeros(3), truth])), OdometryModel(), _CONFIG)
+    poses = _follow(front_end, truth)
+    assert poses[-1, 1] == pytest.approx(0.8 if is_believed else 0.0, abs=1e-3)
+
+
 def test_unmatched_key_scans_stay_out_of_the_reference_until_the_robot_is_lost() -> None:
     truth = _straight(60)
     front_end = FrontEnd(

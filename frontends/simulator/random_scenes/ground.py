@@ -14,7 +14,7 @@ Cells = NDArray[np.int64]
 CELL = 0.1
 """Side of a cell of the raster [m]."""
 CLEARANCE = 0.38
-"""Free cells are farther than this from the nearest wall's [m]: a robot that keeps 0.3 m and half a diagonal more."""
+"""Free cells are farther than this from the nearest cell with a wall [m]: 0.3 m for a robot, and half a diagonal."""
 _MARGIN = 1.0  # m: of the raster around the walls
 _LEAST_INSIDE = 0.3  # share of the largest place that one inside the walls needs to be preferred
 
