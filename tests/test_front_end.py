@@ -307,6 +307,37 @@ def test_odometry_speaks_along_a_direction_the_match_cannot_see() -> None:
     np.testing.assert_allclose(poses[:, 0], truth[:, 0], atol=0.05)
 
 
+class SlidingMatcher(CorridorMatcher):
+    """The same, once the robot is under way."""
+
+    def match(
+        self,
+        reference: NDArray[np.float64],
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> RelativePose | NoMatch:
+        seen = TruthMatcher.match if _number(scan) < 8 else CorridorMatcher.match
+        return seen(self, reference, scan, T_ref_guess, covariance_guess)
+
+    def track(
+        self,
+        reference: NDArray[np.float64],
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        seen = TruthMatcher.track(self, reference, scan, T_ref_guess, covariance_guess)
+        return T_ref_guess if _number(scan) >= 8 or isinstance(seen, NoMatch) else seen
+
+
+def test_without_odometry_the_velocity_speaks_there() -> None:
+    truth = _straight(40)
+    front_end = FrontEnd(SlidingMatcher(np.vstack([np.zeros(3), truth])), None, _CONFIG)
+    poses = np.array([front_end.add(i, _scan(i + 1), None) for i in range(len(truth))])
+    np.testing.assert_allclose(poses[:, 0], truth[:, 0], atol=0.2)
+
+
 def test_odometry_that_the_match_refutes_says_nothing_along_others_either() -> None:
     truth = _straight(7)
     odometry = truth.copy()

@@ -102,16 +102,19 @@ class CalibrationConfig:
     gyro_max_delay: float = 3.0
     """Scans up to which the delay of a gyro is looked for."""
     velocity_scans: int = 5
-    """Scans whose motion tells the velocity that is taken to be constant."""
+    """Scans whose motion tells the velocity that a gyro must foretell turns better than."""
     velocity_min_steps: int = 10
-    """Fewest steps that tell how well a constant velocity is kept."""
+    """Fewest pairs of steps in a row that tell how well a robot without odometry keeps its velocity."""
     velocity_min_sigma: float = 0.005
-    """Standard deviations of a constant velocity are never taken to be smaller [m, rad]."""
+    """Standard deviations of a step that only the velocity tells of are never taken to be smaller [m, rad]."""
+    velocity_told: float = 0.1
+    """A match tells of the velocity where it leaves no more than this share of the variance by which the velocity
+    changes meanwhile."""
 
     def __post_init__(self) -> None:
         check_odometry_setting(self.least_noise, SlamConfigError, "least_noise")
         sigmas = ("scale_sigma", "drift_sigma", "delay_sigma", "mount_ahead_sigma", "mount_aside_sigma")
-        positive = ("mount_heading_sigma", "window", "min_keys", "velocity_min_sigma")
+        positive = ("mount_heading_sigma", "window", "min_keys", "velocity_min_sigma", "velocity_told")
         check_numbers(self, SlamConfigError, positive=(*sigmas, *positive))
         check_between(self, SlamConfigError, "calibration: ", gyro_false_alarm=RATES, scale_false_alarm=RATES)
         check_between(

@@ -6,7 +6,6 @@ from math import sqrt
 from frontends.laser_noise import LaserNoise, learn_laser_noise
 from frontends.matchers import make_matcher
 from frontends.scan import Log
-from graph.odometry import OdometryMotion
 from graph.pose_graph import PoseGraph
 from iceg.config import Config
 from iceg.ice._point_kernels import RangeNoise
@@ -26,10 +25,10 @@ from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
-from iceg.slam.odometry.constant_velocity import constant_velocity
 from iceg.slam.odometry.gyro import learn_gyro
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.odometry.motions import motions_of
+from iceg.slam.odometry.velocity import motions_without_odometry
 from iceg.slam.passes import track_with_gyro, track_with_sweep
 from iceg.slam.progress import ProgressCallback
 from iceg.slam.recording.repeated_scans import without_frozen_scans
@@ -129,12 +128,11 @@ def _solve(
     is_forbidden: Forbids,
     stages: Stages,
 ) -> Solution:
-    motions: list[OdometryMotion | None] = [None] * (len(track.keys) - 1)
     if log.has_odometry:
         odometry = calibration.apply(log.odometry, config.front_end.calibration.sudden)
         motions = motions_of(track, odometry, calibration.lasting_noise)
-    elif velocity := constant_velocity(track, config.front_end.calibration, heading):
-        motions = velocity.motions(track)
+    else:
+        motions = motions_without_odometry(track, config.front_end.calibration, heading)
     return solve_track(
         track, motions, matcher, config.graph, config.loops, is_forbidden=is_forbidden, stages=stages, log=log
     )

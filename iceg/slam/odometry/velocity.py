@@ -1,0 +1,219 @@
+"""What takes odometry's place in a log without: a robot goes about as fast as just before and just after.
+
+Where a match does not see a direction, as in front of a single wall, nothing but the robot's velocity tells how far it
+went. The velocity from key scan to key scan, in the robot's frame, is taken for an Ornstein-Uhlenbeck process: it
+varies about a mean and forgets itself exponentially, as the steps show whose matches see all directions (Rasmussen and
+Williams, *Gaussian Processes for Machine Learning*, 2006, appendix B). The process is Markov: of the steps that were
+seen, only the last before and the first after tell of another. A step's own match does not: it enters the graph by
+itself, and would count twice.
+
+Steps in a row that nothing sees err together, but the factors of a graph are independent. So each gets the covariance
+of its error with that of the whole row, which lets the row end as uncertain as it is.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph import dense
+from graph.elementary import exp, log
+from graph.measurement import NoMatch
+from graph.odometry import OdometryModel, OdometryMotion
+from graph.se2 import adjoint, between, expmap, logmap
+from iceg.slam.calibration_config import CalibrationConfig
+from iceg.slam.odometry.heading_odometry import HeadingOdometry, with_headings
+from iceg.slam.odometry.motions import motions_of
+from iceg.slam.track import Track
+
+_LEAST_CHANGE = 1e-3
+"""Share of its variance by which a velocity changes at least from one step to the next; at most by 1 less this."""
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class KeySteps:
+    """The way from each key scan to the next: along, across, or its turn.
+
+    Attributes:
+        scans: (n,) that each step takes.
+        times: (n,) the middle of each, counted in scans.
+        velocities: (n,) mean velocities, per scan [m or rad].
+        variances: (n,) of these, as the matches claim.
+        are_observed: (n,) whether the matches see all directions.
+    """
+
+    scans: Floats
+    times: Floats
+    velocities: Floats
+    variances: Floats
+    are_observed: NDArray[np.bool_]
+
+    @property
+    def are_in_a_row(self) -> NDArray[np.bool_]:
+        """(n - 1,) whether two steps that follow one another are both observed."""
+        return np.asarray(self.are_observed[1:] & self.are_observed[:-1])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VelocityModel:
+    """How fast a robot goes, and how steadily.
+
+    Attributes:
+        mean: velocity, per scan [m or rad].
+        variance: about it.
+        memory: scans after which the correlation has fallen to 1/e.
+    """
+
+    mean: float
+    variance: float
+    memory: float
+
+    @classmethod
+    def learned(cls, steps: KeySteps, least: float) -> "VelocityModel":
+        """From the steps that matches see.
+
+        Args:
+            steps: at least two of them in a row observed.
+            least: standard deviation of the velocity over a step of usual length [m or rad].
+        """
+        seen = steps.velocities[steps.are_observed]
+        changes = np.diff(steps.velocities)[steps.are_in_a_row]
+        lag = float(np.diff(steps.times)[steps.are_in_a_row].mean())
+        variance = max(float(seen.var()), (least / lag) ** 2)
+        changed = float((changes**2).mean()) / (2.0 * variance)
+        remembered = 1.0 - min(max(changed, _LEAST_CHANGE), 1.0 - _LEAST_CHANGE)
+        return cls(mean=float(seen.mean()), variance=variance, memory=-lag / float(log(remembered)))
+
+    def correlation(self, scans: Floats) -> Floats:
+        """(n,) of velocities so many scans apart; those that are infinitely far apart have none."""
+        return exp(-np.abs(scans) / self.memory)
+
+    def change(self, scans: Floats) -> Floats:
+        """(n,) variances of the change of the velocity over so many scans."""
+        return 2.0 * self.variance * (1.0 - self.correlation(scans))
+
+
+def motions_without_odometry(
+    track: Track, config: CalibrationConfig, heading: HeadingOdometry | None = None
+) -> list[OdometryMotion | None]:
+    """What the velocity tells of the way to every key scan but the first.
+
+    Args:
+        track: what the front end found in a log without odometry.
+        config: when the matches tell enough of the velocity.
+        heading: what is known of the turns; None for nothing.
+
+    Returns:
+        None where the robot may have been carried; everywhere, where the matches hardly tell of its velocity.
+    """
+    if heading is None:
+        poses, turns = track.trajectory(np.array([key.T_track_robot for key in track.keys])), OdometryModel()
+    else:
+        poses, turns = with_headings(track, heading.headings), heading.lasting_noise.within(OdometryModel())
+    known, axes = motions_of(track, poses, turns), _steps(track, poses)
+    if np.count_nonzero(axes[0].are_in_a_row) < config.velocity_min_steps:
+        return [None] * len(known)
+    twists, variances = np.stack([foretold(steps, config) for steps in axes], axis=-1)
+    if heading is not None:
+        twists[:, 2] = axes[2].velocities * axes[2].scans
+        variances[:, 2] = [0.0 if motion is None else motion.covariance[2, 2] for motion in known]
+    ways, covariances = expmap(twists), _at_their_ends(twists, variances)
+    return [
+        None if motion is None else replace(motion, T_key_robot=way, covariance=covariance)
+        for motion, way, covariance in zip(known, ways, covariances, strict=True)
+    ]
+
+
+def foretold(steps: KeySteps, config: CalibrationConfig) -> tuple[Floats, Floats]:
+    """What the velocity before and after tells of each step.
+
+    Args:
+        steps: enough of them observed.
+        config: when a match tells of the velocity.
+
+    Returns:
+        (n,) how far each goes [m or rad], and (n,) the variances of that, each with its share of the errors that it has
+        in common with the row of steps that it belongs to.
+    """
+    model = VelocityModel.learned(steps, config.velocity_min_sigma)
+    tells = steps.are_observed & (steps.variances <= config.velocity_told * model.change(steps.scans))
+    before, after = _neighbours(tells)
+    to_before, to_after = (_scans_to(end, steps.times) for end in (before, after))
+    by_before, by_after, between_ends = (model.correlation(t) for t in (to_before, to_after, to_before + to_after))
+    # The conditional distribution of a Gaussian process, given two noisy values; all relative to its variance.
+    of_before, of_after = (1.0 + steps.variances[end] / model.variance for end in (before, after))
+    determinant = of_before * of_after - between_ends**2
+    weight_before = (of_after * by_before - between_ends * by_after) / determinant
+    weight_after = (of_before * by_after - between_ends * by_before) / determinant
+    deviations = steps.velocities - model.mean
+    velocities = model.mean + weight_before * deviations[before] + weight_after * deviations[after]
+    row_starts = np.flatnonzero(tells | np.append(True, tells[:-1]))
+    common = _correlated_scans(steps, model, row_starts)
+    for by, weight in ((by_before, weight_before), (by_after, weight_after)):
+        common -= by * _sums(weight * steps.scans, row_starts)
+    variances = np.maximum(model.variance * steps.scans * common, config.velocity_min_sigma**2)
+    return velocities * steps.scans, variances
+
+
+def _steps(track: Track, poses: Floats) -> list[KeySteps]:
+    """The steps of a track along (n_scans, 3) poses: along, across, and the turns."""
+    index = np.array([key.index for key in track.keys])
+    scans = np.diff(index).astype(np.float64)
+    matches = [None if isinstance(key.match, NoMatch) else key.match for key in track.keys[1:]]
+    claimed = np.array([np.zeros(3) if match is None else np.diag(match.covariance) for match in matches])
+    twists = logmap(between(poses[index[:-1]], poses[index[1:]]))
+    return [
+        KeySteps(
+            scans=scans,
+            times=0.5 * (index[1:] + index[:-1]),
+            velocities=twists[:, axis] / scans,
+            variances=claimed[:, axis] / scans**2,
+            are_observed=np.array([match is not None and match.is_fully_observed for match in matches]),
+        )
+        for axis in range(3)
+    ]
+
+
+def _neighbours(tells: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(n,) the last step before each that tells of the velocity, and the first after it; -1 where there is none."""
+    known, steps = np.flatnonzero(tells), np.arange(len(tells))
+    padded = np.concatenate([[-1], known, [-1]])
+    return padded[np.searchsorted(known, steps, "left")], padded[np.searchsorted(known, steps, "right") + 1]
+
+
+def _scans_to(ends: NDArray[np.int64], times: Floats) -> Floats:
+    """(n,) scans between each step and another one; infinitely many to one that is not there."""
+    return np.where(ends < 0, np.inf, np.abs(times - times[ends]))
+
+
+def _correlated_scans(steps: KeySteps, model: VelocityModel, row_starts: NDArray[np.int64]) -> Floats:
+    """(n,) the scans of all steps of its row, each times its correlation with the step."""
+    kept = np.append(0.0, model.correlation(np.diff(steps.times)))
+    kept[row_starts] = 0.0
+    since, until = steps.scans.copy(), steps.scans.copy()
+    for step in range(1, len(kept)):
+        since[step] += kept[step] * since[step - 1]
+    for step in range(len(kept) - 1, 0, -1):
+        until[step - 1] += kept[step] * until[step]
+    return since + until - steps.scans
+
+
+def _sums(values: Floats, row_starts: NDArray[np.int64]) -> Floats:
+    """(n,) the sum of the values of each one's row."""
+    return np.repeat(np.add.reduceat(values, row_starts), np.diff(np.append(row_starts, len(values))))
+
+
+def _at_their_ends(twists: Floats, variances: Floats) -> Floats:
+    """(n, 3, 3) covariances of poses in the tangent spaces at them, from the variances of their twists, (n, 3) each.
+
+    The right Jacobian of the exponential map, ∫ Ad(exp(-s ξ)) ds over [0, 1], by Simpson's rule; and to second order
+    what a way whose length and turn are both uncertain leads aside.
+    """
+    aside = 0.25 * variances[:, 2:] * variances[:, 1::-1]
+    jacobians = (np.eye(3) + 4.0 * adjoint(expmap(-0.5 * twists)) + adjoint(expmap(-twists))) / 6.0
+    found = dense.congruence(jacobians, variances[:, :, None] * np.eye(3))
+    found[:, 0, 0] += aside[:, 0]
+    found[:, 1, 1] += aside[:, 1]
+    return found

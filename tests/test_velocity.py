@@ -1,0 +1,168 @@
+"""What a log without odometry knows of its motion."""
+
+from collections.abc import Container, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from frontends.logs import read_log
+from frontends.matchers import make_matcher
+from frontends.scan import Log
+from graph.measurement import NoMatch
+from graph.odometry import OdometryModel, OdometryMotion
+from iceg.evaluation.trajectory import trajectory_errors
+from iceg.slam.calibration_config import CalibrationConfig
+from iceg.slam.completed_matcher import completed
+from iceg.slam.config import FrontEndConfig
+from iceg.slam.odometry.velocity import KeySteps, VelocityModel, foretold, motions_without_odometry
+from iceg.slam.pipeline import run
+from iceg.slam.track import Track
+from iceg.slam.tracking.log_tracking import track_log
+
+
+def room_log(speeds: list[float]) -> Log:
+    """A robot that drives along a room of 8 m by 4 m at speeds [m/scan], and sees all around."""
+    bearings = np.linspace(-np.pi, np.pi, 181)[:-1]
+    cos, sin = np.cos(bearings), np.sin(bearings)
+    rows = []
+    for x in np.cumsum(speeds):
+        with np.errstate(divide="ignore"):
+            to_sides = np.where(cos > 0, (8.0 - x) / cos, -x / cos)
+            to_ends = np.where(sin > 0, 2.5 / sin, -1.5 / sin)
+        rows.append(np.minimum(np.abs(to_sides), np.abs(to_ends)))
+    return Log.from_arrays(np.array(rows), bearings=bearings)
+
+
+def tracked(log: Log) -> Track:
+    return track_log(log, completed(make_matcher("plicp")), OdometryModel(), FrontEndConfig())
+
+
+def unseen(track: Track, numbers: Container[int]) -> Track:
+    """The same where key scans of these numbers matched nothing."""
+    nothing = NoMatch(reason="nothing seen")
+    return replace(
+        track, keys=[replace(key, match=nothing) if k in numbers else key for k, key in enumerate(track.keys)]
+    )
+
+
+def errors(track: Track, motions: Sequence[OdometryMotion | None], log_steps: NDArray[np.float64]) -> list[float]:
+    """Of each motion along the robot's way, in standard deviations; `log_steps` from scan to scan [m]."""
+    index, found = [key.index for key in track.keys], []
+    for (start, end), motion in zip(pairwise(index), motions, strict=True):
+        assert motion is not None
+        went = log_steps[start + 1 : end + 1].sum()
+        found.append((motion.T_key_robot[0] - went) / np.sqrt(motion.covariance[0, 0]))
+    return found
+
+
+def steps_of(velocities: NDArray[np.float64], scans: NDArray[np.float64], seen: NDArray[np.bool_]) -> KeySteps:
+    return KeySteps(
+        scans=scans,
+        times=np.cumsum(scans) - 0.5 * scans,
+        velocities=velocities,
+        variances=np.where(seen, 1e-12, 0.0),
+        are_observed=seen,
+    )
+
+
+def test_a_robot_that_keeps_its_velocity_is_believed_to() -> None:
+    track = tracked(room_log([0.05] * 120))
+    motions = motions_without_odometry(track, CalibrationConfig())
+    for (before, key), motion in list(zip(pairwise(track.keys), motions, strict=True))[1:-1]:
+        assert motion is not None
+        np.testing.assert_allclose(motion.T_key_robot, [0.05 * (key.index - before.index), 0.0, 0.0], atol=0.01)
+        assert motion.covariance[0, 0] < 0.03**2
+
+
+def test_a_robot_that_stops_and_goes_is_not() -> None:
+    speeds = [0.1 if (k // 5) % 2 else 0.0 for k in range(120)]
+    track = tracked(room_log(speeds))
+    motions = motions_without_odometry(track, CalibrationConfig())
+    assert np.sqrt(np.mean(np.square(errors(track, motions, np.array(speeds))))) < 2.0
+    assert any(motion is not None and motion.covariance[0, 0] > 0.1**2 for motion in motions)
+
+
+def test_what_a_match_says_of_its_own_step_does_not_count_twice() -> None:
+    rng = np.random.default_rng(5)
+    velocities, scans, seen = rng.normal(0.05, 0.01, 30), np.full(30, 7.0), np.ones(30, dtype=bool)
+    other = velocities + 0.02 * (np.arange(30) == 12)
+    ways = [foretold(steps_of(each, scans, seen), CalibrationConfig())[0][12] for each in (velocities, other)]
+    assert abs(ways[1] - ways[0]) < 0.2 * 0.02 * 7.0
+
+
+def test_steps_that_nothing_sees_are_led_from_the_velocity_before_to_the_one_after() -> None:
+    rng, seen = np.random.default_rng(1), np.ones(60, dtype=bool)
+    seen[25:35] = False
+    velocities = np.where(np.arange(60) < 30, 0.02, 0.06) + rng.normal(0.0, 0.002, 60)
+    ways, variances = foretold(steps_of(velocities, np.full(60, 5.0), seen), CalibrationConfig())
+    assert (np.diff(ways[25:35]) > 0.0).all()
+    assert 0.08 < ways[25] < ways[34] < 0.32
+    assert variances[25:35].min() > 3.0 * variances[5:20].max()
+
+
+@given(seed=st.integers(0, 10_000), n=st.integers(12, 60))
+def test_the_velocity_is_that_of_a_gaussian_process_given_the_steps_that_see_it(seed: int, n: int) -> None:
+    rng = np.random.default_rng(seed)
+    scans, seen = rng.integers(1, 12, n).astype(float), rng.random(n) < 0.6
+    seen[[0, 1]] = True
+    steps = steps_of(np.cumsum(rng.normal(0.0, 0.01, n)), scans, seen)
+    config = CalibrationConfig(velocity_min_sigma=1e-9)
+    ways, variances = foretold(steps, config)
+    model = VelocityModel.learned(steps, config.velocity_min_sigma)
+    tells = seen & (steps.variances <= config.velocity_told * model.change(scans))
+    kernel = model.variance * np.exp(-np.abs(steps.times[:, None] - steps.times) / model.memory)
+    row = np.cumsum(tells | np.append(True, tells[:-1]))
+    for one in np.unique(row):
+        members = np.flatnonzero(row == one)
+        known = np.flatnonzero(tells & (row != one))
+        gain = np.linalg.solve(
+            kernel[np.ix_(known, known)] + 1e-12 * np.eye(len(known)), kernel[np.ix_(known, members)]
+        ).T
+        mean = model.mean + gain @ (steps.velocities[known] - model.mean)
+        left = kernel[np.ix_(members, members)] - gain @ kernel[np.ix_(known, members)]
+        np.testing.assert_allclose(ways[members], mean * scans[members], rtol=1e-4, atol=1e-6)
+        whole = scans[members] @ left @ scans[members]
+        np.testing.assert_allclose(variances[members].sum(), whole, rtol=1e-3)
+
+
+def test_the_errors_foretold_are_those_made() -> None:
+    rng, n = np.random.default_rng(3), 4000
+    kept, velocities = np.exp(-5.0 / 40.0), np.empty(n)
+    velocities[0] = 0.0
+    for k in range(1, n):
+        velocities[k] = kept * velocities[k - 1] + rng.normal(0.0, 0.03 * np.sqrt(1.0 - kept**2))
+    seen = np.ones(n, dtype=bool)
+    for start in range(20, n - 20, 40):
+        seen[start : start + 15] = False
+    steps = steps_of(velocities + 0.1, np.full(n, 5.0), seen)
+    ways, variances = foretold(steps, CalibrationConfig(velocity_min_sigma=1e-6))
+    errors = ways - 5.0 * (velocities + 0.1)
+    rows = [slice(start, start + 15) for start in range(20, n - 20, 40)]
+    ratios = [errors[row].sum() ** 2 / variances[row].sum() for row in rows]
+    assert 0.7 < np.mean(ratios) < 1.4
+    assert 0.8 < np.mean(errors[seen] ** 2 / variances[seen]) < 1.2
+
+
+def test_where_a_log_begins_the_velocity_is_that_of_any_other_place() -> None:
+    speeds = [0.06] * 120
+    track = unseen(tracked(room_log(speeds)), range(1, 4))
+    motions = motions_without_odometry(track, CalibrationConfig(velocity_min_steps=3))
+    assert np.abs(errors(track, motions, np.array(speeds))).max() < 3.0
+
+
+def test_few_steps_tell_nothing() -> None:
+    track = tracked(room_log([0.05] * 20))
+    assert motions_without_odometry(track, CalibrationConfig()) == [None] * (len(track.keys) - 1)
+
+
+@pytest.mark.parametrize(("name", "most"), [("stage-58deg-truth-2", 0.15), ("jackal-mocap-3", 0.015)])
+def test_real_bags_without_odometry(data_dir: Path, name: str, most: float) -> None:
+    log = read_log(data_dir / "bags" / f"{name}.bag")
+    assert log.truth is not None
+    assert trajectory_errors(run(log).trajectory, log.truth).ate_rmse < most
