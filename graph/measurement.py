@@ -6,12 +6,7 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.dense import matmul
 from graph.errors import IcegError
-
-_UNOBSERVED = 10.0
-"""Standard deviation that a direction which a match does not observe gets in the graph on top [m, rad]: much against
-what any other measurement leaves open, and little enough for the graph's arithmetic."""
 
 
 class MeasurementError(IcegError):
@@ -25,8 +20,7 @@ class RelativePose:
     Attributes:
         T_ref_cur: (3,) x [m], y [m], heading [rad].
         covariance: (3, 3) in the tangent space at the measurement: right perturbation
-            `T_ref_cur * exp(ξ)`, order x, y, θ (GTSAM's own convention). Symmetric, positive definite. Along a
-            direction that is not observed it tells how far around its guess the matcher looked.
+            `T_ref_cur * exp(ξ)`, order x, y, θ (GTSAM's own convention). Symmetric, positive definite.
         score: correlation score in [0, 1]; 1 means every beam lies on the reference.
         inliers: how many beams agree with the reference.
         overlap: share of the usable beams that fall on known reference, in [0, 1].
@@ -51,17 +45,6 @@ class RelativePose:
     def is_fully_observed(self) -> bool:
         """Whether the match constrains all three degrees of freedom."""
         return len(self.weak_directions) == 0
-
-    @property
-    def factor_covariance(self) -> NDArray[np.float64]:
-        """(3, 3) what the graph is told: a direction that the match does not observe carries no information.
-
-        However many matches in a row leave it open, the graph then knows no more of it than odometry says; the guess
-        that they began at is odometry's already, or that of the match before.
-        """
-        if self.is_fully_observed:
-            return self.covariance
-        return self.covariance + _UNOBSERVED**2 * matmul(self.weak_directions.T, self.weak_directions)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -266,8 +266,7 @@ class PoseGraph:
     def _add_relative_pose(
         self, kind: FactorKind, i: int, j: int, match: RelativePose, kernel: RobustKernel | None
     ) -> int:
-        covariance = match.factor_covariance
-        return self.add(Factor(kind=kind, i=i, j=j, T_i_j=match.T_ref_cur, covariance=covariance, kernel=kernel))
+        return self.add(Factor(kind=kind, i=i, j=j, T_i_j=match.T_ref_cur, covariance=match.covariance, kernel=kernel))
 
     def _check_key(self, key: int) -> None:
         self._send()

@@ -16,6 +16,9 @@ from frontends.matchers import make_matcher
 from frontends.scan import Log
 from graph.measurement import NoMatch
 from graph.odometry import OdometryModel, OdometryMotion
+from iceg.evaluation.regression.cells import Cell
+from iceg.evaluation.regression.recordings import recording_of
+from iceg.evaluation.regression.runner import CONFIG
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.completed_matcher import completed
@@ -161,7 +164,19 @@ def test_few_steps_tell_nothing() -> None:
     assert motions_without_odometry(track, CalibrationConfig()) == [None] * (len(track.keys) - 1)
 
 
-@pytest.mark.parametrize(("name", "most"), [("stage-58deg-truth-2", 0.15), ("jackal-mocap-3", 0.015)])
+def test_a_robot_that_never_left_its_first_key_scan_made_no_step() -> None:
+    track = tracked(room_log([0.0] * 10))
+    assert len(track.keys) == 1
+    assert motions_without_odometry(track, CalibrationConfig()) == []
+
+
+def test_a_corridor_without_odometry_is_as_long_as_it_is() -> None:
+    recording = recording_of(Cell(group="simulated", source="corridor utm"), None)
+    log = replace(recording.log, odometry=np.zeros_like(recording.log.odometry), has_odometry=False)
+    assert recording.judge(run(log, CONFIG).trajectory) < 0.05
+
+
+@pytest.mark.parametrize(("name", "most"), [("stage-58deg-truth-2", 0.12), ("jackal-mocap-3", 0.015)])
 def test_real_bags_without_odometry(data_dir: Path, name: str, most: float) -> None:
     log = read_log(data_dir / "bags" / f"{name}.bag")
     assert log.truth is not None

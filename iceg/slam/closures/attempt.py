@@ -94,7 +94,7 @@ def closure_factor(attempt: Attempt, kernel: RobustKernel | None = None) -> Fact
         i=attempt.key_old,
         j=attempt.key_new,
         T_i_j=attempt.match.T_ref_cur,
-        covariance=attempt.match.factor_covariance,
+        covariance=attempt.match.covariance,
         kernel=kernel,
     )
 

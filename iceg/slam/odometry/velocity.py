@@ -40,7 +40,7 @@ class KeySteps:
         scans: (n,) that each step takes.
         times: (n,) the middle of each, counted in scans.
         velocities: (n,) mean velocities, per scan [m or rad].
-        variances: (n,) of these, as the matches claim.
+        variances: (n,) of these, as the matches claim; 0 where nothing matched.
         are_observed: (n,) whether the matches see all directions.
     """
 
@@ -54,6 +54,10 @@ class KeySteps:
     def are_in_a_row(self) -> NDArray[np.bool_]:
         """(n - 1,) whether two steps that follow one another are both observed."""
         return np.asarray(self.are_observed[1:] & self.are_observed[:-1])
+
+    def are_known_to(self, variances: Floats) -> NDArray[np.bool_]:
+        """(n,) whether matches know how far the steps go to within (n,) variances [m² or rad²]."""
+        return np.asarray((self.variances > 0.0) & (self.variances * self.scans**2 <= variances))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,9 +121,11 @@ def motions_without_odometry(
         return [None] * len(known)
     twists, variances = np.stack([foretold(steps, config) for steps in axes], axis=-1)
     if heading is not None:
-        twists[:, 2] = axes[2].velocities * axes[2].scans
         variances[:, 2] = [0.0 if motion is None else motion.covariance[2, 2] for motion in known]
-    ways, covariances = expmap(twists), _at_their_ends(twists, variances)
+    # The way to the end depends on the turn: where something else knows that better, it is on its arc.
+    knows_turn = (heading is not None) | axes[2].are_known_to(variances[:, 2])
+    twists[:, 2] = np.where(knows_turn, axes[2].velocities * axes[2].scans, twists[:, 2])
+    ways, covariances = expmap(twists), _at_their_ends(twists, variances, np.where(knows_turn, 0.0, variances[:, 2]))
     return [
         None if motion is None else replace(motion, T_key_robot=way, covariance=covariance)
         for motion, way, covariance in zip(known, ways, covariances, strict=True)
@@ -162,7 +168,9 @@ def _steps(track: Track, poses: Floats) -> list[KeySteps]:
     index = np.array([key.index for key in track.keys])
     scans = np.diff(index).astype(np.float64)
     matches = [None if isinstance(key.match, NoMatch) else key.match for key in track.keys[1:]]
-    claimed = np.array([np.zeros(3) if match is None else np.diag(match.covariance) for match in matches])
+    claimed = np.array([np.zeros(3) if match is None else np.diag(match.covariance) for match in matches]).reshape(
+        -1, 3
+    )
     twists = logmap(between(poses[index[:-1]], poses[index[1:]]))
     return [
         KeySteps(
@@ -170,7 +178,7 @@ def _steps(track: Track, poses: Floats) -> list[KeySteps]:
             times=0.5 * (index[1:] + index[:-1]),
             velocities=twists[:, axis] / scans,
             variances=claimed[:, axis] / scans**2,
-            are_observed=np.array([match is not None and match.is_fully_observed for match in matches]),
+            are_observed=np.array([match is not None and match.is_fully_observed for match in matches], dtype=np.bool_),
         )
         for axis in range(3)
     ]
@@ -205,15 +213,19 @@ def _sums(values: Floats, row_starts: NDArray[np.int64]) -> Floats:
     return np.repeat(np.add.reduceat(values, row_starts), np.diff(np.append(row_starts, len(values))))
 
 
-def _at_their_ends(twists: Floats, variances: Floats) -> Floats:
-    """(n, 3, 3) covariances of poses in the tangent spaces at them, from the variances of their twists, (n, 3) each.
+def _at_their_ends(twists: Floats, variances: Floats, of_turns: Floats) -> Floats:
+    """(n, 3, 3) covariances of poses in the tangent spaces at them.
 
     The right Jacobian of the exponential map, ∫ Ad(exp(-s ξ)) ds over [0, 1], by Simpson's rule; and to second order
     what a way whose length and turn are both uncertain leads aside.
+
+    Args:
+        twists: (n, 3).
+        variances: (n, 3) of them.
+        of_turns: (n,) of the turns on whose arcs the ways are.
     """
-    aside = 0.25 * variances[:, 2:] * variances[:, 1::-1]
     jacobians = (np.eye(3) + 4.0 * adjoint(expmap(-0.5 * twists)) + adjoint(expmap(-twists))) / 6.0
     found = dense.congruence(jacobians, variances[:, :, None] * np.eye(3))
-    found[:, 0, 0] += aside[:, 0]
-    found[:, 1, 1] += aside[:, 1]
+    found[:, 0, 0] += 0.25 * of_turns * variances[:, 1]
+    found[:, 1, 1] += 0.25 * of_turns * variances[:, 0]
     return found
