@@ -6,7 +6,9 @@ from math import isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from graph import dense
 from graph.errors import IcegError
+from graph.noise import UNOBSERVED_SIGMA
 
 
 class MeasurementError(IcegError):
@@ -45,6 +47,18 @@ class RelativePose:
     def is_fully_observed(self) -> bool:
         """Whether the match constrains all three degrees of freedom."""
         return len(self.weak_directions) == 0
+
+    @property
+    def informed_covariance(self) -> NDArray[np.float64]:
+        """(3, 3) the covariance of the match as a step of the path: along what it does not observe it says nothing.
+
+        There `covariance` has the standard deviation that the matcher was told to claim, with which gates compute. A
+        graph adds up what its factors say, and nothing seen, however often, must not add up to anything.
+        """
+        if self.is_fully_observed:
+            return self.covariance
+        weak = self.weak_directions
+        return self.covariance + UNOBSERVED_SIGMA**2 * dense.matmul(weak.T, weak)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -13,7 +13,13 @@ MAX_CONDITION = 1e8
 """Largest ratio of a covariance's eigenvalues (metres and radians as they are). A pose 10 m uncertain along a corridor
 and 1 mrad in heading lies at 1e8; well beyond it, Cholesky factors of a graph lose the small directions to rounding."""
 
+UNOBSERVED_SIGMA = 10.0
+"""Standard deviation [m or rad] of a step along what its match does not observe: as good as nothing. The match itself
+says 1 m there, with which gates compute; where odometry or velocity know little more, a graph would take it for
+knowledge."""
+
 _ASYMMETRY_TOLERANCE = 1e-6
+_CAP_TOLERANCE = 1e-6
 
 
 def conditioned(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -141,7 +147,8 @@ def _capped(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
             f"a covariance is positive definite, found variances {variances.tolist()} along its axes"
             f" in {covariance.tolist()}"
         )
-    if variances[2] <= MAX_CONDITION * variances[0]:
+    # Rounding hides 1e-8 of the smallest: without the tolerance, what was capped would be capped again, and move.
+    if variances[2] <= MAX_CONDITION * (1.0 + _CAP_TOLERANCE) * variances[0]:
         return covariance
     capped = dense.congruence(axes, np.diag(np.maximum(variances, variances[2] / MAX_CONDITION)))
     return np.asarray(0.5 * (capped + capped.T))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from graph.batch import check_determined, marginal_covariances
 from graph.config import Factorization, PoseGraphConfig
 from graph.errors import GraphError
-from graph.factors import Factor, FactorKind, RobustKernel
+from graph.factors import Factor, RobustKernel
 from graph.gtsam_bridge import (
     from_gtsam_pose,
     from_gtsam_values,
@@ -148,12 +148,20 @@ class PoseGraph:
         return self.add(Factor(kind="odometry", i=i, j=j, T_i_j=T_i_j, covariance=covariance))
 
     def add_match(self, i: int, j: int, match: RelativePose, kernel: RobustKernel | None = None) -> int:
-        """Add a match along the way, of pose j against a reference in the frame of pose i; returns its index."""
-        return self._add_relative_pose("ice", i, j, match, kernel)
+        """Add a match along the way, of pose j against a reference in the frame of pose i; returns its index.
+
+        It tells nothing along what it does not observe.
+        """
+        covariance = match.informed_covariance
+        return self.add(Factor(kind="ice", i=i, j=j, T_i_j=match.T_ref_cur, covariance=covariance, kernel=kernel))
 
     def add_closure(self, i: int, j: int, match: RelativePose, kernel: RobustKernel | None) -> int:
-        """Add a loop closure, pose j found again from pose i; returns its index."""
-        return self._add_relative_pose("closure", i, j, match, kernel)
+        """Add a loop closure, pose j found again from pose i; returns its index.
+
+        Along what it does not observe it says what it claims: it was looked for within a window no wider.
+        """
+        covariance = match.covariance
+        return self.add(Factor(kind="closure", i=i, j=j, T_i_j=match.T_ref_cur, covariance=covariance, kernel=kernel))
 
     def add(self, factor: Factor) -> int:
         """Add any factor between poses that are there; returns its index."""
@@ -262,11 +270,6 @@ class PoseGraph:
             factors=tuple(self._factors[: len(self._slots)]),
             slots=tuple(self._slots),
         )
-
-    def _add_relative_pose(
-        self, kind: FactorKind, i: int, j: int, match: RelativePose, kernel: RobustKernel | None
-    ) -> int:
-        return self.add(Factor(kind=kind, i=i, j=j, T_i_j=match.T_ref_cur, covariance=match.covariance, kernel=kernel))
 
     def _check_key(self, key: int) -> None:
         self._send()

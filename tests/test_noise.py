@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
@@ -59,6 +61,16 @@ def test_a_covariance_too_flat_is_widened_never_narrowed() -> None:
     np.testing.assert_allclose(widened, np.diag([1.0, 1 / MAX_CONDITION, 1e-4]))
     assert np.linalg.cond(widened) <= MAX_CONDITION * 1.001
     assert np.linalg.eigvalsh(widened - flat)[0] >= -1e-12
+
+
+@given(st.floats(0.0, np.pi), st.floats(0.0, np.pi), st.floats(0.5, 2.0), st.floats(-5.0, -4.2))
+def test_a_widened_covariance_is_fit_to_the_last_bit(yaw: float, pitch: float, weak: float, sure: float) -> None:
+    (c, s), (p, q) = (np.cos(yaw), np.sin(yaw)), (np.cos(pitch), np.sin(pitch))
+    axes = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]) @ np.array(
+        [[p, 0.0, q], [0.0, 1.0, 0.0], [-q, 0.0, p]]
+    )
+    widened = conditioned(axes @ np.diag(10.0 ** np.array([2.0 * weak, -4.0, 2.0 * sure])) @ axes.T)
+    np.testing.assert_array_equal(conditioned(widened), widened)
 
 
 def test_a_fit_covariance_passes_unchanged_but_for_rounding() -> None:

@@ -1,6 +1,7 @@
 """The pose graph: every factor once, covariances in closed form, recovery from failing updates, removal."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -96,6 +97,21 @@ def test_two_factors_between_the_same_poses_add_their_information() -> None:
     graph.add_match(0, 1, match(STEP))
     # (½ C⁻¹ + C⁻¹)⁻¹ = ⅔ C, not ⅓ C (odometry twice) or ½ C (a match that holds it already).
     np.testing.assert_allclose(graph.marginal_covariance(1), COVARIANCE * 2 / 3, rtol=1e-4, atol=1e-9)
+
+
+def test_a_match_tells_nothing_along_what_it_does_not_observe() -> None:
+    # Odometry is 3 m uncertain. With the 1 m that the match claims there it would be 0.95 m.
+    turned = np.array([0.6, 0.8, 0.0])
+    claimed = COVARIANCE + np.outer(turned, turned)
+    weak = replace(match(STEP, claimed), weak_directions=turned[None])
+    graph = PoseGraph()
+    graph.add_first_pose(np.zeros(3), np.eye(3) * 1e-10)
+    graph.add_pose(STEP)
+    graph.add_odometry(0, 1, STEP, 9.0 * np.eye(3))
+    graph.add_match(0, 1, weak)
+    told = graph.marginal_covariance(1)
+    assert turned @ told @ turned == pytest.approx(1.0 / (1.0 / 9.0 + 1.0 / 100.0), rel=1e-3)
+    assert np.linalg.eigvalsh(told)[1] < 1e-3
 
 
 def test_a_loop_shared_between_two_ways_in_closed_form() -> None:
