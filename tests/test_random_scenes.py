@@ -118,7 +118,7 @@ def test_other_drives_through_a_scene_have_other_noise() -> None:
 def test_a_name_gives_the_seed() -> None:
     assert named_seed("random:12") == 12
     assert named_seed("rooms") is named_seed("random.world") is None
-    for name in ("random:", "random:x", "random:-1", "random:1.5", "random:²"):
+    for name in ("random", "random:", "random:x", "random:-1", "random:1.5", "random:²"):
         with pytest.raises(SimulatorError, match="expected random:SEED"):
             named_seed(name)
 

@@ -127,8 +127,8 @@ def named_seed(name: str) -> int | None:
     Raises:
         SimulatorError: a seed that is no whole number of 0 or more.
     """
-    prefix, colon, seed = name.partition(":")
-    if (prefix, colon) != ("random", ":"):
+    prefix, _, seed = name.partition(":")
+    if prefix != "random":
         return None
     if not (seed.isascii() and seed.isdigit() and len(seed) <= _MOST_DIGITS):
         raise SimulatorError(f"found scene '{name}', expected random:SEED with a whole number of 0 or more")
