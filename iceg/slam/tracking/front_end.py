@@ -269,11 +269,9 @@ class FrontEnd:
         """Where the match is weaker than odometry since the key scan, odometry speaks, and only there.
 
         Elsewhere it would pull every match a little towards its own bias, and the local map with it. Odometry that the
-        match refutes, as where it jumped or lagged behind, says nothing. In a log without odometry the velocity takes
-        its place: else a match slides along what it does not observe.
+        match refutes, as where it jumped or lagged behind, says nothing. Where there is none the velocity takes its
+        place: else a match slides along what it does not observe.
         """
-        if self._has_odometry and not self._knows_motion:
-            return match.T_ref_cur
         odometry, config = self.motion.covariance, self._config.tracking
         # The sum of the ratios bounds the largest: most matches need no more.
         if summed_ratios(match.covariance, odometry) <= config.odometry_ratio:
