@@ -42,6 +42,10 @@ class RelativePose:
             raise MeasurementError(f"a relative pose needs 3 finite numbers, found {self.T_ref_cur}")
         if self.covariance.shape != (3, 3) or not all(map(isfinite, self.covariance.ravel().tolist())):
             raise MeasurementError(f"a covariance needs 3x3 finite numbers, found {self.covariance}")
+        if self.weak_directions.ndim != 2 or self.weak_directions.shape[1] != 3:
+            raise MeasurementError(
+                f"weak directions are rows of 3 numbers, (k, 3), found shape {self.weak_directions.shape}"
+            )
 
     @property
     def is_fully_observed(self) -> bool:

@@ -158,7 +158,8 @@ class PoseGraph:
     def add_closure(self, i: int, j: int, match: RelativePose, kernel: RobustKernel | None) -> int:
         """Add a loop closure, pose j found again from pose i; returns its index.
 
-        Along what it does not observe it says what it claims: it was looked for within a window no wider.
+        Along what it does not observe it says what it claims: without, its robust kernel never rejects it there, and a
+        place that is similar along a corridor or a ring is believed.
         """
         covariance = match.covariance
         return self.add(Factor(kind="closure", i=i, j=j, T_i_j=match.T_ref_cur, covariance=covariance, kernel=kernel))

@@ -15,7 +15,7 @@ from graph.config import PoseGraphConfig
 from graph.errors import GraphError
 from graph.factors import Factor, FactorKind, KernelName, RobustKernel
 from graph.g2o import read_g2o
-from graph.measurement import RelativePose
+from graph.measurement import MeasurementError, RelativePose
 from graph.pose_graph import PoseGraph, Snapshot
 from graph.se2 import between, chain_covariance, compose, expmap, logmap, wrap_angle
 
@@ -112,6 +112,12 @@ def test_a_match_tells_nothing_along_what_it_does_not_observe() -> None:
     told = graph.marginal_covariance(1)
     assert turned @ told @ turned == pytest.approx(1.0 / (1.0 / 9.0 + 1.0 / 100.0), rel=1e-3)
     assert np.linalg.eigvalsh(told)[1] < 1e-3
+
+
+@pytest.mark.parametrize("shape", [(0,), (3,), (1, 2)])
+def test_weak_directions_are_rows_of_three(shape: tuple[int, ...]) -> None:
+    with pytest.raises(MeasurementError, match=r"\(k, 3\), found shape"):
+        replace(match(STEP), weak_directions=np.zeros(shape))
 
 
 def test_a_loop_shared_between_two_ways_in_closed_form() -> None:

@@ -255,7 +255,8 @@ class CovarianceConfig:
     max_step: float = 0.15
     """Largest spacing of the score grid; two of them on each side bound the window [m, rad]."""
     weak_sigma: float = 1.0
-    """Standard deviation given to a direction the match cannot observe [m, rad]."""
+    """Standard deviation given to a direction the match cannot observe [m, rad]: gates and closures compute with it,
+    the path takes nothing from there."""
 
     def __post_init__(self) -> None:
         positive = ("min_sigma", "independence", "points", "max_step", "weak_sigma")
