@@ -32,12 +32,21 @@ def scan_of(n_beams: int, returns: int, distance: float, others: int = 0) -> Sca
 def test_a_laser_is_covered_by_what_is_close_not_by_open_ground(
     n_beams: int, returns: int, distance: float, expected: bool
 ) -> None:
-    assert is_blind(scan_of(n_beams, returns, distance), SightConfig()) == expected
+    assert is_blind(scan_of(n_beams, returns, distance), SightConfig(), knows_motion=True) == expected
+
+
+@pytest.mark.parametrize(
+    ("returns", "distance", "expected"), [(361, 0.3, True), (0, 5.0, True), (30, 0.3, True), (30, 5.0, False)]
+)
+def test_where_nothing_else_tells_the_way_few_beams_are_better_than_none(
+    returns: int, distance: float, expected: bool
+) -> None:
+    assert is_blind(scan_of(361, returns, distance), SightConfig(), knows_motion=False) == expected
 
 
 def test_on_open_ground_most_of_what_is_seen_is_far() -> None:
-    assert not is_blind(scan_of(361, 20, 25.0, others=15), SightConfig())
-    assert is_blind(scan_of(361, 15, 25.0, others=20), SightConfig())
+    assert not is_blind(scan_of(361, 20, 25.0, others=15), SightConfig(), knows_motion=True)
+    assert is_blind(scan_of(361, 15, 25.0, others=20), SightConfig(), knows_motion=True)
 
 
 @pytest.mark.parametrize(("returns", "distance", "expected"), [(30, 5.0, True), (30, 15.0, False), (34, 5.0, False)])

@@ -16,6 +16,7 @@ from frontends.matchers import make_matcher
 from frontends.scan import Log
 from graph.measurement import NoMatch
 from graph.odometry import OdometryModel, OdometryMotion
+from graph.se2 import wrap_angle
 from iceg.evaluation.regression.cells import Cell
 from iceg.evaluation.regression.recordings import recording_of
 from iceg.evaluation.regression.runner import CONFIG
@@ -23,7 +24,7 @@ from iceg.evaluation.trajectory import trajectory_errors
 from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.completed_matcher import completed
 from iceg.slam.config import FrontEndConfig
-from iceg.slam.odometry.velocity import KeySteps, VelocityModel, foretold, motions_without_odometry
+from iceg.slam.odometry.velocity import KeySteps, VelocityModel, along_headings, foretold, motions_without_odometry
 from iceg.slam.pipeline import run
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
@@ -132,6 +133,31 @@ def test_the_velocity_is_that_of_a_gaussian_process_given_the_steps_that_see_it(
         np.testing.assert_allclose(ways[members], mean * scans[members], rtol=1e-4, atol=1e-6)
         whole = scans[members] @ left @ scans[members]
         np.testing.assert_allclose(variances[members].sum(), whole, rtol=1e-3)
+
+
+@given(seed=st.integers(0, 10_000), lengths=st.lists(st.integers(1, 9), min_size=1, max_size=4))
+def test_a_way_along_known_headings_is_the_sum_of_its_parts(seed: int, lengths: list[int]) -> None:
+    rng = np.random.default_rng(seed)
+    index = np.concatenate([[0], np.cumsum(lengths)])
+    headings = np.cumsum(rng.normal(0.0, 0.4, index[-1] + 1))
+    twists, variances = rng.normal(0.0, 1.0, (len(lengths), 3)), rng.uniform(0.1, 2.0, (len(lengths), 3))
+    ways, covariances = along_headings(wrap_angle(headings), index, twists, variances)
+    for step, (start, end) in enumerate(pairwise(index)):
+        way, spread = np.zeros(2), np.zeros((2, 2))
+        for before, after in pairwise(headings[start : end + 1]):
+            at = 0.5 * (before + after)
+            to_start, to_end = (rotation(at - headings[scan]) for scan in (start, end))
+            way += to_start @ twists[step, :2] / (end - start)
+            spread += to_end @ np.diag(variances[step, :2]) @ to_end.T / (end - start)
+        np.testing.assert_allclose(ways[step, :2], way, atol=1e-12)
+        np.testing.assert_allclose(ways[step, 2], wrap_angle(headings[end] - headings[start]), atol=1e-12)
+        np.testing.assert_allclose(covariances[step, :2, :2], spread, atol=1e-12)
+        np.testing.assert_array_equal(covariances[step, 2], [0.0, 0.0, variances[step, 2]])
+
+
+def rotation(angle: float) -> NDArray[np.float64]:
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, -s], [s, c]])
 
 
 def test_the_errors_foretold_are_those_made() -> None:

@@ -40,7 +40,7 @@ class Solution:
         poses: (k, 3) T_map_robot of the key poses.
         attempts: every loop closure that was tried.
         searchable: (k,) which key scans later ones are matched against; the others lie in confirmed areas.
-        odometry_jumps: key poses whose match contradicted odometry, which was then given little weight.
+        odometry_jumps: key poses whose match contradicted odometry.
         breaks: where the path from scan to scan does not hold.
         ambiguous: where no loop was closed, since several places fit as well.
     """
@@ -121,7 +121,7 @@ class BackEnd:
         return self._poses.rows
 
     def _believed(self, motion: OdometryMotion, match: RelativePose, key: int) -> NDArray[np.float64]:
-        """Covariance of odometry; widened where the match contradicts it, as after a jump or a slip."""
+        """Covariance of odometry; widened where the match contradicts it beyond chance, as after a jump."""
         keys = self._track.keys
         T_track_match = compose(keys[keys[key].anchor].T_track_robot, match.T_ref_cur)
         offset = between(between(keys[key - 1].T_track_robot, T_track_match), motion.T_key_robot)
@@ -134,10 +134,9 @@ class BackEnd:
             self.failures.setdefault(
                 key, TrackingFailure(kind=FailureKind.INCONSISTENT, reason=reason, distance2=distance2)
             )
-        if distance2 <= gate:
-            return motion.covariance
-        self.odometry_jumps.append(key)
-        return motion.covariance * (distance2 / config.widened_distance2)
+        if distance2 > gate:
+            self.odometry_jumps.append(key)
+        return motion.covariance * max(1.0, distance2 / config.beyond_chance_distance2)
 
     def solution(self) -> Solution:
         """The graph as it stands."""

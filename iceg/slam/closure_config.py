@@ -162,13 +162,11 @@ class TrackingFailureConfig:
 
     false_alarm: float = 1.544e-5
     """A match contradicts odometry where chance puts it so far off with this probability only (χ², 3 degrees of
-    freedom; 5 σ): odometry is widened, and the step is suspect."""
-    widened_distance2: float = 3.0
-    """Squared Mahalanobis distance of a match from the odometry that is widened for it: the mean of χ²."""
+    freedom; 5 σ): the step is suspect."""
     carried: float = 0.6
     """A match so far from odometry [m, or metres per metre driven if that is more] is suspect whatever it claims."""
     beyond_chance_distance2: float = 99.0
-    """Squared Mahalanobis distance of a match from odometry that no chance explains."""
+    """Squared Mahalanobis distance of a match from odometry that no chance explains: odometry is widened to it."""
     min_inlier_ratio: float = 0.7
     """A match that explains less of a scan is suspect where few closures span the step."""
     believed_inlier_ratio: float = 0.8
@@ -184,7 +182,7 @@ class TrackingFailureConfig:
     """A failure so near to the beginning or the end of the path matters to nobody [m]."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("widened_distance2",))
+        check_numbers(self, SlamConfigError, positive=("beyond_chance_distance2",))
         check_between(self, SlamConfigError, "failures: ", false_alarm=RATES)
         check_between(self, SlamConfigError, "failures: ", unknown_distance=(1e-3, 1000.0), unknown_turn=(1e-3, 1000.0))
 

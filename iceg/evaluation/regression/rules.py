@@ -138,7 +138,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             without={f"{_CHECK}._nearer": _nothing},
         ),
         "believed": Rule(
-            what="odometry counts less where a match contradicts it",
+            what="odometry counts less where a match contradicts it beyond chance, and the step is suspect",
             without={f"{_BACK_END}._believed": lambda _self, motion, *_: motion.covariance},
         ),
         "fused": Rule(

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph import dense
-from graph.elementary import exp, log
+from graph.elementary import cos_sin, exp, log
 from graph.measurement import NoMatch
 from graph.odometry import OdometryModel, OdometryMotion
-from graph.se2 import adjoint, between, expmap, logmap
+from graph.se2 import adjoint, between, expmap, logmap, wrap_angle
 from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.odometry.heading_odometry import HeadingOdometry, with_headings
 from iceg.slam.odometry.motions import motions_of
@@ -122,10 +122,13 @@ def motions_without_odometry(
     twists, variances = np.stack([foretold(steps, config) for steps in axes], axis=-1)
     if heading is not None:
         variances[:, 2] = [0.0 if motion is None else motion.covariance[2, 2] for motion in known]
-    # The way to the end depends on the turn: where something else knows that better, it is on its arc.
+    ways, covariances = expmap(twists), _at_their_ends(twists, variances)
+    # The way to the end depends on the turns: where something else knows them better, it follows the headings.
     knows_turn = (heading is not None) | axes[2].are_known_to(variances[:, 2])
-    twists[:, 2] = np.where(knows_turn, axes[2].velocities * axes[2].scans, twists[:, 2])
-    ways, covariances = expmap(twists), _at_their_ends(twists, variances, np.where(knows_turn, 0.0, variances[:, 2]))
+    index = np.array([key.index for key in track.keys])
+    along, covariances_along = along_headings(poses[:, 2], index, twists, variances)
+    ways = np.where(knows_turn[:, None], along, ways)
+    covariances = np.where(knows_turn[:, None, None], covariances_along, covariances)
     return [
         None if motion is None else replace(motion, T_key_robot=way, covariance=covariance)
         for motion, way, covariance in zip(known, ways, covariances, strict=True)
@@ -213,8 +216,42 @@ def _sums(values: Floats, row_starts: NDArray[np.int64]) -> Floats:
     return np.repeat(np.add.reduceat(values, row_starts), np.diff(np.append(row_starts, len(values))))
 
 
-def _at_their_ends(twists: Floats, variances: Floats, of_turns: Floats) -> Floats:
-    """(n, 3, 3) covariances of poses in the tangent spaces at them.
+def along_headings(
+    headings: Floats, index: NDArray[np.int64], twists: Floats, variances: Floats
+) -> tuple[Floats, Floats]:
+    """Steps whose headings are known from scan to scan, where the velocity alone tells how far they go.
+
+    A robot may have gone faster or slower anywhere on the way: what is not known of its length lies along all of the
+    headings on it, and not along the chord.
+
+    Args:
+        headings: (n_scans,) of the robot [rad].
+        index: (n + 1,) the scans at which steps begin and end, the first one 0.
+        twists: (n, 3) how far each goes along and across [m]; its turn is not asked.
+        variances: (n, 3) of these; that of the turn is what the velocity knows of it.
+
+    Returns:
+        (n, 3) the steps, and their (n, 3, 3) covariances in the tangent spaces at them.
+    """
+    starts, scans = index[:-1], np.diff(index)
+    unwrapped = np.unwrap(headings)
+    begins, ends = unwrapped[starts], unwrapped[index[1:]]
+    between_scans = 0.5 * (unwrapped[1:] + unwrapped[:-1])[: index[-1]]
+    c, s = (np.add.reduceat(each, starts) / scans for each in cos_sin(between_scans - np.repeat(begins, scans)))
+    along, across, _ = twists.T
+    ways = np.column_stack([c * along - s * across, s * along + c * across, wrap_angle(ends - begins)])
+    twice = cos_sin(2.0 * (between_scans - np.repeat(ends, scans)))
+    c, s = (np.add.reduceat(each, starts) / scans for each in twice)
+    mean, half = 0.5 * (variances[:, 0] + variances[:, 1]), 0.5 * (variances[:, 0] - variances[:, 1])
+    covariances = np.zeros((len(twists), 3, 3))
+    covariances[:, 0, 0], covariances[:, 1, 1] = mean + half * c, mean - half * c
+    covariances[:, 0, 1] = covariances[:, 1, 0] = half * s
+    covariances[:, 2, 2] = variances[:, 2]
+    return ways, covariances
+
+
+def _at_their_ends(twists: Floats, variances: Floats) -> Floats:
+    """(n, 3, 3) covariances of poses on arcs in the tangent spaces at them.
 
     The right Jacobian of the exponential map, ∫ Ad(exp(-s ξ)) ds over [0, 1], by Simpson's rule; and to second order
     what a way whose length and turn are both uncertain leads aside.
@@ -222,10 +259,9 @@ def _at_their_ends(twists: Floats, variances: Floats, of_turns: Floats) -> Float
     Args:
         twists: (n, 3).
         variances: (n, 3) of them.
-        of_turns: (n,) of the turns on whose arcs the ways are.
     """
     jacobians = (np.eye(3) + 4.0 * adjoint(expmap(-0.5 * twists)) + adjoint(expmap(-twists))) / 6.0
     found = dense.congruence(jacobians, variances[:, :, None] * np.eye(3))
-    found[:, 0, 0] += 0.25 * of_turns * variances[:, 1]
-    found[:, 1, 1] += 0.25 * of_turns * variances[:, 0]
+    found[:, 0, 0] += 0.25 * variances[:, 2] * variances[:, 1]
+    found[:, 1, 1] += 0.25 * variances[:, 2] * variances[:, 0]
     return found

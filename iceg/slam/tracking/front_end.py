@@ -94,7 +94,7 @@ class FrontEnd:
         Returns:
             (3,) its pose in the front end's own frame. The scan is tied to the newest of `keys`, which may be itself.
         """
-        self.is_blind = is_blind(scan, self._config.sight)
+        self.is_blind = is_blind(scan, self._config.sight, knows_motion=self._knows_motion)
         if not self.keys:
             self._start(index, scan)
             return self._T_track_robot

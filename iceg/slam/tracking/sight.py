@@ -6,12 +6,19 @@ from frontends.scan import Scan
 from iceg.slam.tracking_config import SightConfig
 
 
-def is_blind(scan: Scan, config: SightConfig) -> bool:
-    """Whether nearly all beams end at once, or next to none returns: something covers the laser."""
+def is_blind(scan: Scan, config: SightConfig, *, knows_motion: bool) -> bool:
+    """Whether a scan is not worth matching: something covers the laser, or odometry tells more than so few beams.
+
+    Args:
+        scan: that may see nothing.
+        config: what it must see.
+        knows_motion: whether odometry tells the way; where it does not, few beams are better than none.
+    """
     returns, close = np.count_nonzero(scan.ranges >= 0.0), np.count_nonzero(scan.ranges < config.blind_range)
-    if sees_next_to_nothing(scan, config) and (returns < config.min_far_returns or not _sees_afar(scan, config)):
+    if not returns or close > config.blind_share * returns:
         return True
-    return bool(close > config.blind_share * returns)
+    has_few = knows_motion and sees_next_to_nothing(scan, config)
+    return bool(has_few and (returns < config.min_far_returns or not _sees_afar(scan, config)))
 
 
 def sees_next_to_nothing(scan: Scan, config: SightConfig) -> bool:
