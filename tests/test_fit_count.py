@@ -69,10 +69,17 @@ def test_what_the_laser_sees_at_once_speaks_against_the_path() -> None:
     assert failure.log_odds_of_view(view) == pytest.approx(log(1e-6 * log(1e6) * exp(1.0) / view.carried_prior))
 
 
-@pytest.mark.parametrize("chance", [None, 0.5])
-def test_a_view_that_goes_on_says_nothing_against_it(chance: float | None) -> None:
-    failure = TrackingFailure(kind=FailureKind.TRACKING_LOSS, reason="", change_by_chance=chance)
+def test_a_view_that_goes_on_says_nothing_against_it() -> None:
+    failure = TrackingFailure(kind=FailureKind.TRACKING_LOSS, reason="", change_by_chance=0.5)
     assert failure.log_odds_of_view(ViewChangeConfig()) == 0.0
+
+
+def test_where_nothing_is_known_of_the_view_robots_are_seldom_carried() -> None:
+    failure, view = TrackingFailure(kind=FailureKind.UNKNOWN_MOTION, reason=""), ViewChangeConfig(carried_prior=0.001)
+    assert failure.log_odds_of_view(view) == pytest.approx(log(1000.0))
+    many, one_more = _fit(40, 0, RelocalisationConfig()), _fit(2, 0, RelocalisationConfig())
+    assert many.beats(one_more)
+    assert not many.beats(one_more, failure.log_odds_of_view(view))
 
 
 def test_a_change_that_chance_never_makes_is_no_infinity() -> None:

@@ -256,10 +256,6 @@ class IceMatcher:
             weak_directions=scores.weak_directions,
         )
 
-    def overlap(self, reference: LocalMap, scan: Scan, T_ref_cur: NDArray[np.float64]) -> float:
-        """Share of a scan's points on known reference at a given (3,) pose, in [0, 1]."""
-        return self._judge(reference, scan, T_ref_cur).used / max(1, len(self._points(scan)))
-
     def agreement(self, reference: LocalMap, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
         """Compare a scan with a local map at a given (3,) pose, in both directions."""
         return self.agreement_of_all(reference, [scan], T_ref_cur[None])

@@ -14,9 +14,6 @@ from iceg.slam.contradiction import ContradictionConfig
 class VerificationConfig:
     """Where loop closures are matched, and which of them agree."""
 
-    min_overlap_ratio: float = 0.5
-    """A key scan that overlaps with a pass by less than this share of `min_overlap`, at the pose where the estimate
-    puts it, is not matched: on four public logs none was accepted that overlaps by less than 0.75 of it."""
     trusted_distance: float = 0.3
     """Largest standard deviation in position at which a search trusts the estimate [m]."""
     trusted_turn: Radians = 0.1

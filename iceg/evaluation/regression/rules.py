@@ -209,10 +209,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "neighbours": Rule(
             what="neighbours of a key scan must agree with its closure", config=_with_loops(support_offsets=(0,))
         ),
-        "looks elsewhere": Rule(
-            what="passes that hardly overlap are not matched",
-            without={f"{_SLAM}.closures.verification:ClosureVerifier._looks_elsewhere": _nothing},
-        ),
         "contradicted closures": Rule(
             what="closures the finished graph contradicts are dropped",
             without={f"{_SLAM}.finish:without_contradicted": lambda attempts, loops, *_: (attempts, loops)},

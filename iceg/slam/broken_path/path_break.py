@@ -76,9 +76,12 @@ class TrackingFailure:
         """The logarithm of how many times as probable as a carried robot it is that the view changed by chance.
 
         A p-value p speaks against chance by no more than the Bayes factor -e p log p (Sellke, Bayarri and Berger 2001).
-        0 where the view goes on: nothing is said of how probable the path is then.
+        Where nothing is known of the view, robots are seldom carried. 0 where the view goes on: nothing is said of how
+        probable the path is then.
         """
-        if self.change_by_chance is None or not self.has_changed_view(config):
+        if self.change_by_chance is None:
+            return -log(config.carried_prior)
+        if not self.has_changed_view(config):
             return 0.0
         p = max(self.change_by_chance, float_info.min)
         return log(-e * p * log(p) / config.carried_prior)

@@ -75,8 +75,6 @@ class ClosureVerifier:
             return self._nearest(reference, candidate, self._match_wide(reference, candidate))
         near = np.minimum(candidate.deviations, trusted.deviations)
         is_near = candidate.deviations[0] <= trusted.distance
-        if is_near and (elsewhere := self._looks_elsewhere(reference, candidate)) is not None:
-            return elsewhere
         attempt = self._match_at(reference, candidate, candidate.T_old_new, near)
         if is_near or attempt.accepted:
             return attempt
@@ -99,21 +97,6 @@ class ClosureVerifier:
         deviations = self._config.verification.anywhere.deviations
         here = Candidate(key_old=key_old, key_new=key_new, T_old_new=np.zeros(3), deviations=deviations)
         return self._match_wide(self.references.around(key_old, poses), here)
-
-    def _looks_elsewhere(self, reference: Reference, candidate: Candidate) -> Attempt | None:
-        """Where the pose is known, a scan that hardly falls on the earlier pass there need not be matched."""
-        scan = self._keys[candidate.key_new].scan
-        overlap = self.judge.overlap(reference.judged, scan, candidate.T_old_new)
-        if overlap >= self._config.verification.min_overlap_ratio * self._config.min_overlap:
-            return None
-        return Attempt(
-            key_old=candidate.key_old,
-            key_new=candidate.key_new,
-            match=None,
-            accepted=False,
-            reason=f"looks elsewhere, overlap {overlap:.2f}",
-            overlap=overlap,
-        )
 
     def _match_at(
         self,
