@@ -223,6 +223,24 @@ def test_who_goes_on_seeing_the_same_is_not_put_where_places_are_similar(
     assert np.array_equal(found.poses, _poses(track)) == (outcome != "joined")
 
 
+@pytest.mark.parametrize("is_known", [True, False])
+def test_what_the_path_does_not_know_takes_no_robot_that_was_carried(
+    track: Track, monkeypatch: pytest.MonkeyPatch, *, is_known: bool
+) -> None:
+    monkeypatch.setattr(relocalisation, "HypothesisVerifier", _HypothesisVerifier)
+    places = {k: [_moved(track, k, _HERE)] for k in _AGAIN}
+    monkeypatch.setattr(place_search, "similar_places", lambda *_: [(_EARLIER, key) for key in places])
+    unknown = np.diag([400.0, 400.0, 10.0])
+    path = [
+        factor if is_known or factor.j != _BREAK else replace(factor, covariance=unknown) for factor in _path(track)
+    ]
+    before = Estimate(factors=path, poses=_poses(track), attempts=[])
+    failures = {_BREAK: TrackingFailure(kind=FailureKind.UNKNOWN_MOTION, reason="nothing told the way there")}
+    found = relocalise(_Closer(track, places), track, before, failures, LoopClosureConfig())
+    assert any(attempt.accepted for attempt in found.attempts) != is_known
+    assert [at.outcome for at in found.breaks] == ["apart"] * is_known
+
+
 def test_two_sets_about_as_strong_close_nothing_and_it_is_said(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
     places = {k: [_moved(track, k, _HERE), _moved(track, k, _THERE)] for k in _AGAIN}
     places[_AGAIN[0]] = places[_AGAIN[0]][:1]  # one more for the first

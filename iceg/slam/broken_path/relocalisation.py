@@ -204,7 +204,7 @@ class _Relocalisation:
         whole, first = self._parts().whole, hypothesis.closures[0]
         among = whole == whole[first.key_old]
         estimate = self._verifier.of_estimate(hypothesis, poses, among)
-        if not (is_confirmed or fit.beats(estimate, self._log_odds_of_view(hypothesis.key))):
+        if not (is_confirmed or fit.beats(estimate, self._log_prior_of_path(hypothesis))):
             return _Decision.OPEN
         if not is_confirmed and (rival := self._rival(hypothesis, fit, others)) is not None:
             self._ambiguous[hypothesis.key] = rival
@@ -225,6 +225,15 @@ class _Relocalisation:
         """Whether most of them say what the present estimate says."""
         near = self._config.verification.near
         return sum(is_near(closure, self._now.poses, near) for closure in closures) > 0.5 * len(closures)
+
+    def _log_prior_of_path(self, hypothesis: Hypothesis) -> float:
+        """By what the path is more probable than a hypothesis before scans verify either, the logarithm.
+
+        Only what errors of the path do not explain takes a robot that was carried.
+        """
+        log_odds = self._log_odds_of_view(hypothesis.key)
+        needs_none = hypothesis.is_chance(self._places.path, self._now.poses, self._config.relocalisation)
+        return min(log_odds, 0.0) if needs_none else log_odds
 
     def _log_odds_of_view(self, key: int) -> float:
         """See `TrackingFailure.log_odds_of_view`; 0 where nothing failed."""
