@@ -34,6 +34,19 @@ RENAMED = {
     "loops.odometry_doubt": "loops.odometry_inflation",
 }
 """Settings that had another name."""
+GONE = {
+    "finish.joint.walls_gain": "the walls are refused where they did not pull as they claim",
+    "front_end.odometry_check.jump_free_space": "see front_end.odometry_check.contradiction",
+    "front_end.odometry_check.jump_inlier_ratio": "see front_end.odometry_check.contradiction",
+    "loops.failures.widened_distance2": "odometry is widened from loops.failures.beyond_chance_distance2 on",
+    "loops.max_deviations": "closures are believed as far as the path explains them, see loops.path_probability",
+    "loops.relocalisation.dissent": "places are weighed by how probable they are, see loops.relocalisation.odds",
+    "loops.relocalisation.lead": "places are weighed by how probable they are, see loops.relocalisation.odds",
+    "loops.relocalisation.majority": "places are weighed by how probable they are, see loops.relocalisation.odds",
+    "loops.relocalisation.right_contradicted": "see loops.relocalisation.contradiction",
+    "loops.verification.min_overlap_ratio": "passes that hardly overlap are matched like others",
+}
+"""Settings of earlier versions that no run depends on any more, and what stands in their place."""
 
 
 class ConfigError(IcegError):
@@ -153,6 +166,8 @@ class _Reader:
     def unknown(self, key: str) -> ConfigError:
         if key in RENAMED:
             return ConfigError(f"{self.where}: '{key}' is now '{RENAMED[key]}'")
+        if key in GONE:
+            return ConfigError(f"{self.where}: '{key}' is gone, leave it out: {GONE[key]}")
         section, _, name = key.rpartition(".")
         by_name = {known.rpartition(".")[2]: known for known in reversed(self.known)}
         here = {known.rpartition(".")[2]: known for known in self.known if known.rpartition(".")[0] == section}

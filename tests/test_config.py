@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from graph.errors import IcegError
 from iceg.cli.settings_flags import setting_names
 from iceg.config import Config, ConfigError, format_config, parse_config, read_config
-from iceg.settings_file import RENAMED, field_documentation
+from iceg.settings_file import GONE, RENAMED, field_documentation
 
 
 def leaves(cls: type, prefix: str = "") -> Iterator[tuple[str, Any, Any]]:
@@ -150,6 +150,19 @@ def test_a_setting_that_had_another_name_is_told_by_the_present_one() -> None:
         assert now in known
         section, _, name = before.rpartition(".")
         with pytest.raises(ConfigError, match=rf"'{before}' is now '{now}'"):
+            parse_config(f"[{section}]\n{name} = 1.0")
+
+
+def test_a_setting_that_is_gone_is_told_with_what_stands_in_its_place() -> None:
+    known = set(setting_names(Config)) | {
+        "front_end.odometry_check.contradiction",
+        "loops.relocalisation.contradiction",
+    }
+    for before, why in GONE.items():
+        assert before not in known
+        assert {word for word in why.replace(",", " ").split() if "." in word} <= known
+        section, _, name = before.rpartition(".")
+        with pytest.raises(ConfigError, match=rf"'{before}' is gone, leave it out: {why}"):
             parse_config(f"[{section}]\n{name} = 1.0")
 
 
