@@ -130,7 +130,8 @@ class BackEnd:
         config = self._config.failures
         gate = chi2_gate(config.false_alarm)
         if distance2 > gate or far > config.carried * max(1.0, motion.distance):
-            reason = f"the match lies {far:.2f} m and {np.degrees(abs(offset[2])):.0f}° from odometry"
+            turned = np.degrees(abs(offset[2]))
+            reason = f"the match lies {far:.2f} m and {turned:.0f}° from where the robot was expected"
             self.failures.setdefault(
                 key, TrackingFailure(kind=FailureKind.INCONSISTENT, reason=reason, distance2=distance2)
             )
