@@ -227,13 +227,13 @@ class _Relocalisation:
         return sum(is_near(closure, self._now.poses, near) for closure in closures) > 0.5 * len(closures)
 
     def _log_prior_of_path(self, hypothesis: Hypothesis) -> float:
-        """By what the path is more probable than a hypothesis before scans verify either, the logarithm.
+        """How many times as probable as a hypothesis the path is before scans verify either, the logarithm.
 
-        Only what errors of the path do not explain takes a robot that was carried.
+        What errors of the path explain takes no robot that was carried, and so no prior against one.
         """
-        log_odds = self._log_odds_of_view(hypothesis.key)
-        needs_none = hypothesis.is_chance(self._places.path, self._now.poses, self._config.relocalisation)
-        return min(log_odds, 0.0) if needs_none else log_odds
+        log_odds, config = self._log_odds_of_view(hypothesis.key), self._config.relocalisation
+        is_explained = log_odds > 0.0 and hypothesis.is_chance(self._places.path, self._now.poses, config)
+        return 0.0 if is_explained else log_odds
 
     def _log_odds_of_view(self, key: int) -> float:
         """See `TrackingFailure.log_odds_of_view`; 0 where nothing failed."""
