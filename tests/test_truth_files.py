@@ -236,3 +236,17 @@ def test_stamps_pair_as_the_independent_evaluator_does(
     expected = json.loads(capsys.readouterr().out)
     figures = evaluated(capsys, trajectory, "--truth", tmp_path / "truth.txt")
     assert all(figures[name] == expected[name] for name in ("ate_rmse", "ate_max", "x_mean_abs", "rot_rmse_deg"))
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "scan_i,scan_j,x_m,y_m,theta_rad,certain\n0,7,1.0,0.5,0.1,1\n",
+        "1134864643.333186 1134864643.553180 0.091719 0.004553 0 0 0 0.270090\n",
+    ],
+)
+def test_relations_are_not_taken_for_true_poses(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "some.relations"
+    path.write_text(text)
+    with pytest.raises(IcegError, match=r"some\.relations: found relative poses .* give these as --relations"):
+        read_truth(path)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from graph.errors import reason
 from graph.files import check_file
+from graph.limits import LIMITS
 from iceg.euroc import is_euroc_header, read_euroc
 from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.trajectory import (
@@ -21,6 +22,7 @@ from iceg.tables import read_blank_separated_table, read_csv_table
 from iceg.tum import read_tum
 
 _SNIFFED = 65536  # bytes that tell the format
+_TUM_COLUMNS = 8  # as many as the benchmark's relations by stamp have
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -62,6 +64,7 @@ def read_truth(path: Path | str) -> Truth:
         return _of_log(path)
     line = _first_line(path)
     words = line.split()
+    _refuse_relations(line, words, path)
     if line.startswith("scan,t_s,"):
         table = read_csv_table(path, ("scan", *TRUTH_COLUMNS))
         check_scan_numbers(table[:, 0], path)
@@ -117,6 +120,17 @@ def _first_line(path: Path) -> str:
         raise EvaluationError(f"{path}: cannot be read as true poses: {reason(err)}") from err
     lines = (line.strip() for line in head.decode("utf-8-sig", errors="replace").splitlines())
     return next((line for line in lines if line and (not line.startswith("#") or is_euroc_header(line))), "")
+
+
+def _refuse_relations(line: str, words: list[str], path: Path) -> None:
+    """Say so where a file begins like relations: a CSV by scan, or eight numbers of which two are times of day."""
+    is_by_scan = line.startswith("scan_i,")
+    is_by_stamp = len(words) == _TUM_COLUMNS and _are_numbers(words) and abs(float(words[1])) > LIMITS.coordinate
+    if is_by_scan or is_by_stamp:
+        raise EvaluationError(
+            f"{path}: found relative poses between scans ('{line[:40]}…'), expected true poses: "
+            "give these as --relations"
+        )
 
 
 def _are_numbers(words: list[str]) -> bool:
