@@ -7,16 +7,19 @@ import signal
 import subprocess
 import tempfile
 from collections.abc import Generator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from pathlib import Path
 
 from iceg.evaluation.bench.cell import Cell
 from iceg.evaluation.bench.child_process import Children
+from iceg.evaluation.bench.held_signals import held_back
 from iceg.evaluation.bench.outcome import FIGURES_FILE, TRAJECTORY_FILE, Outcome, failed, parse_figures
 from iceg.evaluation.bench.runs import ONE_CORE
 from iceg.evaluation.errors import EvaluationError
 
 _CONNECT_TIMEOUT = 60
+_LISTEN_S = 0.1
+"""So often a signal is listened for that tells the benchmark to end."""
 _CELL_PROCESS = "iceg.evaluation.bench.cell_process"
 
 
@@ -31,16 +34,22 @@ def run_here(cells: Sequence[Cell], workers: int, time_limit_s: float | None = N
     Yields:
         Outcomes in the order in which they are complete.
     """
-    children, pool = Children(), ThreadPoolExecutor(workers)
-    try:
-        futures = {pool.submit(attempt, cell, time_limit_s, children): cell for cell in cells}
-        for future in as_completed(futures):
-            error = future.exception()
-            yield future.result() if error is None else failed(futures[future], f"{type(error).__name__}: {error}")
-    finally:  # an interrupt may come while cells are still handed in
-        pool.shutdown(wait=False, cancel_futures=True)
-        children.end()
-        pool.shutdown()
+    with held_back() as deliver:
+        children, pool = Children(), ThreadPoolExecutor(workers)
+        try:
+            cell_of = {pool.submit(attempt, cell, time_limit_s, children): cell for cell in cells}
+            pending = set(cell_of)
+            while pending:
+                done, pending = wait(pending, _LISTEN_S, FIRST_COMPLETED)
+                deliver()
+                for future in done:
+                    error = future.exception()
+                    cell = cell_of[future]
+                    yield future.result() if error is None else failed(cell, f"{type(error).__name__}: {error}")
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+            children.end()
+            pool.shutdown()
 
 
 def run_on_dask(
