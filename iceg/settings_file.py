@@ -35,6 +35,7 @@ RENAMED = {
 }
 """Settings that had another name."""
 GONE = {
+    "finish.joint.credible_ratio": "variances grow as far as walls and factors contradict each other",
     "finish.joint.walls_gain": "the walls are refused where they did not pull as they claim",
     "front_end.odometry_check.jump_free_space": "see front_end.odometry_check.contradiction",
     "front_end.odometry_check.jump_inlier_ratio": "see front_end.odometry_check.contradiction",

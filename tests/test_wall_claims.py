@@ -7,18 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from iceg.slam.joint.wall_claims import believed_covariances
+from iceg.slam.joint.wall_claims import believed_covariances, claims_warning, contradiction
 from iceg.slam.joint_config import JointRefinementConfig
 
 Array = NDArray[np.float64]
 CONFIG = JointRefinementConfig()
-
-
-def _believed(walls: Array, graph: Array, share: float) -> Array:
-    """Of a claim that is credible."""
-    believed = believed_covariances(walls, graph, share, CONFIG)
-    assert believed is not None
-    return believed
 
 
 def _covariances(n: int, scale: float, seed: int = 0) -> Array:
@@ -32,12 +25,12 @@ def _covariances(n: int, scale: float, seed: int = 0) -> Array:
 def test_the_walls_are_believed_where_the_poses_went_all_of_the_way() -> None:
     graph = _covariances(20, 0.1)
     walls = graph / 2.5**2
-    np.testing.assert_allclose(_believed(walls, graph, 1.0), walls, rtol=1e-12)
+    np.testing.assert_allclose(believed_covariances(walls, graph, 1.0), walls, rtol=1e-12)
 
 
 def test_the_graph_is_believed_where_the_poses_did_not_go() -> None:
     graph = _covariances(20, 0.1)
-    believed = _believed(_covariances(20, 0.05, seed=1), graph, 0.0)
+    believed = believed_covariances(_covariances(20, 0.05, seed=1), graph, 0.0)
     np.testing.assert_allclose(believed[1:], graph[1:], rtol=1e-9)
 
 
@@ -46,7 +39,7 @@ def test_part_of_the_way_and_a_direction_that_the_graph_knows_better() -> None:
     root = np.asarray(np.linalg.cholesky(graph), dtype=np.float64)
     walls = root @ np.diag([0.5, 0.04, 4.0]) @ np.swapaxes(root, 1, 2)
     walls[0] = graph[0]
-    believed = _believed(walls, graph, 0.75)
+    believed = believed_covariances(walls, graph, 0.75)
     # 3/4 of the walls' variance, that of the graph where it is the smaller one, and 1/4 of the graph's.
     expected = root[1:] @ np.diag([0.625, 0.28, 1.0]) @ np.swapaxes(root[1:], 1, 2)
     np.testing.assert_allclose(believed[1:], expected, rtol=1e-9, atol=1e-14)
@@ -58,25 +51,55 @@ def test_it_bounds_the_error_however_those_of_walls_and_graph_hang_together(
     share: float, correlation: float, ratio: float
 ) -> None:
     graph = np.tile(0.04 * np.eye(3), (2, 1, 1))
-    believed = _believed(ratio**2 * graph, graph, share)
+    believed = believed_covariances(ratio**2 * graph, graph, share)
     # The error of a pose that went the share a of the way: a times that of the walls and 1 - a times that of the graph.
     of_walls, of_graph = share * ratio, 1.0 - share
     variance = 0.04 * (of_walls**2 + of_graph**2 + 2.0 * correlation * of_walls * of_graph)
     assert believed[1, 0, 0] >= variance * (1.0 - 1e-9) - 1e-15
 
 
-@pytest.mark.parametrize(("too_sure", "share", "is_believed"), [(4, 0.5, True), (6, 0.5, False), (6, 0.9, True)])
-def test_a_claim_far_beyond_the_graph_needs_poses_that_were_pulled(
-    too_sure: int, share: float, is_believed: bool
-) -> None:
-    graph = _covariances(11, 0.1)
-    walls = graph / 2.0**2
-    walls[1 : 1 + too_sure] = graph[1 : 1 + too_sure] / (2.0 * CONFIG.credible_ratio) ** 2
-    assert (believed_covariances(walls, graph, share, CONFIG) is not None) == is_believed
+def _two_estimates(n: int, ratio: float, seed: int) -> tuple[Array, Array, Array]:
+    """The way between an estimate and a better one of the same poses, and their covariances: drawn as they say."""
+    graph = _covariances(n, 0.1)
+    root = np.linalg.cholesky((1.0 - ratio) * graph[1:])
+    drawn = np.random.default_rng(seed).normal(size=(n - 1, 3, 1))
+    return np.concatenate([np.zeros((1, 3)), (root @ drawn)[..., 0]]), graph, ratio * graph
+
+
+@pytest.mark.parametrize("ratio", [0.1, 0.5, 0.9])
+def test_a_way_as_long_as_the_worse_estimate_knows_less_contradicts_nothing(ratio: float) -> None:
+    way, graph, believed = _two_estimates(20_000, ratio, seed=0)
+    assert contradiction(way, graph, believed, 1e-9) == pytest.approx(1.0, abs=0.03)
+    # Three times as far is nine times as far, squared.
+    assert contradiction(3.0 * way, graph, believed, 1e-9) == pytest.approx(9.0, rel=0.03)
+
+
+def test_the_prior_holds_where_both_estimates_know_the_same() -> None:
+    way, graph, _ = _two_estimates(5, 0.5, seed=1)
+    squared = float((way[1:] * np.linalg.solve(graph[1:], way[1:, :, None])[..., 0]).sum())
+    # No difference is expected: the sums are those of the prior, a tenth of 4 poses times 3.
+    assert contradiction(way, graph, graph, 0.1) == pytest.approx(max(1.0, (squared + 1.2) / 1.2), rel=1e-9)
+    assert contradiction(0.0 * way, graph, graph, 0.1) == 1.0
+
+
+def test_a_single_pose_contradicts_nothing() -> None:
+    assert contradiction(np.zeros((1, 3)), np.eye(3)[None], np.eye(3)[None], 0.1) == 1.0
+
+
+def test_what_a_person_is_told_of_the_claims() -> None:
+    beyond = 11.3449 / 3.0  # χ² of three degrees of freedom that one in a hundred exceeds
+    assert claims_warning(0.9, beyond - 1e-3, CONFIG, are_walls_believed=True) is None
+    contradicted = claims_warning(0.9, beyond + 1e-3, CONFIG, are_walls_believed=True)
+    assert contradicted is not None
+    assert "walls and matches contradict each other" in contradicted.sentence
+    for share, are_walls_believed in ((CONFIG.confirmed_share - 0.01, True), (1.0, False)):
+        told = claims_warning(share, 1.0, CONFIG, are_walls_believed=are_walls_believed)
+        assert told is not None
+        assert "do not confirm" in told.sentence
 
 
 def test_covariances_that_are_none_judge_nothing() -> None:
     graph = _covariances(5, 0.1)
     walls = graph / 2.0**2
     graph[3, 2, 2] = -1e-9
-    np.testing.assert_array_equal(_believed(walls, graph, 0.5), walls)
+    np.testing.assert_array_equal(believed_covariances(walls, graph, 0.5), walls)

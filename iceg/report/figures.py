@@ -104,15 +104,23 @@ def _finish(result: "SlamResult") -> Iterator[Figure]:
         f"{_length(before)} before poses and map were refined together.",
         grade=_grade(residual, 0.025, 0.05),
     )
-    is_confirmed = last["covariances_from"] == "walls"
+    is_of_walls = last["covariances_from"] == "walls"
     yield Figure(
         name="Covariances rest on",
-        value="shared walls" if is_confirmed else "matches alone",
+        value="shared walls" if is_of_walls else "matches alone",
         meaning="The walls that many scans share say how well the poses are known."
-        if is_confirmed
+        if is_of_walls
         else "The walls do not confirm how well the poses are known: they may be farther off than the page says.",
-        grade="good" if is_confirmed else "fair",
+        grade="good" if is_of_walls else "fair",
     )
+    if (factor := last["variance_factor"]) is not None and is_of_walls:
+        yield Figure(
+            name="Walls against matches",
+            value="agree" if factor == 1.0 else f"× {factor:.1f}",
+            meaning="How far, squared, the walls moved the poses from where matches and odometry put them, against "
+            "what both claim: all variances of the page are larger by it.",
+            grade=_grade(factor, 2.0, 4.0),
+        )
 
 
 def _sizes(result: "SlamResult") -> Iterator[Figure]:

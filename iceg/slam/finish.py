@@ -25,10 +25,12 @@ from iceg.slam.config import FinishConfig, LoopClosureConfig
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.joint.covariance import PoseInformation
 from iceg.slam.joint.refinement import Clouds, JointRefinement, key_clouds, refine_jointly
+from iceg.slam.joint.wall_claims import claims_warning
 from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.rematch import match_again
+from iceg.slam.run_warning import RunWarning
 from iceg.slam.stages import IN_HOUSE, Stages, checked_poses
 from iceg.slam.track import Track
 
@@ -51,7 +53,9 @@ class Round:
         residual_before: root mean square distance of the points from the walls before a joint refinement [m] …
         residual: … and after it.
         covariances_from: whence the key poses' covariances are after a joint refinement: "walls" that scans share, or
-            the "graph" alone, where the points on walls do not determine every pose, or claim more than is credible.
+            the "graph" alone, where the points on walls do not determine every pose.
+        walls_share: of the way from the graph's optimum to that of the walls that the key poses went …
+        variance_factor: … and how many times as far, squared, as both claim; in the covariances.
         seconds: spent.
     """
 
@@ -65,6 +69,8 @@ class Round:
     residual_before: float | None = None
     residual: float | None = None
     covariances_from: Literal["walls", "graph"] | None = None
+    walls_share: float | None = None
+    variance_factor: float | None = None
     seconds: float
 
 
@@ -80,6 +86,7 @@ class Finished:
         covariances: (k, 3, 3) marginal covariances of the poses, None where only the graph knows them.
         information: what these rest on, None where they are.
         walls: the pieces of wall that the joint refinement ended with, none without it.
+        warnings: of what the covariances claim.
     """
 
     poses: NDArray[np.float64]
@@ -89,6 +96,7 @@ class Finished:
     covariances: NDArray[np.float64] | None = None
     information: PoseInformation | None = None
     walls: WallPieces = field(default_factory=WallPieces.none)
+    warnings: tuple[RunWarning, ...] = ()
 
 
 def matched_again(
@@ -173,7 +181,7 @@ def refined(
         config.outlier_weight,
     )
     poses, done = solution.poses, list(rounds)
-    covariances, information, walls = None, None, WallPieces.none()
+    covariances, information, walls, warning = None, None, WallPieces.none(), None
     final = FinalFactors.of([*chain, *loops], solution.breaks, closures.relocalisation.min_credible)
     if config.joint.enabled:
         clouds = key_clouds(track, scan_of, config.joint, noise).without(distrusted)
@@ -182,6 +190,10 @@ def refined(
         joint, last = _joint(final, poses, clouds, config, _parts(solution), clock)
         poses, covariances = joint.poses, joint.covariances
         information, walls = joint.information, joint.walls
+        are_walls_believed = covariances is not None
+        warning = claims_warning(
+            joint.share, joint.variance_factor, config.joint, are_walls_believed=are_walls_believed
+        )
         done.append(replace(last, closures=len(loops)))
     return Finished(
         poses=poses,
@@ -191,6 +203,7 @@ def refined(
         covariances=covariances,
         information=information,
         walls=walls,
+        warnings=() if warning is None else (warning,),
     )
 
 
@@ -321,6 +334,8 @@ def _joint(
             residual_before=refined.residual_before,
             residual=refined.residual,
             covariances_from="graph" if refined.covariances is None else "walls",
+            walls_share=round(refined.share, 4),
+            variance_factor=round(refined.variance_factor, 4),
             seconds=clock.lap(),
         ),
     )

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from graph.ranges import check_between, check_numbers
+from graph.ranges import RATES, check_between, check_numbers
 from iceg.slam.config_error import SlamConfigError
 
 
@@ -42,12 +42,15 @@ class JointRefinementConfig:
     and lines follow the points. Longer ones overshoot where it brings more."""
     regroup_cells: float = 0.5
     """After steps longer than so many cells the points are grouped into pieces of wall anew."""
-    credible_ratio: float = 4.5
-    """The walls may claim more than they know where most of their standard deviations are so many times smaller than
-    the graph's."""
-    confirmed_share: float = 0.65
-    """They do, and are not believed, where the poses went less than this share of the way to them: their points pulled
-    less than half as much as they claim."""
+    confirmed_share: float = 0.3
+    """Where the poses went less than this share of the way to the walls, the run says that these do not confirm how
+    well the poses are known."""
+    contradiction_prior: float = 0.1
+    """How long the way to the walls is, against what both estimates claim, is told as if both had this share of all
+    variance to themselves: less of a contradiction may be chance."""
+    contradiction_false_alarm: float = 0.01
+    """Walls and matches contradict each other, and the run says so, where chance makes the way between them so long
+    with this probability only (χ², 3 degrees of freedom)."""
     on_wall_weight: float = 0.5
     """Points of at least this Cauchy weight, nearer to the line than its width, tell how far a piece of wall goes."""
     reach: float = 25.0
@@ -63,7 +66,7 @@ class JointRefinementConfig:
     """Rather than keep less than one in so many beams, fewer scans take part."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("over_relaxation", "credible_ratio"))
+        check_numbers(self, SlamConfigError, positive=("over_relaxation", "contradiction_prior"))
         check_between(
             self,
             SlamConfigError,
@@ -76,6 +79,7 @@ class JointRefinementConfig:
             steps=(0, 1000),
             min_residual=(1e-6, 100.0),
             correlated_points=(1.0, 1e6),
+            contradiction_false_alarm=RATES,
             max_points=(1, 5_000_000),
             max_thinning=(1, 1000),
             scans_per_key=(1, 1_000_000),

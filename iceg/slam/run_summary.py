@@ -31,6 +31,8 @@ class RoundSummary(TypedDict):
     residual_before: float | None
     residual: float | None
     covariances_from: Literal["walls", "graph"] | None
+    walls_share: float | None
+    variance_factor: float | None
     seconds: float
 
 

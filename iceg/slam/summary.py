@@ -18,11 +18,6 @@ from iceg.slam.run_summary import RoundSummary, RunCounts
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.track import Track
 
-_COVARIANCES_OF_GRAPH = (
-    "how sure the poses are (covariances.csv) is told by the matches between scans alone, as the walls of the map do "
-    "not confirm it: they may be farther off than it says"
-)
-
 
 def summarise(
     log: Log,
@@ -88,7 +83,6 @@ def summarise(
 def run_warnings(
     track: Track,
     solution: Solution,
-    rounds: list[Round],
     worst: LeastKnown,
     grid_warning: str | None,
     gyro: GyroFinding | None,
@@ -98,7 +92,6 @@ def run_warnings(
     Args:
         track: what the front end made of the log.
         solution: the graph at the end, its record of breaks.
-        rounds: what the offline finish did.
         worst: the key pose known least.
         grid_warning: what the occupancy grid warns of, None for nothing.
         gyro: what the matches say of the log's gyro, None where they were not asked.
@@ -111,8 +104,6 @@ def run_warnings(
     if unused is not None:
         warnings.append(unused)
     warnings += [describe_dead(*interval) for interval in track.dead]
-    if rounds and rounds[-1].covariances_from == "graph":
-        warnings.append(RunWarning(kind="covariances", sentence=_COVARIANCES_OF_GRAPH))
     warnings += [describe_break(found, track) for found in solution.breaks]
     warnings += [describe_vote(vote, track) for vote in solution.ambiguous]
     return tuple(warnings)

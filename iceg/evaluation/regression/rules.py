@@ -199,6 +199,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="poses that went part of the way to the walls keep part of the graph's covariance",
             without={f"{_SLAM}.joint.refinement:believed_covariances": _first},
         ),
+        "contradiction": Rule(
+            what="variances grow as far as the way from the graph to the walls is longer than both claim",
+            without={f"{_SLAM}.joint.refinement:contradiction": lambda *_: 1.0},
+        ),
         "off the path": Rule(
             what="closures farther off the path than its covariance explains with `path_probability` are refused",
             without={f"{_BACK_END}._judge": _second},

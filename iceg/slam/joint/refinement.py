@@ -17,7 +17,7 @@ from frontends.scan import Scan
 from graph.dense import vecdot
 from graph.factors import Factor
 from graph.problem import Linearization, Problem
-from graph.se2 import compose, expmap, inverse
+from graph.se2 import between, compose, expmap, inverse, logmap
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.noise import PLAIN
 from iceg.ice.points import thinned_points
@@ -25,7 +25,7 @@ from iceg.memory import release_freed_memory
 from iceg.slam.joint import _wall_kernels as kernels
 from iceg.slam.joint._system_kernels import JointSystem, product
 from iceg.slam.joint.covariance import PoseInformation, Walls, joint_information
-from iceg.slam.joint.wall_claims import believed_covariances
+from iceg.slam.joint.wall_claims import believed_covariances, contradiction
 from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.joint_config import JointRefinementConfig
 from iceg.slam.track import Track
@@ -55,8 +55,8 @@ class JointRefinement:
         on_walls: … and in the end.
         share: how much of the way from the graph's optimum to that of the points the steps went, 0 to 1: the least that
             one of them did.
-        covariances: (k, 3, 3) marginal covariances of the poses in the end, None if the points do not determine them or
-            claim more than is credible.
+        variance_factor: by which walls and factors contradict each other; in the covariances.
+        covariances: (k, 3, 3) marginal covariances of the poses in the end, None if the points do not determine them.
         information: what the covariances rest on, None where they are.
         walls: the pieces of wall in the end, in the frame of the poses.
     """
@@ -72,6 +72,7 @@ class JointRefinement:
     on_walls: float
     walls: WallPieces
     share: float
+    variance_factor: float = 1.0
     covariances: NDArray[np.float64] | None = None
     information: PoseInformation | None = None
 
@@ -150,9 +151,9 @@ def refine_jointly(
     known = factors if believed is None else believed
     del walls, room  # the covariances of a long run need more memory than any other stage
     release_freed_memory()
-    information, covariances = _covariances(known, poses, refined, share, clouds, last, config)
     # As a whole the map may move, held by the prior alone: put the first pose back.
     back = compose(poses[0], inverse(refined[0]))
+    information, covariances, factor = _covariances(known, poses, refined, back, share, clouds, last, config)
     refined = compose(back, refined) if shares else poses
     return JointRefinement(
         poses=refined,
@@ -166,6 +167,7 @@ def refine_jointly(
         on_walls=last.on_walls,
         walls=WallPieces.of(last, clouds.spreads, clouds.key_starts, back, config.on_wall_weight),
         share=share,
+        variance_factor=factor,
         covariances=covariances,
         information=information,
     )
@@ -200,27 +202,30 @@ def _covariances(
     factors: Sequence[Factor],
     start: NDArray[np.float64],
     poses: NDArray[np.float64],
+    back: NDArray[np.float64],
     share: float,
     clouds: Clouds,
     walls: Walls,
     config: JointRefinementConfig,
-) -> tuple[PoseInformation, NDArray[np.float64]] | tuple[None, None]:
-    """Of poses that went a share of the way from the optimum of the graph to that of the points.
+) -> tuple[PoseInformation, NDArray[np.float64], float] | tuple[None, None, float]:
+    """Of poses that went a share of the way from the optimum of the graph to that of the points, and their factor.
 
     Of points far away, where noise decides which return at all, nothing is believed.
     """
     if not len(walls.lines):
-        return None, None
+        return None, None, 1.0
     near = np.hypot(clouds.points[:, 0], clouds.points[:, 1]) <= config.telling_reach
     told = replace(walls, weights=np.where(near, walls.weights, 0.0))
     precision = _precision(clouds, walls, config) * max(1.0, clouds.stand_for / config.correlated_points) ** (2.0 / 3.0)
     try:
         information = joint_information(factors, poses, clouds.key_starts, told, precision)
     except np.linalg.LinAlgError:
-        return None, None
+        return None, None, 1.0
     graph = Problem.of(factors, len(start)).marginal_covariances(start)
-    covariances = believed_covariances(information.covariances, graph, share, config)
-    return (None, None) if covariances is None else (information, covariances)
+    covariances = believed_covariances(information.covariances, graph, share)
+    way = logmap(between(start, compose(back, poses)))
+    factor = contradiction(way, graph, covariances, config.contradiction_prior)
+    return information, factor * covariances, factor
 
 
 def _precision(clouds: Clouds, walls: Walls, config: JointRefinementConfig) -> float:
