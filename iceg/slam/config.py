@@ -234,6 +234,9 @@ class FinishConfig:
     matches and wheels have a bias, so that a long path is off by several times what it claims."""
     told_sigmas: float = 5.0
     """From so many standard deviations on it is told that the path is bent."""
+    uncertain: float = 0.3
+    """Where a key pose is known no better than to this standard deviation, the run says that the path is uncertain [m]:
+    two passes may show one wall twice."""
     joint: JointRefinementConfig = field(default_factory=JointRefinementConfig)
     """In the end, poses and map together."""
 

@@ -6,9 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-_UNCERTAIN = 0.5
-"""A path is called uncertain from this standard deviation on [m]: walls of two passes would lie apart."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeastKnown:
@@ -22,9 +19,9 @@ class LeastKnown:
     scan: int
     deviation: float
 
-    def warning(self) -> str | None:
-        """A sentence for a person, None where nothing needs to be said."""
-        if self.deviation < _UNCERTAIN:
+    def warning(self, uncertain: float) -> str | None:
+        """A sentence for a person; None where the standard deviation is below `uncertain` [m]."""
+        if self.deviation < uncertain:
             return None
         return (
             f"the path is uncertain: around scan {self.scan} it is known only to ±{self.deviation:.1f} m (one standard "

@@ -266,7 +266,7 @@ def conclude(
     _release(matcher, track)
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
     worst = least_known(key_scans, joint.marginals)
-    told = run_warnings(track, solution, worst, grid_warning, findings.gyro)
+    told = run_warnings(track, solution, worst, config.finish.uncertain, grid_warning, findings.gyro)
     warnings = corrected.warnings + finished.warnings + told
     counts = summarise(log, track, solution, findings.calibration, finished.rounds, worst, warnings)
     return SlamResult(

@@ -84,6 +84,7 @@ def run_warnings(
     track: Track,
     solution: Solution,
     worst: LeastKnown,
+    uncertain: float,
     grid_warning: str | None,
     gyro: GyroFinding | None,
 ) -> tuple[RunWarning, ...]:
@@ -92,14 +93,15 @@ def run_warnings(
     Args:
         track: what the front end made of the log.
         solution: the graph at the end, its record of breaks.
-        worst: the key pose known least.
+        worst: the key pose known least …
+        uncertain: … and the standard deviation from which on that is worth a warning [m].
         grid_warning: what the occupancy grid warns of, None for nothing.
         gyro: what the matches say of the log's gyro, None where they were not asked.
     """
     warnings = [] if grid_warning is None else [RunWarning(kind="coarse grid", sentence=grid_warning)]
-    uncertain = worst.warning()
-    if uncertain is not None:
-        warnings.append(RunWarning(kind="uncertain path", sentence=uncertain, scan=worst.scan))
+    sentence = worst.warning(uncertain)
+    if sentence is not None:
+        warnings.append(RunWarning(kind="uncertain path", sentence=sentence, scan=worst.scan))
     unused = None if gyro is None else gyro.warning()
     if unused is not None:
         warnings.append(unused)

@@ -62,7 +62,7 @@ def is_said(summary: Mapping[str, Any], known: frozenset[str] = frozenset()) -> 
     """Whether a run says that something is wrong with it.
 
     That is: it was lost, its path is broken, or it warns of anything. Uncertainty is among the warnings once a standard
-    deviation is 0.5 m (`iceg.slam.path_uncertainty`): a covariance alone, without a word, is not said.
+    deviation is that of `finish.uncertain`: a covariance alone, without a word, is not said.
 
     Args:
         summary: of the run, as in `summary.json`.
