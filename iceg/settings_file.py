@@ -36,7 +36,7 @@ RENAMED = {
 """Settings that had another name."""
 GONE = {
     "finish.joint.credible_ratio": "variances grow as far as walls and factors contradict each other",
-    "finish.joint.walls_gain": "the walls are refused where they did not pull as they claim",
+    "finish.joint.walls_gain": "variances grow as far as walls and factors contradict each other",
     "front_end.odometry_check.jump_free_space": "see front_end.odometry_check.contradiction",
     "front_end.odometry_check.jump_inlier_ratio": "see front_end.odometry_check.contradiction",
     "loops.failures.widened_distance2": "odometry is widened from loops.failures.beyond_chance_distance2 on",

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from iceg.slam.joint.wall_claims import believed_covariances, claims_warning, contradiction
+from iceg.slam.joint.wall_claims import believed_covariances, claims_warning, variance_factor
 from iceg.slam.joint_config import JointRefinementConfig
 
 Array = NDArray[np.float64]
@@ -69,21 +69,21 @@ def _two_estimates(n: int, ratio: float, seed: int) -> tuple[Array, Array, Array
 @pytest.mark.parametrize("ratio", [0.1, 0.5, 0.9])
 def test_a_way_as_long_as_the_worse_estimate_knows_less_contradicts_nothing(ratio: float) -> None:
     way, graph, believed = _two_estimates(20_000, ratio, seed=0)
-    assert contradiction(way, graph, believed, 1e-9) == pytest.approx(1.0, abs=0.03)
+    assert variance_factor(way, graph, believed, 1e-9) == pytest.approx(1.0, abs=0.03)
     # Three times as far is nine times as far, squared.
-    assert contradiction(3.0 * way, graph, believed, 1e-9) == pytest.approx(9.0, rel=0.03)
+    assert variance_factor(3.0 * way, graph, believed, 1e-9) == pytest.approx(9.0, rel=0.03)
 
 
 def test_the_prior_holds_where_both_estimates_know_the_same() -> None:
     way, graph, _ = _two_estimates(5, 0.5, seed=1)
     squared = float((way[1:] * np.linalg.solve(graph[1:], way[1:, :, None])[..., 0]).sum())
     # No difference is expected: the sums are those of the prior, a tenth of 4 poses times 3.
-    assert contradiction(way, graph, graph, 0.1) == pytest.approx(max(1.0, (squared + 1.2) / 1.2), rel=1e-9)
-    assert contradiction(0.0 * way, graph, graph, 0.1) == 1.0
+    assert variance_factor(way, graph, graph, 0.1) == pytest.approx(max(1.0, (squared + 1.2) / 1.2), rel=1e-9)
+    assert variance_factor(0.0 * way, graph, graph, 0.1) == 1.0
 
 
 def test_a_single_pose_contradicts_nothing() -> None:
-    assert contradiction(np.zeros((1, 3)), np.eye(3)[None], np.eye(3)[None], 0.1) == 1.0
+    assert variance_factor(np.zeros((1, 3)), np.eye(3)[None], np.eye(3)[None], 0.1) == 1.0
 
 
 def test_what_a_person_is_told_of_the_claims() -> None:

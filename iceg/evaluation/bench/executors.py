@@ -41,11 +41,11 @@ def run_here(cells: Sequence[Cell], workers: int, time_limit_s: float | None = N
             pending = set(cell_of)
             while pending:
                 done, pending = wait(pending, _LISTEN_S, FIRST_COMPLETED)
-                deliver()
                 for future in done:
                     error = future.exception()
                     cell = cell_of[future]
                     yield future.result() if error is None else failed(cell, f"{type(error).__name__}: {error}")
+                deliver()  # complete runs are kept
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
             children.end()

@@ -201,7 +201,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "contradiction": Rule(
             what="variances grow as far as the way from the graph to the walls is longer than both claim",
-            without={f"{_SLAM}.joint.refinement:contradiction": lambda *_: 1.0},
+            without={f"{_SLAM}.joint.refinement:variance_factor": lambda *_: 1.0},
         ),
         "off the path": Rule(
             what="closures farther off the path than its covariance explains with `path_probability` are refused",

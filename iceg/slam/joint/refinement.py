@@ -25,7 +25,7 @@ from iceg.memory import release_freed_memory
 from iceg.slam.joint import _wall_kernels as kernels
 from iceg.slam.joint._system_kernels import JointSystem, product
 from iceg.slam.joint.covariance import PoseInformation, Walls, joint_information
-from iceg.slam.joint.wall_claims import believed_covariances, contradiction
+from iceg.slam.joint.wall_claims import believed_covariances, variance_factor
 from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.joint_config import JointRefinementConfig
 from iceg.slam.track import Track
@@ -224,7 +224,7 @@ def _covariances(
     graph = Problem.of(factors, len(start)).marginal_covariances(start)
     covariances = believed_covariances(information.covariances, graph, share)
     way = logmap(between(start, compose(back, poses)))
-    factor = contradiction(way, graph, covariances, config.contradiction_prior)
+    factor = variance_factor(way, graph, covariances, config.contradiction_prior)
     return information, factor * covariances, factor
 
 

@@ -48,7 +48,7 @@ def believed_covariances(walls: NDArray[np.float64], graph: NDArray[np.float64],
     return believed
 
 
-def contradiction(
+def variance_factor(
     way: NDArray[np.float64], graph: NDArray[np.float64], believed: NDArray[np.float64], prior: float
 ) -> float:
     """How many times as large as their covariances say the squared way between two estimates is.
@@ -84,7 +84,7 @@ def claims_warning(
 
     Args:
         share: of the way to the walls' optimum that the poses went.
-        factor: see `contradiction`.
+        factor: see `variance_factor`.
         config: when to say so.
         are_walls_believed: whether the covariances rest on the walls, too.
     """
