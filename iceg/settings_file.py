@@ -35,6 +35,7 @@ RENAMED = {
 }
 """Settings that had another name."""
 GONE = {
+    "finish.joint.confirmed_share": "the run says where walls and factors contradict each other",
     "finish.joint.credible_ratio": "variances grow as far as walls and factors contradict each other",
     "finish.joint.walls_gain": "variances grow as far as walls and factors contradict each other",
     "front_end.odometry_check.jump_free_space": "see front_end.odometry_check.contradiction",

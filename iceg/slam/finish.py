@@ -190,10 +190,7 @@ def refined(
         joint, last = _joint(final, poses, clouds, config, _parts(solution), clock)
         poses, covariances = joint.poses, joint.covariances
         information, walls = joint.information, joint.walls
-        are_walls_believed = covariances is not None
-        warning = claims_warning(
-            joint.share, joint.variance_factor, config.joint, are_walls_believed=are_walls_believed
-        )
+        warning = claims_warning(joint.variance_factor, config.joint, are_walls_believed=covariances is not None)
         done.append(replace(last, closures=len(loops)))
     return Finished(
         poses=poses,

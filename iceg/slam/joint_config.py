@@ -42,9 +42,6 @@ class JointRefinementConfig:
     and lines follow the points. Longer ones overshoot where it brings more."""
     regroup_cells: float = 0.5
     """After steps longer than so many cells the points are grouped into pieces of wall anew."""
-    confirmed_share: float = 0.3
-    """Where the poses went less than this share of the way to the walls, the run says that these do not confirm how
-    well the poses are known."""
     contradiction_prior: float = 0.1
     """Weight of the assumption that walls and factors do not contradict each other, as a share of the way that a
     perfect estimate would leave the graph: it decides where both know about as much. Of 192 random scenes 12 are above

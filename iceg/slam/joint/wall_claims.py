@@ -77,18 +77,15 @@ def variance_factor(
     return max(1.0, (squared + prior * degrees) / (expected + prior * degrees))
 
 
-def claims_warning(
-    share: float, factor: float, config: JointRefinementConfig, *, are_walls_believed: bool
-) -> RunWarning | None:
+def claims_warning(factor: float, config: JointRefinementConfig, *, are_walls_believed: bool) -> RunWarning | None:
     """What a person should know of how sure the poses are said to be, None where nothing speaks against it.
 
     Args:
-        share: of the way to the walls' optimum that the poses went.
         factor: see `variance_factor`.
         config: when to say so.
         are_walls_believed: whether the covariances rest on the walls, too.
     """
-    if not are_walls_believed or share < config.confirmed_share:
+    if not are_walls_believed:
         why = "the walls of the map do not confirm it"
     elif factor > chi2_gate(config.contradiction_false_alarm) / 3.0:
         why = f"walls and matches contradict each other, and it allows for {factor**0.5:.1f} times what they claim"
