@@ -40,6 +40,8 @@ GONE = {
     "finish.joint.walls_gain": "variances grow as far as walls and factors contradict each other",
     "front_end.odometry_check.jump_free_space": "see front_end.odometry_check.contradiction",
     "front_end.odometry_check.jump_inlier_ratio": "see front_end.odometry_check.contradiction",
+    "front_end.standstill.min_moves": "see front_end.standstill.held_prior",
+    "front_end.standstill.seldom_share": "see front_end.standstill.held_prior",
     "loops.failures.widened_distance2": "odometry is widened from loops.failures.beyond_chance_distance2 on",
     "loops.max_deviations": "closures are believed as far as the path explains them, see loops.path_probability",
     "loops.relocalisation.dissent": "places are weighed by how probable they are, see loops.relocalisation.odds",

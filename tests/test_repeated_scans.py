@@ -8,8 +8,8 @@ import pytest
 from frontends.logs import read_log
 from frontends.scan import Log
 from iceg.demo import demo_log_path
+from iceg.slam.recording.held_readings import with_odometry_between_readings
 from iceg.slam.recording.repeated_scans import frozen_intervals, is_repeated, without_frozen_scans
-from iceg.slam.recording.standstill import with_odometry_between_readings
 from iceg.slam.tracking_config import StandstillConfig
 
 

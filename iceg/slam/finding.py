@@ -31,8 +31,8 @@ from iceg.slam.odometry.motions import motions_of
 from iceg.slam.odometry.velocity import motions_without_odometry
 from iceg.slam.passes import track_with_gyro, track_with_sweep
 from iceg.slam.progress import ProgressCallback
+from iceg.slam.recording.held_readings import with_odometry_between_readings
 from iceg.slam.recording.repeated_scans import without_frozen_scans
-from iceg.slam.recording.standstill import with_odometry_between_readings
 from iceg.slam.stage_clock import StageClock
 from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track

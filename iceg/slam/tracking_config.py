@@ -55,10 +55,11 @@ class OpenGroundConfig:
 class StandstillConfig:
     """When odometry stands still although the robot moves."""
 
-    seldom_share: float = 0.5
-    """Where more of the moves than this follow upon a standstill, odometry is read more seldom than the laser."""
-    min_moves: int = 20
-    """Fewest moves that tell how often the odometry is read."""
+    held_prior: float = 0.001
+    """How probable it is that odometry which repeats a reading has not been read anew while the robot moved, before
+    the velocities of the log tell how often that is so."""
+    least_change: float = 0.001
+    """Standard deviation of the change of velocity from one scan to the next, at least [m, rad]."""
     ends: int = 3
     """Scans at either end of a standstill that may show the robot's move already, or still: two clocks."""
     samples: int = 64
@@ -77,7 +78,8 @@ class StandstillConfig:
     """Odometry that stands is dead only where the scans tell of a motion farther than this [m, rad]."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("samples",))
+        check_numbers(self, SlamConfigError, positive=("samples", "least_change"))
+        check_between(self, SlamConfigError, "standstill: ", held_prior=RATES)
         check_between(self, SlamConfigError, "standstill: ", unchanged_share=(0.0, 1.0), min_seen=(0.0, 1.0))
         check_between(self, SlamConfigError, "standstill: ", samples=(1, 100_000))
 

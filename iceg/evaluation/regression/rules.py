@@ -170,7 +170,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             without={f"{_SLAM}.passes:track_as_mounted": lambda log, follow, *_: (log, *follow(log))},
         ),
         "slow odometry": Rule(
-            what="interpolates odometry that is read seldom",
+            what="interpolates odometry where it repeats a reading and makes up for it at once",
             without={f"{_SLAM}.finding:with_odometry_between_readings": _first},
         ),
         "frozen scans": Rule(

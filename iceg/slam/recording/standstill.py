@@ -1,67 +1,13 @@
-"""Odometry that stands still although the robot moves: read anew more seldom than the laser, or no longer at all."""
+"""Odometry that stands still although the robot moves, and does not make up for it: it is dead."""
 
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.scan import Log
-from graph.se2 import between, compose
-from iceg.slam.recording.repeated_scans import is_repeated
 from iceg.slam.recording.steps import is_moving
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.tracking_config import StandstillConfig
-
-
-def with_odometry_between_readings(log: Log, config: StandstillConfig) -> Log:
-    """The same log; where its odometry is read more seldom than its laser, with odometry at every scan."""
-    if not log.has_odometry:
-        return log
-    is_new = ~is_repeated(log.ranges)  # lines written twice hold the same scan with the same odometry
-    odometry = log.odometry[is_new]
-    period = reading_period(odometry, config)
-    if period == 1:
-        return log
-    spread = between_readings(odometry, period)[np.cumsum(is_new) - 1]
-    warning = f"the odometry is read anew only once in {period} scans: it is interpolated in between"
-    return replace(log, odometry=spread, warnings=(*log.warnings, warning))
-
-
-def reading_period(odometry: NDArray[np.float64], config: StandstillConfig) -> int:
-    """How many scans lie from one reading of the odometry to the next, while the robot moves.
-
-    Args:
-        odometry: (n, 3) at each scan.
-        config: how many moves tell it.
-
-    Returns:
-        1 where there is one for each scan, as there should be.
-    """
-    waits = np.diff(_moves(odometry))
-    if len(waits) < config.min_moves or float(np.mean(waits > 1)) <= config.seldom_share:
-        return 1
-    return int(np.median(waits))
-
-
-def between_readings(odometry: NDArray[np.float64], period: int) -> NDArray[np.float64]:
-    """Odometry at the scans between two readings: each move spread evenly over the scans since the last reading.
-
-    Args:
-        odometry: (n, 3) at each scan.
-        period: how many scans lie between two readings; a longer standstill was one, but for its end.
-
-    Returns:
-        (n, 3) the same at every reading.
-    """
-    moves = _moves(odometry)
-    spread = odometry.copy()
-    for move, wait in zip(moves.tolist(), np.diff(moves, prepend=-1).tolist(), strict=True):
-        n = min(wait, period)
-        step = between(odometry[move], odometry[move + 1])
-        shares = np.arange(1, n)[:, None] / n
-        spread[move + 2 - n : move + 1] = compose(odometry[move], shares * step)
-    return spread
 
 
 def dead_intervals(

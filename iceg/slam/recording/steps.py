@@ -30,9 +30,9 @@ def sudden_steps(
         (n - 1,) whether a step may be a jump of the odometry.
     """
     steps = between(odometry[:-1], odometry[1:])
-    waits = np.ones(len(steps)) if stamps is None else _waits(stamps)
+    periods = np.ones(len(steps)) if stamps is None else waits(stamps)
     distance, turn = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2])
-    return _stand_out(distance, config.distance, waits, config) | _stand_out(turn, config.turn, waits, config)
+    return _stand_out(distance, config.distance, periods, config) | _stand_out(turn, config.turn, periods, config)
 
 
 def chained(start: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -55,16 +55,16 @@ def chained(start: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[n
     return poses
 
 
-def _waits(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
+def waits(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n - 1,) time from scan to scan, in usual ones, at least one; odometry may come a scan late after a pause."""
     periods = np.diff(stamps)
     usual = float(np.median(periods)) if len(periods) else 0.0
-    waits = np.maximum(periods / usual, 1.0) if usual > 0.0 else np.ones(len(periods))
-    return np.asarray(np.maximum(waits, np.append(1.0, waits[:-1])), dtype=np.float64)
+    own = np.maximum(periods / usual, 1.0) if usual > 0.0 else np.ones(len(periods))
+    return np.asarray(np.maximum(own, np.append(1.0, own[:-1])), dtype=np.float64)
 
 
 def _stand_out(
-    lengths: NDArray[np.float64], least: float, waits: NDArray[np.float64], config: SuddenStepConfig
+    lengths: NDArray[np.float64], least: float, periods: NDArray[np.float64], config: SuddenStepConfig
 ) -> NDArray[np.bool_]:
-    usual = float(np.quantile(lengths / waits, config.nearly_all)) if len(lengths) else 0.0
-    return lengths > np.maximum(least, config.factor * usual * waits)
+    usual = float(np.quantile(lengths / periods, config.nearly_all)) if len(lengths) else 0.0
+    return lengths > np.maximum(least, config.factor * usual * periods)
