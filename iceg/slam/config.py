@@ -49,6 +49,8 @@ class KeyScanConfig:
     """A new key scan after driving this far [m]."""
     angle: Radians = 0.4
     """A new key scan after turning this far [rad]."""
+    blind_spacing: float = 3.0
+    """A scan that sees nothing becomes a key scan after so many times the way: one that sees may come before."""
     window: int = 25
     """Key scans in the local reference."""
     rebuild: int = 8
@@ -59,7 +61,9 @@ class KeyScanConfig:
             raise SlamConfigError(f"key_scans: distance {self.distance} and angle {self.angle} must be positive")
         if self.window < 1 or self.rebuild < 1:
             raise SlamConfigError(f"key_scans: window {self.window} and rebuild {self.rebuild} must be at least 1")
-        check_between(self, SlamConfigError, "key_scans: ", distance=_STEPS, angle=_STEPS, window=(1, 1000))
+        check_between(
+            self, SlamConfigError, "key_scans: ", distance=_STEPS, angle=_STEPS, window=(1, 1000), blind_spacing=(1.0, 1e6)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
