@@ -241,7 +241,7 @@ def test_unmatched_key_scans_stay_out_of_the_reference_until_the_robot_is_lost()
 def test_a_scan_that_sees_nothing_leaves_it_to_the_next_to_become_a_key_scan() -> None:
     front_end = FrontEnd(TruthMatcher(_straight(60)), OdometryModel(), _CONFIG)
     for index in range(10):
-        front_end.add(index, _scan(index, value=np.nan if index == 6 else 5.0), np.array([0.1, 0.0, 0.0]))
+        front_end.add(index, _scan(index, value=0.1 if index == 6 else 5.0), np.array([0.1, 0.0, 0.0]))
     assert [key.index for key in front_end.keys] == [0, 7]
 
 

@@ -14,6 +14,7 @@ from iceg.ice.matcher import IceMatcher
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.recording.held_readings import between_readings, held_readings, with_odometry_between_readings
 from iceg.slam.recording.standstill import dead_intervals
+from iceg.slam.recording.steps import waits
 from iceg.slam.tracking.log_tracking import track_log
 from iceg.slam.tracking_config import StandstillConfig
 
@@ -32,8 +33,8 @@ def _held(odometry: NDArray[np.float64], n: int) -> NDArray[np.float64]:
 
 
 def _filled(odometry: NDArray[np.float64], stamps: NDArray[np.float64] | None = None) -> NDArray[np.float64]:
-    times = np.arange(len(odometry)) / 5.0 if stamps is None else stamps
-    return between_readings(odometry, *held_readings(odometry, times, StandstillConfig()))
+    periods = waits(np.arange(len(odometry)) / 5.0 if stamps is None else stamps)
+    return between_readings(odometry, periods, *held_readings(odometry, periods, StandstillConfig()))
 
 
 @pytest.mark.parametrize("n", [2, 3, 5, 20])
@@ -69,12 +70,12 @@ def test_a_stall_for_a_second_is_bridged_and_nothing_else_is_touched(log: Log) -
 
 
 def test_a_pause_of_the_recording_explains_a_leap() -> None:
-    truth, times = _straight(101), np.arange(101) / 5.0
-    kept = np.delete(np.arange(101), slice(51, 56))
-    paused = truth[kept]
-    paused[50] = paused[49]
-    np.testing.assert_array_equal(_filled(paused, times[kept]), paused)
-    assert not np.array_equal(_filled(paused, times[: len(kept)]), paused)
+    leap = _straight(101)
+    leap[51:55] = leap[50]
+    times = np.arange(101) / 5.0
+    assert not np.array_equal(_filled(leap, times), leap)
+    times[55:] += 1.0
+    np.testing.assert_array_equal(_filled(leap, times), leap)
 
 
 def test_odometry_read_at_every_scan_is_left_alone(log: Log) -> None:

@@ -62,7 +62,13 @@ class KeyScanConfig:
         if self.window < 1 or self.rebuild < 1:
             raise SlamConfigError(f"key_scans: window {self.window} and rebuild {self.rebuild} must be at least 1")
         check_between(
-            self, SlamConfigError, "key_scans: ", distance=_STEPS, angle=_STEPS, window=(1, 1000), blind_spacing=(1.0, 1e6)
+            self,
+            SlamConfigError,
+            "key_scans: ",
+            distance=_STEPS,
+            angle=_STEPS,
+            window=(1, 1000),
+            blind_spacing=(1.0, 1e6),
         )
 
 

@@ -58,6 +58,9 @@ class StandstillConfig:
     held_prior: float = 0.001
     """How probable it is that odometry which repeats a reading has not been read anew while the robot moved, before
     the velocities of the log tell how often that is so."""
+    stops: float = 0.1
+    """No robot starts from rest in a larger share of its moves: where more follow upon a standstill, the others are
+    readings that are held."""
     least_change: float = 0.001
     """Standard deviation of the change of velocity from one scan to the next, at least [m, rad]."""
     ends: int = 3
@@ -79,7 +82,7 @@ class StandstillConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError, positive=("samples", "least_change"))
-        check_between(self, SlamConfigError, "standstill: ", held_prior=RATES)
+        check_between(self, SlamConfigError, "standstill: ", held_prior=RATES, stops=RATES)
         check_between(self, SlamConfigError, "standstill: ", unchanged_share=(0.0, 1.0), min_seen=(0.0, 1.0))
         check_between(self, SlamConfigError, "standstill: ", samples=(1, 100_000))
 

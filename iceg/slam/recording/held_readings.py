@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.elementary import log
 from graph.se2 import between, compose
 from iceg.slam.recording.repeated_scans import is_repeated
 from iceg.slam.recording.steps import is_moving, waits
@@ -23,11 +24,11 @@ def with_odometry_between_readings(log: Log, config: StandstillConfig) -> Log:
     if not log.has_odometry:
         return log
     is_new = ~is_repeated(log.ranges)  # lines written twice hold the same scan with the same odometry
-    odometry = log.odometry[is_new]
-    moves, spread = held_readings(odometry, log.stamps[is_new], config)
+    odometry, periods = log.odometry[is_new], _periods(log.stamps[is_new])
+    moves, spread = held_readings(odometry, periods, config)
     if not (spread > 1).any():
         return log
-    filled = between_readings(odometry, moves, spread)[np.cumsum(is_new) - 1]
+    filled = between_readings(odometry, periods, moves, spread)[np.cumsum(is_new) - 1]
     n_scans, at = int((spread - 1).sum()), int(np.argmax(spread > 1))
     first = int(np.flatnonzero(is_new)[moves[at] + 2 - spread[at]])
     warning = (
@@ -38,18 +39,19 @@ def with_odometry_between_readings(log: Log, config: StandstillConfig) -> Log:
 
 
 def held_readings(
-    odometry: NDArray[np.float64], stamps: NDArray[np.float64], config: StandstillConfig
+    odometry: NDArray[np.float64], periods: NDArray[np.float64], config: StandstillConfig
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The steps of an odometry that move, and over how many scans each was made.
 
     A step that follows upon a standstill was made in one scan, or in the last h of those since the reading before. Each
-    costs the squared changes of speed and turn rate that it takes, in the variance of those of the whole log; that the
-    robot stands costs nothing where the step is taken as read. The likelihood ratio decides, and how often readings
-    are held in this log.
+    way takes a stop and a start, or goes on; these cost by how far speed and turn rate change on the whole, so that a
+    start from rest costs what it leads to, and a leap twice what it exceeds that by. That a reading is held for h scans
+    is the less probable the more they are, as 1/h. The likelihood ratio decides, and how often readings are held in
+    this log.
 
     Args:
         odometry: (n, 3) at each scan.
-        stamps: (n,) of the scans [s]: a pause of the recording explains a leap.
+        periods: (n - 1,) time from scan to scan, in usual ones: a pause of the recording explains a leap.
         config: how probable it is that a reading is held.
 
     Returns:
@@ -57,42 +59,49 @@ def held_readings(
     """
     moves = np.flatnonzero(is_moving(odometry))
     spread = np.ones(len(moves), dtype=np.int64)
-    if len(moves) < 2:
+    since = np.diff(moves, prepend=-1)
+    after_standstill = np.flatnonzero(since[1:] > 1) + 1
+    if not len(after_standstill):
         return moves, spread
     T_before_after = between(odometry[moves], odometry[moves + 1])
     steps = np.column_stack([np.hypot(T_before_after[:, 0], T_before_after[:, 1]), T_before_after[:, 2]])
-    since = np.diff(moves, prepend=-1)
-    velocities = steps / since[:, None]
+    clock = np.concatenate([[0.0], np.cumsum(periods)])
+    velocities = steps / np.diff(clock[moves + 1], prepend=0.0)[:, None]
     usual = np.quantile(np.abs(np.diff(velocities, axis=0)), _NEARLY_ALL, axis=0) / _NORMAL_QUANTILE
     scale = np.maximum(usual, config.least_change)
     steps, velocities = steps / scale, velocities / scale
-    as_read = steps / waits(stamps)[moves, None]
-    after_standstill = np.flatnonzero(since[1:] > 1) + 1
     gains, spans = np.zeros(len(after_standstill)), np.ones(len(after_standstill), dtype=np.int64)
     for row, k in enumerate(after_standstill.tolist()):
         before = velocities[max(k - 2, 0) : k].mean(axis=0)
         after = velocities[k + 1 : k + 3].mean(axis=0) if k + 1 < len(moves) else before
-        h = np.arange(2, since[k] + 1)
-        during = steps[k] / h[:, None]
-        stood = np.append(_squared(during[:-1]) + _squared(before), _squared(during[-1] - before))
-        costs = stood + _squared(after - during)
-        gains[row], spans[row] = 0.5 * (_squared(after - as_read[k]) - costs.min()), h[costs.argmin()]
-    share = config.held_prior
-    for _ in range(2):  # the second time with the share that the first has found
+        h = np.arange(1, since[k] + 1)
+        during = steps[k] / (clock[moves[k] + 1] - clock[moves[k] + 1 - h])[:, None]
+        costs = _cost(_length(before)) + _cost(_length(during) + _length(after - during))
+        costs[-1] = _cost(_length(during[-1] - before)) + _cost(_length(after - during[-1]))
+        costs += log(h)
+        gains[row], spans[row] = costs[0] - costs[1:].min(), 2 + costs[1:].argmin()
+    most = 1.0 - config.held_prior
+    started = config.stops * len(moves) / len(after_standstill)
+    share = least = min(max(1.0 - started, config.held_prior), most)
+    for _ in range(_ROUNDS):
         is_held = gains > math.log((1.0 - share) / share)
-        share = float(np.clip(np.mean(is_held) if len(is_held) else 0.0, config.held_prior, 1.0 - config.held_prior))
+        share = min(max(float(np.mean(is_held)), least), most)
     spread[after_standstill[is_held]] = spans[is_held]
     return moves, spread
 
 
 def between_readings(
-    odometry: NDArray[np.float64], moves: NDArray[np.int64], spread: NDArray[np.int64]
+    odometry: NDArray[np.float64],
+    periods: NDArray[np.float64],
+    moves: NDArray[np.int64],
+    spread: NDArray[np.int64],
 ) -> NDArray[np.float64]:
-    """Odometry at the scans between two readings: each step spread evenly over the scans that it took.
+    """Odometry at the scans between two readings: each step spread over the scans that it took, by their time.
 
     Args:
         odometry: (n, 3) at each scan.
-        moves: (m,) see `held_readings` …
+        periods: (n - 1,) see `held_readings` …
+        moves: (m,) …
         spread: (m,) ….
 
     Returns:
@@ -100,16 +109,29 @@ def between_readings(
     """
     filled = odometry.copy()
     for move, n in zip(moves.tolist(), spread.tolist(), strict=True):
-        step = between(odometry[move], odometry[move + 1])
-        shares = np.arange(1, n)[:, None] / n
-        filled[move + 2 - n : move + 1] = compose(odometry[move], shares * step)
+        step, times = between(odometry[move], odometry[move + 1]), np.cumsum(periods[move + 1 - n : move + 1])
+        filled[move + 2 - n : move + 1] = compose(odometry[move], times[:-1, None] / times[-1] * step)
     return filled
 
 
+_FREEDOM = 3.0
+"""Degrees of freedom of Student's t for changes of velocity."""
+_ROUNDS = 20
+"""The share of held readings and which of them are held follow each other; few rounds settle both."""
 _NEARLY_ALL, _NORMAL_QUANTILE = 0.9, 1.645
 """Nine of ten changes of a normal distribution are smaller than 1.645 standard deviations."""
 
 
-def _squared(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(...) squared length of (..., 2)."""
-    return np.asarray((vectors * vectors).sum(axis=-1))
+def _periods(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n - 1,) time from scan to scan, in usual ones; all alike where stamps that do not increase tell nothing."""
+    return waits(stamps) if (np.diff(stamps) > 0.0).all() else np.ones(max(len(stamps) - 1, 0))
+
+
+def _length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(...) of (..., 2)."""
+    return np.asarray(np.sqrt((vectors * vectors).sum(axis=-1)), dtype=np.float64)
+
+
+def _cost(changes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Negative log-likelihood of changes of velocity, by Student's t: robots stop and start abruptly."""
+    return np.asarray(0.5 * (_FREEDOM + 2.0) * log(1.0 + changes * changes / _FREEDOM), dtype=np.float64)

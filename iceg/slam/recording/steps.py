@@ -31,6 +31,7 @@ def sudden_steps(
     """
     steps = between(odometry[:-1], odometry[1:])
     periods = np.ones(len(steps)) if stamps is None else waits(stamps)
+    periods = np.maximum(periods, np.append(1.0, periods[:-1]))  # odometry may come a scan late after a pause
     distance, turn = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2])
     return _stand_out(distance, config.distance, periods, config) | _stand_out(turn, config.turn, periods, config)
 
@@ -56,11 +57,10 @@ def chained(start: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[n
 
 
 def waits(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n - 1,) time from scan to scan, in usual ones, at least one; odometry may come a scan late after a pause."""
+    """(n - 1,) time from scan to scan, in usual ones, at least one."""
     periods = np.diff(stamps)
     usual = float(np.median(periods)) if len(periods) else 0.0
-    own = np.maximum(periods / usual, 1.0) if usual > 0.0 else np.ones(len(periods))
-    return np.asarray(np.maximum(own, np.append(1.0, own[:-1])), dtype=np.float64)
+    return np.maximum(periods / usual, 1.0) if usual > 0.0 else np.ones(len(periods))
 
 
 def _stand_out(

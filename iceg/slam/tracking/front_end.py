@@ -22,7 +22,7 @@ from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan
 from iceg.slam.tracking.odometry_check import Expectation, OdometryCheck
-from iceg.slam.tracking.sight import is_blind, sees_next_to_nothing
+from iceg.slam.tracking.sight import is_blind, sees_next_to_nothing, sees_nothing
 
 COVERED = NoMatch(reason="the laser is covered")
 """What becomes of a scan that sees nothing."""
@@ -107,7 +107,7 @@ class FrontEnd:
             self._forget_motion()
         self.motion = noise.extend(self.motion, step)
         self._follow(scan, compose(before, step))
-        if self._is_key():
+        if self._is_key(scan):
             self._add_key(index, scan)
         return self._T_track_robot
 
@@ -288,13 +288,13 @@ class FrontEnd:
         pulled = dense.matvec(directions, share * dense.matvec(directions.T, offset))
         return compose(match.T_ref_cur, dense.matvec(odometry, pulled))
 
-    def _is_key(self) -> bool:
+    def _is_key(self, scan: Scan) -> bool:
         """Whether the robot has gone far enough, or may have: nothing has seen its motion for several scans."""
         if self._unknown_scans >= self._config.tracking.unknown_scans and not self.is_blind:
             return True
         distance, turn = apart(self.keys[-1].T_track_robot, self._T_track_robot)
         limits = self._config.key_scans
-        spacing = limits.blind_spacing if self.is_blind else 1.0
+        spacing = limits.blind_spacing if self.is_blind and sees_nothing(scan, self._config.sight) else 1.0
         return distance > spacing * limits.distance or turn > spacing * limits.angle
 
     def _add_key(self, index: int, scan: Scan) -> None:

@@ -14,11 +14,16 @@ def is_blind(scan: Scan, config: SightConfig, *, knows_motion: bool) -> bool:
         config: what it must see.
         knows_motion: whether odometry tells the way; where it does not, few beams are better than none.
     """
-    returns, close = np.count_nonzero(scan.ranges >= 0.0), np.count_nonzero(scan.ranges < config.blind_range)
-    if not returns or close > config.blind_share * returns:
+    if sees_nothing(scan, config):
         return True
-    has_few = knows_motion and sees_next_to_nothing(scan, config)
+    has_few, returns = knows_motion and sees_next_to_nothing(scan, config), np.count_nonzero(scan.ranges >= 0.0)
     return bool(has_few and (returns < config.min_far_returns or not _sees_afar(scan, config)))
+
+
+def sees_nothing(scan: Scan, config: SightConfig) -> bool:
+    """Whether no beam returns, or something covers the laser."""
+    returns, close = np.count_nonzero(scan.ranges >= 0.0), np.count_nonzero(scan.ranges < config.blind_range)
+    return bool(not returns or close > config.blind_share * returns)
 
 
 def sees_next_to_nothing(scan: Scan, config: SightConfig) -> bool:
