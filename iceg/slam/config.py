@@ -49,7 +49,7 @@ class KeyScanConfig:
     """A new key scan after driving this far [m]."""
     angle: Radians = 0.4
     """A new key scan after turning this far [rad]."""
-    blind_spacing: float = 3.0
+    blind_spacing: float = 1.5
     """A scan that sees nothing becomes a key scan after so many times the way: one that sees may come before."""
     window: int = 25
     """Key scans in the local reference."""
