@@ -15,6 +15,7 @@ from graph.measurement import NoMatch
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.evaluation.degradation import carried
+from iceg.ice.matcher import IceMatcher
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
 from iceg.slam.broken_path.view_change import ViewChanges, judged_by_view
 from iceg.slam.closure_config import TrackingFailureConfig, ViewChangeConfig
@@ -45,7 +46,7 @@ def _views(log: Log, poses: NDArray[np.float64], config: ViewChangeConfig = _CON
     key_of_scan = np.arange(len(log)) // _EVERY
     T_key_scan = between(poses[_EVERY * key_of_scan], poses)
     track = Track(keys=keys, key_of_scan=key_of_scan, T_key_scan=T_key_scan, failures=0, lost=[])
-    return ViewChanges(log, track, config)
+    return ViewChanges(log, track, IceMatcher(), config)
 
 
 def _carried(simulation: Simulation) -> tuple[ViewChanges, int]:
@@ -87,6 +88,19 @@ def test_poses_that_are_wrong_by_little_change_no_view(simulation: Simulation) -
     chance = _views(simulation.log, poses).chance(np.array([step - 1]))
     assert chance is not None
     assert chance > _CONFIG.carried_chance
+
+
+def test_tracking_that_goes_astray_for_a_scan_changes_no_view(simulation: Simulation) -> None:
+    """The two scans, matched to each other, agree; and robots that are carried see something else altogether."""
+    poses, step = simulation.truth.copy(), 700
+    poses[step] = compose(poses[step], [0.25, -0.1, 0.05])
+    views = _views(simulation.log, poses)
+    astray = np.array([step - 1])
+    assert views._tail(float(views._changes(astray)[0])) <= _CONFIG.carried_chance
+    chance = views.chance(astray)
+    assert chance is not None
+    assert chance > _CONFIG.carried_chance
+    assert float(np.median(views._elsewhere)) > 0.2
 
 
 def test_nothing_is_said_of_a_laser_that_is_covered(simulation: Simulation) -> None:

@@ -344,7 +344,7 @@ def solve_track(
             progress(track.keys[key].index + 1)
     failures = back_end.failures
     if log is not None:
-        failures = judged_by_view(failures, ViewChanges(log, track, closures.view), closures.failures)
+        failures = judged_by_view(failures, ViewChanges(log, track, closer.judge, closures.view), closures.failures)
     return _relocalised(back_end.solution(), failures, closer, track, graph_config)
 
 

@@ -197,6 +197,13 @@ class ViewChangeConfig:
     """Two scans agree about a beam that ends within this of what the other sees there [m]."""
     share: float = 0.02
     """Two scans agree about a beam that ends within this share of its range, added to that distance."""
+    step_distance: float = 0.5
+    """Where the view seems to have changed at once the two scans are matched to each other: standard deviation in
+    position of the step that tracking has found [m]."""
+    step_turn: Radians = 0.3
+    """The same in heading [rad]."""
+    most_elsewhere: int = 60
+    """So many pairs of scans of different parts of the log tell how much the view changes if the robot is carried."""
     most_beams: int = 120
     """Most beams of a scan that are looked at, evenly spread."""
     min_compared: int = 10
@@ -219,16 +226,23 @@ class ViewChangeConfig:
 
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError)
+        check_between(self, SlamConfigError, "view: ", step_distance=(1e-3, 100.0), step_turn=(1e-3, 10.0))
         rates = dict.fromkeys(("tail", "carried_chance", "carried_prior", "false_alarm"), RATES)
         check_between(
             self,
             SlamConfigError,
             "view: ",
             most_beams=(1, 1_000_000),
+            most_elsewhere=(1, 1_000_000),
             keys=(1, 1000),
             most_steps=(1, 1_000_000),
             **rates,
         )
+
+    @property
+    def step(self) -> Tolerance:
+        """Standard deviations of a step that tracking has found."""
+        return Tolerance(self.step_distance, self.step_turn)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from frontends.scan import Log
 from graph.elementary import arctan2
+from graph.measurement import NoMatch
 from graph.se2 import between, compose, transform_points
+from iceg.ice.matcher import IceMatcher
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
 from iceg.slam.closure_config import TrackingFailureConfig, ViewChangeConfig
 from iceg.slam.track import Track
@@ -35,26 +37,37 @@ class ViewChanges:
     Attributes:
         log: the scans.
         track: where the front end saw them from.
+        judge: matches two scans where tracking may be wrong about the step between them.
         config: what is compared.
     """
 
     log: Log
     track: Track
+    judge: IceMatcher
     config: ViewChangeConfig
 
     def chance(self, steps: NDArray[np.int64]) -> float | None:
         """How probable by chance the largest change of view at some steps is, at any one of them.
 
+        Where that is seldom, in so far as a robot that was carried would rather see so little change.
+
         Args:
             steps: (n,) see `steps`.
 
         Returns:
-            A probability. None where it cannot be told: where scans see too little.
+            A probability, or that ratio of two. None where it cannot be told: where scans see too little.
         """
         changes = self._changes(steps)
         if not len(self._usual) or not np.isfinite(changes).all():
             return None
-        return self._tail(float(changes.max(initial=0.0)))
+        for row in np.argsort(-changes).tolist():
+            if self._tail(float(changes[row])) > self.config.carried_chance:
+                break
+            step = int(steps[row])
+            changes[row] = min(changes[row], self._change_where_matched(step, step + 1))
+        largest = float(changes.max(initial=0.0))
+        chance = self._tail(largest)
+        return chance if chance > self.config.carried_chance else min(1.0, chance / self._share_elsewhere(largest))
 
     def after_largest(self, steps: NDArray[np.int64]) -> tuple[int, int]:
         """The first key pose, and the first scan, after the step at which the view changes most, of (n,) steps.
@@ -108,12 +121,43 @@ class ViewChanges:
         """(n_scans - 1,) changes of the steps that were asked for."""
         return np.full(len(self.log) - 1, _NOT_YET)
 
+    def _share_elsewhere(self, change: float) -> float:
+        """How many scans of other places would differ by no more, had the robot been carried there."""
+        elsewhere = self._elsewhere
+        return float((np.count_nonzero(elsewhere <= change) + 1.0) / (len(elsewhere) + 1.0))
+
+    @cached_property
+    def _elsewhere(self) -> NDArray[np.float64]:
+        """Changes from scans of the log to scans of another part of it, as the matcher would have them lie."""
+        before = np.linspace(0, len(self.log) - 1, self.config.most_elsewhere + 1).astype(np.int64)[:-1]
+        after = (before + len(self.log) // 2) % len(self.log)
+        found = [self._change_where_matched(i, j) for i, j in zip(before.tolist(), after.tolist(), strict=True)]
+        return np.array([change for change in found if np.isfinite(change)])
+
+    def _change_where_matched(self, before: int, after: int) -> float:
+        """The same from one scan to another, as the two match each other; inf where too few can be compared.
+
+        Tracking may have taken the robot to the wrong place.
+        """
+        guess = between(self._T_track_robot[before], self._T_track_robot[after]) if after == before + 1 else np.zeros(3)
+        reference = self.judge.prepare([self.log.scan(before)], np.zeros((1, 3)))
+        found = self.judge.match(reference, self.log.scan(after), guess, np.diag(self.config.step.deviations**2))
+        T_before_after = guess if isinstance(found, NoMatch) else found.T_ref_cur
+        change = self._changes_by(np.array([before]), np.array([after]), T_before_after[None])
+        return float(np.nan_to_num(change, nan=np.inf)[0])
+
     def _changes_along(self, steps: NDArray[np.int64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """The same along (n_scans, 3) poses of the robot, all at once."""
+        return self._changes_by(steps, steps + 1, between(poses[steps], poses[steps + 1]))
+
+    def _changes_by(
+        self, before: NDArray[np.int64], after: NDArray[np.int64], T_before_after: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """The same from (n,) scans to others that lie to them so, (n, 3)."""
         mount = self.log.geometry.T_robot_laser
-        T_laser = compose(poses[steps], mount), compose(poses[steps + 1], mount)
-        forth = self._compared(steps + 1, steps, between(T_laser[0], T_laser[1]))
-        back = self._compared(steps, steps + 1, between(T_laser[1], T_laser[0]))
+        T_laser = compose(T_before_after, mount)
+        forth = self._compared(after, before, between(mount, T_laser))
+        back = self._compared(before, after, between(T_laser, mount))
         agreeing, compared = forth[0] + back[0], forth[1] + back[1]
         is_enough = compared >= 2 * self.config.min_compared
         return np.where(is_enough, 1.0 - agreeing / np.maximum(compared, 1), np.nan)
