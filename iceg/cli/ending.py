@@ -9,19 +9,20 @@ import os
 import signal
 import sys
 
+from iceg.ending_signals import ENDING_SIGNALS
+
 TYPE_CHECKING = False  # typing takes longer to load than all of this
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from types import FrameType
 
-_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
 _received: list[int] = []
 """Signals that have told this process to end: an interrupt may come out of compiled libraries as another error."""
 
 
 def install() -> None:
     """From now on signals end the process, which has nothing to clear up yet; those ignored by its parent stay so."""
-    for number in _SIGNALS:
+    for number in ENDING_SIGNALS:
         if signal.getsignal(number) != signal.SIG_IGN:
             signal.signal(number, _end)
 
@@ -59,7 +60,7 @@ def say_interrupted(more: Sequence[object] = ()) -> int:
 
 
 def _replace(present: Callable[[int, FrameType | None], None], wanted: Callable[[int, FrameType | None], None]) -> None:
-    for number in _SIGNALS:
+    for number in ENDING_SIGNALS:
         if signal.getsignal(number) is present:
             signal.signal(number, wanted)
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Any
 
-_NUMBERS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+from iceg.ending_signals import ENDING_SIGNALS
 
 
 @contextlib.contextmanager
@@ -24,7 +24,7 @@ def held_back() -> Iterator[Callable[[], None]]:
     came: list[tuple[int, FrameType | None]] = []
     handlers: dict[int, Callable[[int, FrameType | None], Any]] = {}
     if threading.current_thread() is threading.main_thread():
-        present = {number: signal.getsignal(number) for number in _NUMBERS}
+        present = {number: signal.getsignal(number) for number in ENDING_SIGNALS}
         handlers = {number: handler for number, handler in present.items() if callable(handler)}
 
     def deliver() -> None:
