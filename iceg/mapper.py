@@ -32,10 +32,9 @@ from iceg.slam.stage_clock import StageClock
 from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.sweep.tracking import SweepFinding
 from iceg.slam.track import KeyScan
-from iceg.slam.tracking.open_ground import is_open_ground
 
 _TELLING = 100
-"""Scans after which the noise of the laser is known, and whether the robot is on open ground."""
+"""Scans after which the noise of the laser is known."""
 
 
 class Event(Enum):
@@ -108,7 +107,6 @@ class Mapper:
         self._stages = stages or IN_HOUSE
         self._log = GrowingLog(geometry, Path(name))
         self._laser: LaserNoise | None = None
-        self._is_open_ground = False
 
     def __len__(self) -> int:
         """Number of scans so far."""
@@ -161,7 +159,6 @@ class Mapper:
             kept=Cut().kept(len(log)),
             config=replace(self._given, finish=replace(self._given.finish, enabled=False)),
             has_own_stages=self._stages != IN_HOUSE,
-            is_open_ground=self._is_open_ground,
             laser=self._laser,
             sweep=SweepFinding(source="nothing").record(),
             gyro=None,
@@ -188,20 +185,17 @@ class Mapper:
         """Track the scans so far from the first on, with what is known of the laser."""
         noise = beyond_allowed(self._laser)
         self._config = widened(self._given, sqrt(noise.typical))
-        self._matcher = matcher_of(self._config, noise, self._stages, on_open_ground=self._is_open_ground)
+        self._matcher = matcher_of(self._config, noise, self._stages)
         self._tracking = IncrementalTracking(self._log, self._matcher, self._config)
         self._tracking.advance()
         front_end = self._tracking.front_end
         self._graph = IncrementalGraph(front_end.keys, front_end.lost, self._matcher, self._config, self._stages)
 
     def _learn_the_laser(self) -> None:
-        """Begin anew where the laser is noisier than the settings allow for, or sees open ground."""
+        """Begin anew where the laser is noisier than the settings allow for."""
         log = self._log.log()
-        self._laser, self._is_open_ground = (
-            laser_noise(log, self._given),
-            is_open_ground(log, self._given.front_end.open_ground),
-        )
-        if self._is_open_ground or beyond_allowed(self._laser) != PLAIN:
+        self._laser = laser_noise(log, self._given)
+        if beyond_allowed(self._laser) != PLAIN:
             self._begin()
             for _ in range(len(log) - 2):
                 self._advance()

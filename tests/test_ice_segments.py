@@ -91,7 +91,7 @@ def test_normals_stop_at_a_jump() -> None:
     np.testing.assert_allclose(points.normals, np.tile([-1.0, 0.0], (len(points), 1)), atol=1e-4)
 
 
-def test_on_open_ground_what_is_too_slim_for_a_line_faces_the_laser_if_it_stands_before_its_neighbours() -> None:
+def test_what_is_too_slim_for_a_line_faces_the_laser_if_it_stands_before_its_neighbours() -> None:
     ranges = np.full(181, 8.0)
     ranges[:100] = np.where(np.arange(100) % 2, 12.0, 16.0)  # no line
     ranges[[19, 21]], ranges[20] = np.nan, 3.0  # a post, nothing beside it
@@ -100,16 +100,14 @@ def test_on_open_ground_what_is_too_slim_for_a_line_faces_the_laser_if_it_stands
     ranges[140], ranges[141:150], ranges[150:] = 6.0, 4.0, np.nan  # a beam that met two walls
     geometry = ScanGeometry(bearings=BEARINGS, range_min=0.0, range_max=20.0, T_robot_laser=np.array([0.2, 0.1, 0.3]))
     scan = Scan(ranges=ranges.astype(np.float32), geometry=geometry)
-    got = extract_points(scan, open_ground=True)
+    got = extract_points(scan)
     normals = dict(zip(got.beams.tolist(), got.normals, strict=True))
     for beam in (20, 60, 61):
         np.testing.assert_allclose(normals[beam], -geometry.directions_robot[beam], atol=1e-6)
     assert not normals[100].any()
     assert not normals[140].any()
-    indoors = extract_points(scan)
-    assert not indoors.normals[np.isin(indoors.beams, [20, 60, 61])].any()
     ranges[:60], ranges[62:100] = 8.0, 8.0
-    walls = extract_points(Scan(ranges=ranges.astype(np.float32), geometry=geometry), open_ground=True)
+    walls = extract_points(Scan(ranges=ranges.astype(np.float32), geometry=geometry))
     assert not walls.normals[60:62].any()
 
 

@@ -24,7 +24,7 @@ from iceg.slam.finish import Round
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.gyro import GyroFinding
 
-VERSION = 3
+VERSION = 4
 """Of the file; it changes with what is in it."""
 _WHAT = "the findings of a run"
 
@@ -36,7 +36,6 @@ def write_findings(path: Path, findings: Findings) -> None:
         "version": VERSION,
         "config": format_config(findings.config),
         "is_own_matcher": findings.has_own_stages,
-        "is_open_ground": findings.is_open_ground,
         "kept": findings.kept.record(),
         "laser": None if findings.laser is None else asdict(findings.laser),
         "sweep": findings.sweep,
@@ -89,7 +88,6 @@ def _findings(table: Table, facts: Mapping[str, Any]) -> Findings:
         kept=_kept(table, facts["kept"], len(log)),
         config=config,
         has_own_stages=facts["is_own_matcher"] is not False,
-        is_open_ground=facts["is_open_ground"] is True,
         laser=None if facts["laser"] is None else LaserNoise(**_numbers(facts["laser"])),
         sweep=dict(facts["sweep"]),
         gyro=None if facts["gyro"] is None else _gyro(facts["gyro"]),

@@ -67,7 +67,6 @@ def scan_points(
     origin: F64,
     reach: float,
     jump: float,
-    slim: bool,
     noise: RangeNoise,
     points: F64,
     normals: F64,
@@ -82,10 +81,9 @@ def scan_points(
         origin: (2,) position of the laser in the robot frame [m].
         reach: neighbours up to this far on either side define the normal of a point [m].
         jump: see `_surfaces` [m].
-        slim: whether what is slim may have normals, see `_face_slim`.
         noise: of the ranges.
         points: (n_beams, 2) output [m].
-        normals: (n_beams, 2) output; 0, 0 where no line fits the neighbourhood.
+        normals: (n_beams, 2) output; 0, 0 where no line fits the neighbourhood, but see `_face_slim`.
         beams: (n_beams,) output.
         spreads: (n_beams,) output, variance of each across its surface in that of a typical point.
 
@@ -97,8 +95,7 @@ def scan_points(
     _surfaces(points[:n], beams, origin, _resolution(directions), jump, noise, surfaces)
     _sum_up(points, surfaces, n, ZERO, ONE, n, reach * reach, moments)
     _normals(moments, n, points, origin, normals)
-    if slim:
-        _face_slim(points, beams, surfaces, n, origin, normals)
+    _face_slim(points, beams, surfaces, n, origin, normals)
     _spread(points[:n], normals, origin, noise, spreads)
     if noise.typical > 0.0:
         _straighten(points[:n], normals, origin, moments, noise.allowed)

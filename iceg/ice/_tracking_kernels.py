@@ -24,7 +24,6 @@ class Laser(NamedTuple):
     origin: F64
     reach: float
     jump: float
-    slim: bool
     noise: RangeNoise
 
 
@@ -183,7 +182,6 @@ def _match(
         laser.origin,
         laser.reach,
         laser.jump,
-        laser.slim,
         laser.noise,
         points,
         normals,

@@ -67,7 +67,6 @@ class IceMatcher:
         self,
         config: IceConfig | None = None,
         *,
-        open_ground: bool = False,
         noise: RangeNoise = PLAIN,
         features: Callable[[Scan], Features] | None = None,
     ) -> None:
@@ -75,13 +74,11 @@ class IceMatcher:
 
         Args:
             config: settings; the defaults when left out.
-            open_ground: whether the scans were taken where trunks and posts count, see `extract_points`.
             noise: of the ranges beyond what the settings allow for.
             features: of a scan in the robot frame; None for those that the settings describe.
         """
         self._extract_features = features
         self.config = config or IceConfig()
-        self._open_ground = open_ground
         self._noise = noise
         self._scan_points: WeakKeyDictionary[Scan, ScanPoints] = WeakKeyDictionary()
         self._observations: WeakKeyDictionary[Scan, Observation] = WeakKeyDictionary()
@@ -121,9 +118,7 @@ class IceMatcher:
     def _points(self, scan: Scan) -> ScanPoints:
         points = self._scan_points.get(scan)
         if points is None:
-            points = extract_points(
-                scan, self.config.local_map.normal_reach, open_ground=self._open_ground, noise=self._noise
-            )
+            points = extract_points(scan, self.config.local_map.normal_reach, self._noise)
             _remember(self._scan_points, scan, points)
         return points
 
@@ -196,7 +191,6 @@ class IceMatcher:
             standing,
             odometry,
             self.config.local_map.normal_reach,
-            self._open_ground,
             self._noise,
             polish,
             limits,

@@ -23,8 +23,8 @@ class ScanPoints:
 
     Attributes:
         points: (n, 2) in the robot frame [m].
-        normals: (n, 2) unit vectors towards the laser; 0, 0 where no line fits the neighbourhood. On open ground what
-            is too slim for one faces the laser in scans where most points lie on such things.
+        normals: (n, 2) unit vectors towards the laser; 0, 0 where no line fits the neighbourhood. Among trunks
+            and posts, where most points lie on what is too slim for a line, that faces the laser.
         beams: (n,) int32 index of the beam of each point.
         spreads: (n,) variance of each point across its surface in that of a typical one: more where the noise of the
             laser grows with the range, less where the beam meets the surface flat. 1 for a laser that hardly errs.
@@ -40,16 +40,12 @@ class ScanPoints:
         return len(self.points)
 
 
-def extract_points(
-    scan: Scan, reach: float = 0.2, *, open_ground: bool = False, noise: RangeNoise = PLAIN
-) -> ScanPoints:
+def extract_points(scan: Scan, reach: float = 0.2, noise: RangeNoise = PLAIN) -> ScanPoints:
     """End points of a scan and the local surface normals.
 
     Args:
         scan: the scan.
         reach: neighbours up to this far on either side of a point define its normal [m].
-        open_ground: there may be trunks and posts, see `ScanPoints`. Elsewhere what looks like one is a wall that few
-            beams meet.
         noise: of the ranges; none worth speaking of unless given.
 
     Returns:
@@ -64,7 +60,6 @@ def extract_points(
         geometry.origin_robot,
         reach,
         JUMP,
-        open_ground,
         noise,
         points,
         normals,

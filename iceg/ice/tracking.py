@@ -54,7 +54,6 @@ def follow_scans(
     standing: Standing,
     odometry: OdometryModel,
     reach: float,
-    open_ground: bool,
     noise: RangeNoise,
     polish: Polish,
     limits: Limits,
@@ -68,8 +67,7 @@ def follow_scans(
         local_map: the reference.
         standing: where the robot is before the first of the scans.
         odometry: how far it is believed.
-        reach: see `extract_points` [m]; as …
-        open_ground: …
+        reach: see `extract_points` [m] …
         noise: …
         polish: how a scan is matched.
         limits: where it ends.
@@ -94,7 +92,7 @@ def follow_scans(
         ranges,
         steps,
         odometry.variances,
-        _laser(geometry, reach, noise, open_ground=open_ground),
+        _laser(geometry, reach, noise),
         kernels.Field(surfels=local_map.surfels, nearest=field.nearest, origin=field.origin, cell=field.cell),
         polish,
         limits,
@@ -110,9 +108,9 @@ def follow_scans(
     )
 
 
-def _laser(geometry: ScanGeometry, reach: float, noise: RangeNoise, *, open_ground: bool) -> kernels.Laser:
+def _laser(geometry: ScanGeometry, reach: float, noise: RangeNoise) -> kernels.Laser:
     directions, origin = geometry.directions_robot, geometry.origin_robot
-    return kernels.Laser(directions=directions, origin=origin, reach=reach, jump=JUMP, slim=open_ground, noise=noise)
+    return kernels.Laser(directions=directions, origin=origin, reach=reach, jump=JUMP, noise=noise)
 
 
 def _first(returns: kernels.Returns, n: int) -> ScanPoints:

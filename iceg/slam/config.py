@@ -20,7 +20,6 @@ from iceg.slam.sweep_config import SweepConfig
 from iceg.slam.tracking_config import (
     MountConfig,
     OdometryCheckConfig,
-    OpenGroundConfig,
     SightConfig,
     SplitHalfConfig,
     StandstillConfig,
@@ -79,8 +78,6 @@ class FrontEndConfig:
     key_scans: KeyScanConfig = field(default_factory=KeyScanConfig)
     sight: SightConfig = field(default_factory=SightConfig)
     """What a scan must see."""
-    open_ground: OpenGroundConfig = field(default_factory=OpenGroundConfig)
-    """When posts and trunks count."""
     standstill: StandstillConfig = field(default_factory=StandstillConfig)
     """When odometry is dead, or read seldom."""
     mount: MountConfig = field(default_factory=MountConfig)

@@ -36,7 +36,6 @@ from iceg.slam.recording.repeated_scans import without_frozen_scans
 from iceg.slam.stage_clock import StageClock
 from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
-from iceg.slam.tracking.open_ground import is_open_ground
 from iceg.slam.tracking.split_half import with_measured_covariance_scale
 
 
@@ -68,8 +67,7 @@ def find(
         laser = laser_noise(log, given)
         noise = beyond_allowed(laser)
         config = widened(given, sqrt(noise.typical))
-        on_open_ground = is_open_ground(log, config.front_end.open_ground)
-        matcher = matcher_of(config, noise, stages, on_open_ground=on_open_ground)
+        matcher = matcher_of(config, noise, stages)
         log = with_odometry_between_readings(without_frozen_scans(log), config.front_end.standstill)
         (log, track, first), heading = track_with_gyro(log, matcher, config, progress)
     with clock.stage("sweep"):
@@ -90,7 +88,6 @@ def find(
         kept=kept,
         config=given,
         has_own_stages=stages != IN_HOUSE,
-        is_open_ground=on_open_ground,
         laser=laser,
         sweep=sweep.record(),
         gyro=gyro,
@@ -181,16 +178,15 @@ def _reassigned(track: Track, solution: Solution, log: Log, matcher: MapMatcher)
     return reassigned(track, breaks, log, matcher.judge) if breaks else track
 
 
-def matcher_of(config: Config, noise: RangeNoise, stages: Stages, *, on_open_ground: bool) -> MapMatcher:
+def matcher_of(config: Config, noise: RangeNoise, stages: Stages) -> MapMatcher:
     """The matcher of a run, as the pipeline wants it.
 
     Args:
         config: names one, and has the settings of ICE.
         noise: of the ranges beyond what the settings allow for.
         stages: features and matcher of the caller's own.
-        on_open_ground: whether the log was taken there.
     """
-    ice = IceMatcher(config.ice, open_ground=on_open_ground, noise=noise, features=stages.features)
+    ice = IceMatcher(config.ice, noise=noise, features=stages.features)
     if stages.matcher is not None:
         return completed(stages.matcher, ice)
     return ice if config.matcher == "ice" else completed(make_matcher(config.matcher), ice)

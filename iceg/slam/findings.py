@@ -26,7 +26,6 @@ class Findings:
         kept: which scans of the recorded log these are.
         config: the settings that were given.
         has_own_stages: whether the caller brought stages of their own, such as a matcher, which no settings name.
-        is_open_ground: whether the log was taken on open ground, which matching depends on.
         laser: its noise; None where too few beams meet walls.
         sweep: what is known of the sweep of the laser, under the names of `summary.json`.
         gyro: what the matches say of the log's gyro; None where they were not asked.
@@ -40,7 +39,6 @@ class Findings:
     kept: KeptScans
     config: Config
     has_own_stages: bool
-    is_open_ground: bool
     laser: LaserNoise | None
     sweep: dict[str, Any]
     gyro: GyroFinding | None

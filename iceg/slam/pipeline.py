@@ -246,7 +246,7 @@ def conclude(
     log, track, given = findings.log, findings.track, findings.config
     noise = beyond_allowed(findings.laser)
     config = widened(given, sqrt(noise.typical))
-    matcher = matcher or matcher_of(config, noise, stages, on_open_ground=findings.is_open_ground)
+    matcher = matcher or matcher_of(config, noise, stages)
     own = corrections.counted_in(findings.kept)
     with clock.stage("finish"):
         corrected = corrected_by(findings.solution, own, track, matcher, config)

@@ -35,23 +35,6 @@ class SightConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class OpenGroundConfig:
-    """When a log was taken on open ground, where posts and trunks count as features."""
-
-    near: float = 10.0
-    """Returns from within this are nearby [m]."""
-    max_near_beams: float = 0.12
-    """On open ground fewer of the beams than this share meet something nearby."""
-    max_near_returns: float = 0.5
-    """On open ground no more of the returns than this share come from nearby."""
-    scans: int = 500
-    """So many scans, spread over the log, tell."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("scans",))
-
-
-@dataclass(frozen=True, kw_only=True)
 class StandstillConfig:
     """When odometry stands still although the robot moves."""
 

@@ -295,7 +295,6 @@ def findings() -> bytes:
         kept=KeptScans.all_of(n),
         config=Config(),
         has_own_stages=False,
-        is_open_ground=False,
         laser=None,
         sweep={"source": "nothing", "applied": False},
         gyro=GyroFinding(rejection="they are all zero"),

@@ -129,9 +129,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             without={f"{_CHECK}._is_plausible": _yes},
         ),
         "goes on": Rule(what="tells a jump of the odometry from a move", without={f"{_FRONT_END}._goes_on": _no}),
-        "open ground": Rule(
-            what="posts and trunks count where little stands near", without={f"{_SLAM}.finding:is_open_ground": _no}
-        ),
         "few beams": Rule(what="few beams do not overrule odometry", without={f"{_CHECK}._sees_too_little": _nothing}),
         "near odometry": Rule(
             what="a match near odometry is preferred to one that contradicts it",
