@@ -78,6 +78,18 @@ def test_a_pause_of_the_recording_explains_a_leap() -> None:
     np.testing.assert_array_equal(_filled(leap, times), leap)
 
 
+@pytest.mark.parametrize(("leap", "n"), [(3.0, 60), (10.0, 30)])
+def test_odometry_that_is_set_anew_while_the_robot_stands_was_not_held(log: Log, leap: float, n: int) -> None:
+    """A laser that sees no change, or a way that nobody goes in the time, tells."""
+    indices = np.concatenate([np.arange(400), np.full(n, 400), np.arange(400, len(log))])
+    odometry = log.odometry[indices]
+    odometry[400 + n :, 0] += leap
+    rng = np.random.default_rng(1)
+    ranges = log.ranges[indices] + rng.normal(0.0, 0.005, (len(indices), log.ranges.shape[1])).astype(np.float32)
+    stood = replace(log, odometry=odometry, ranges=ranges, stamps=np.arange(len(indices)) / 5.0)
+    assert with_odometry_between_readings(stood, StandstillConfig()) is stood
+
+
 def test_odometry_read_at_every_scan_is_left_alone(log: Log) -> None:
     assert with_odometry_between_readings(log, StandstillConfig()) is log
     short = replace(log, odometry=log.odometry[:1], ranges=log.ranges[:1], stamps=log.stamps[:1])

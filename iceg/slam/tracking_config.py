@@ -44,6 +44,8 @@ class StandstillConfig:
     stops: float = 0.1
     """No robot starts from rest in a larger share of its moves: where more follow upon a standstill, the others are
     readings that are held."""
+    fastest: float = 2.0
+    """Nobody moves more times as fast while a reading is held as in all but one in a hundred of the other steps."""
     least_change: float = 0.001
     """Standard deviation of the change of velocity from one scan to the next, at least [m, rad]."""
     ends: int = 3
@@ -68,6 +70,11 @@ class StandstillConfig:
         check_between(self, SlamConfigError, "standstill: ", held_prior=RATES, stops=RATES)
         check_between(self, SlamConfigError, "standstill: ", unchanged_share=(0.0, 1.0), min_seen=(0.0, 1.0))
         check_between(self, SlamConfigError, "standstill: ", samples=(1, 100_000))
+
+    @property
+    def unjudged(self) -> int:
+        """Most scans of a standstill that are too few to tell whether the robot moves."""
+        return 2 * self.ends + self.changed_samples
 
 
 @dataclass(frozen=True, kw_only=True)

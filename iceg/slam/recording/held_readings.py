@@ -15,6 +15,7 @@ from frontends.scan import Log
 from graph.elementary import log
 from graph.se2 import between, compose
 from iceg.slam.recording.repeated_scans import is_repeated
+from iceg.slam.recording.standstill import scans_change
 from iceg.slam.recording.steps import is_moving, waits
 from iceg.slam.tracking_config import StandstillConfig
 
@@ -26,14 +27,15 @@ def with_odometry_between_readings(log: Log, config: StandstillConfig) -> Log:
     is_new = ~is_repeated(log.ranges)  # lines written twice hold the same scan with the same odometry
     odometry, periods = log.odometry[is_new], _periods(log.stamps[is_new])
     moves, spread = held_readings(odometry, periods, config)
+    spread = np.where(_is_confirmed(log.ranges[is_new], moves, spread, config), spread, 1)
     if not (spread > 1).any():
         return log
     filled = between_readings(odometry, periods, moves, spread)[np.cumsum(is_new) - 1]
     n_scans, at = int((spread - 1).sum()), int(np.argmax(spread > 1))
     first = int(np.flatnonzero(is_new)[moves[at] + 2 - spread[at]])
     warning = (
-        f"the odometry repeats a reading in {n_scans} scans while the robot moves, and makes up for it at once, first "
-        f"at scan {first}: it is interpolated in between"
+        f"the odometry repeats a reading in {n_scans} scan{'s' * (n_scans != 1)} while the robot moves, and makes up "
+        f"for it at once, first at scan {first}: it is interpolated in between"
     )
     return replace(log, odometry=filled, warnings=(*log.warnings, warning))
 
@@ -46,8 +48,8 @@ def held_readings(
     A step that follows upon a standstill was made in one scan, or in the last h of those since the reading before. Each
     way takes a stop and a start, or goes on; these cost by how far speed and turn rate change on the whole, so that a
     start from rest costs what it leads to, and a leap twice what it exceeds that by. That a reading is held for h scans
-    is the less probable the more they are, as 1/h. The likelihood ratio decides, and how often readings are held in
-    this log.
+    is the less probable the more they are, as 1/h, and no robot goes much faster than it does elsewhere. The likelihood
+    ratio decides, and how often readings are held in this log.
 
     Args:
         odometry: (n, 3) at each scan.
@@ -70,6 +72,7 @@ def held_readings(
     usual = np.quantile(np.abs(np.diff(velocities, axis=0)), _NEARLY_ALL, axis=0) / _NORMAL_QUANTILE
     scale = np.maximum(usual, config.least_change)
     steps, velocities = steps / scale, velocities / scale
+    fastest = config.fastest * np.quantile(np.abs(velocities), _ALL_BUT_FEW, axis=0)
     gains, spans = np.zeros(len(after_standstill)), np.ones(len(after_standstill), dtype=np.int64)
     for row, k in enumerate(after_standstill.tolist()):
         before = velocities[max(k - 2, 0) : k].mean(axis=0)
@@ -78,7 +81,8 @@ def held_readings(
         during = steps[k] / (clock[moves[k] + 1] - clock[moves[k] + 1 - h])[:, None]
         costs = _cost(_length(before)) + _cost(_length(during) + _length(after - during))
         costs[-1] = _cost(_length(during[-1] - before)) + _cost(_length(after - during[-1]))
-        costs += log(h)
+        costs[1:] += log(h[1:])
+        costs[1:][(np.abs(during[1:]) > fastest).any(axis=1)] = np.inf
         gains[row], spans[row] = costs[0] - costs[1:].min(), 2 + costs[1:].argmin()
     most = 1.0 - config.held_prior
     started = config.stops * len(moves) / len(after_standstill)
@@ -88,6 +92,24 @@ def held_readings(
         share = min(max(float(np.mean(is_held)), least), most)
     spread[after_standstill[is_held]] = spans[is_held]
     return moves, spread
+
+
+def _is_confirmed(
+    ranges: NDArray[np.float32], moves: NDArray[np.int64], spread: NDArray[np.int64], config: StandstillConfig
+) -> NDArray[np.bool_]:
+    """(m,) which held readings are so short, or so usual, or show scans that change: odometry is set anew at rest, too.
+
+    Args:
+        ranges: (n, n_beams) [m], NaN where nothing came back.
+        moves: (m,) see `held_readings` …
+        spread: (m,) ….
+        config: what changes.
+    """
+    few = max(config.unjudged, 2 * int(np.median(np.diff(moves, prepend=-1)))) if len(moves) else 0
+    confirmed = np.ones(len(moves), dtype=np.bool_)
+    for k in np.flatnonzero(spread > few).tolist():
+        confirmed[k] = scans_change(ranges[moves[k] + 2 - spread[k] : moves[k] + 1], config)
+    return confirmed
 
 
 def between_readings(
@@ -118,6 +140,8 @@ _FREEDOM = 3.0
 """Degrees of freedom of Student's t for changes of velocity."""
 _ROUNDS = 20
 """The share of held readings and which of them are held follow each other; few rounds settle both."""
+_ALL_BUT_FEW = 0.99
+"""Of the steps of a log; no leap is made up of faster ones."""
 _NEARLY_ALL, _NORMAL_QUANTILE = 0.9, 1.645
 """Nine of ten changes of a normal distribution are smaller than 1.645 standard deviations."""
 

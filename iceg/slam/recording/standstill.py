@@ -26,7 +26,7 @@ def dead_intervals(
     return [
         (first, last)
         for first, last in _standstills(odometry, config)
-        if _scans_change(ranges[first : last + 1], config)
+        if scans_change(ranges[first : last + 1], config)
     ]
 
 
@@ -42,11 +42,11 @@ def _standstills(odometry: NDArray[np.float64], config: StandstillConfig) -> Ite
     """First and last scan of each run of equal readings that is long enough to be judged."""
     moves = _moves(odometry).tolist()
     for first, last in zip([0, *(move + 1 for move in moves)], [*moves, len(odometry) - 1], strict=True):
-        if last - first > 2 * config.ends + config.changed_samples:
+        if last - first > config.unjudged:
             yield first, last
 
 
-def _scans_change(ranges: NDArray[np.float32], config: StandstillConfig) -> bool:
+def scans_change(ranges: NDArray[np.float32], config: StandstillConfig) -> bool:
     """Whether several scans differ from the one that sees most by more than noise and passers-by explain."""
     samples = np.unique(np.linspace(config.ends, len(ranges) - 1 - config.ends, config.samples + 1).astype(int))
     fullest = samples[np.argmax(np.count_nonzero(np.isfinite(ranges[samples]), axis=1))]
