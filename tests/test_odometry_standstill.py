@@ -1,6 +1,7 @@
 """Odometry that stands still while the robot moves, and robots that truly stand."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -88,6 +89,16 @@ def test_odometry_that_is_set_anew_while_the_robot_stands_was_not_held(log: Log,
     ranges = log.ranges[indices] + rng.normal(0.0, 0.005, (len(indices), log.ranges.shape[1])).astype(np.float32)
     stood = replace(log, odometry=odometry, ranges=ranges, stamps=np.arange(len(indices)) / 5.0)
     assert with_odometry_between_readings(stood, StandstillConfig()) is stood
+
+
+def test_the_odometry_of_mit_csail_stalls_three_times_for_a_second(data_dir: Path) -> None:
+    log = read_log(data_dir / "mit-csail.clf.gz")
+    moves, spread = held_readings(log.odometry, waits(log.stamps), StandstillConfig())
+    assert list(zip(moves[spread > 1].tolist(), spread[spread > 1].tolist(), strict=True)) == [
+        (324, 5),
+        (801, 5),
+        (1583, 5),
+    ]
 
 
 def test_odometry_read_at_every_scan_is_left_alone(log: Log) -> None:
