@@ -163,7 +163,7 @@ class LoopClosureConfig:
     """Largest standard deviation of a search in heading [rad]."""
     confirmations: int = 3
     """A closure far from the estimate waits until so many say the same."""
-    path_probability: float = 0.99999
+    path_probability: float = 0.999
     """A true closure lies no farther from the path than its covariance explains with this probability; one that does is
     refused, for most likely it is a similar place (perceptual aliasing)."""
     relocalise: bool = True

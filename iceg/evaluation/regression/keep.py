@@ -44,7 +44,7 @@ are flipped at random (McNemar's exact test where they are counts), cells that d
 time on the same machine. The random scenes joined later: their baseline is the version before they were looked at.
 """
 
-_WHY_SOME_STAY = """Of those that move nothing here, *mount*, *delay*, *slow odometry*, *frozen scans*, *dead odometry*
+_WHY_SOME_STAY = """Of those that move nothing here, *mount*, *delay*, *held readings*, *frozen scans*, *dead odometry*
 and *lost odometry* answer faults of laser, odometry and recorder, and *goes on* with *sudden steps* odometry that is
 set to zero on the way: without them the embedded log then ends 6.9 m off, not 3 mm. *Contradicted closures* decides
 what `closures.csv` calls removed, and no more. The rows of the 192 random scenes (seeds 192 to 383) say that odometry

@@ -166,7 +166,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="finds lasers that look backwards or are upside down",
             without={f"{_SLAM}.passes:track_as_mounted": lambda log, follow, *_: (log, *follow(log))},
         ),
-        "slow odometry": Rule(
+        "held readings": Rule(
             what="interpolates odometry where it repeats a reading and makes up for it at once",
             without={f"{_SLAM}.finding:with_odometry_between_readings": _first},
         ),
