@@ -40,10 +40,7 @@ GONE = {
     "finish.joint.walls_gain": "variances grow as far as walls and factors contradict each other",
     "front_end.odometry_check.jump_free_space": "see front_end.odometry_check.contradiction",
     "front_end.odometry_check.jump_inlier_ratio": "see front_end.odometry_check.contradiction",
-    **{
-        f"front_end.open_ground.{name}": "what is slim counts wherever a scan sees little else"
-        for name in ("near", "max_near_beams", "max_near_returns", "scans")
-    },
+    "front_end.open_ground": "what is slim counts wherever a scan sees little else",
     "front_end.standstill.min_moves": "see front_end.standstill.held_prior",
     "front_end.standstill.seldom_share": "see front_end.standstill.held_prior",
     "loops.failures.widened_distance2": "odometry is widened from loops.failures.beyond_chance_distance2 on",

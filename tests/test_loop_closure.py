@@ -226,7 +226,7 @@ def test_far_closures_that_contradict_each_other_stay_out(track: Track) -> None:
     assert all(factor.kind != "closure" for factor in back_end.graph.factors)
 
 
-@pytest.mark.parametrize(("off", "enters"), [(9.5, True), (10.7, False)])
+@pytest.mark.parametrize(("off", "enters"), [(7.6, True), (8.6, False)])
 def test_a_closure_farther_off_than_the_path_can_be_is_refused(track: Track, off: float, enters: bool) -> None:
     solution = _run_scripted(track, {30: _closing_match(track, 0, 30, off)}, confirmations=1).solution()  # ± 2 m
     assert [attempt.accepted for attempt in solution.attempts] == [enters]

@@ -60,7 +60,7 @@ class ViewChanges:
         changes = self._changes(steps)
         if not len(self._usual) or not np.isfinite(changes).all():
             return None
-        for row in np.argsort(-changes).tolist():
+        for row in np.argsort(-changes, kind="stable").tolist():
             if self._tail(float(changes[row])) > self.config.carried_chance:
                 break
             step = int(steps[row])
