@@ -3,7 +3,8 @@
 A robot that drives sees from one scan to the next almost the same, whatever its odometry or a match says of the step.
 One that is carried, or whose recording was cut, does not; only where places look alike does it go unnoticed. How often
 chance changes a view by as much is told by all other steps of the same log: by their ranks, and beyond the rarest of
-them by the Pareto tail that fits these (Hill 1975), for people and doors that appear at once make that tail heavy.
+them by the Pareto tail that fits these (Hill 1975), for people and doors that appear at once make that tail heavy. How
+much it changes for one that is carried, scans of different parts of the log tell.
 """
 
 import math
@@ -63,8 +64,9 @@ class ViewChanges:
         for row in np.argsort(-changes, kind="stable").tolist():
             if self._tail(float(changes[row])) > self.config.carried_chance:
                 break
-            step = int(steps[row])
-            changes[row] = min(changes[row], self._change_where_matched(step, step + 1))
+            step, T_track_robot = int(steps[row]), self._T_track_robot
+            tracked = between(T_track_robot[step], T_track_robot[step + 1])
+            changes[row] = min(changes[row], self._change_where_matched(step, step + 1, tracked))
         largest = float(changes.max(initial=0.0))
         chance = self._tail(largest)
         return chance if chance > self.config.carried_chance else min(1.0, chance / self._share_elsewhere(largest))
@@ -131,15 +133,21 @@ class ViewChanges:
         """Changes from scans of the log to scans of another part of it, as the matcher would have them lie."""
         before = np.linspace(0, len(self.log) - 1, self.config.most_elsewhere + 1).astype(np.int64)[:-1]
         after = (before + len(self.log) // 2) % len(self.log)
-        found = [self._change_where_matched(i, j) for i, j in zip(before.tolist(), after.tolist(), strict=True)]
+        found = [
+            self._change_where_matched(i, j, np.zeros(3)) for i, j in zip(before.tolist(), after.tolist(), strict=True)
+        ]
         return np.array([change for change in found if np.isfinite(change)])
 
-    def _change_where_matched(self, before: int, after: int) -> float:
-        """The same from one scan to another, as the two match each other; inf where too few can be compared.
+    def _change_where_matched(self, before: int, after: int, guess: NDArray[np.float64]) -> float:
+        """Share of the beams of two scans that do not agree as the two match each other; inf where too few compare.
 
-        Tracking may have taken the robot to the wrong place.
+        Tracking may have taken the robot to the wrong place, and somebody who is carried matches as well as he can.
+
+        Args:
+            before: one scan.
+            after: the other.
+            guess: (3,) how it lies to the first; it stays so where they do not match.
         """
-        guess = between(self._T_track_robot[before], self._T_track_robot[after]) if after == before + 1 else np.zeros(3)
         reference = self.judge.prepare([self.log.scan(before)], np.zeros((1, 3)))
         found = self.judge.match(reference, self.log.scan(after), guess, np.diag(self.config.step.deviations**2))
         T_before_after = guess if isinstance(found, NoMatch) else found.T_ref_cur

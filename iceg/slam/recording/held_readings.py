@@ -19,6 +19,15 @@ from iceg.slam.recording.standstill import scans_change
 from iceg.slam.recording.steps import is_moving, waits
 from iceg.slam.tracking_config import StandstillConfig
 
+_FREEDOM = 3.0
+"""Degrees of freedom of Student's t for changes of velocity."""
+_ROUNDS = 20
+"""The share of held readings and which of them are held follow each other; few rounds settle both."""
+_ALL_BUT_FEW = 0.99
+"""Of the steps of a log; no leap is made up of faster ones."""
+_NEARLY_ALL, _NORMAL_QUANTILE = 0.9, 1.645
+"""Nine of ten changes of a normal distribution are smaller than 1.645 standard deviations."""
+
 
 def with_odometry_between_readings(log: Log, config: StandstillConfig) -> Log:
     """The same log; where its odometry holds a reading, with odometry at every scan, and a warning."""
@@ -27,7 +36,7 @@ def with_odometry_between_readings(log: Log, config: StandstillConfig) -> Log:
     is_new = ~is_repeated(log.ranges)  # lines written twice hold the same scan with the same odometry
     odometry, periods = log.odometry[is_new], _periods(log.stamps[is_new])
     moves, spread = held_readings(odometry, periods, config)
-    spread = np.where(_is_confirmed(log.ranges[is_new], moves, spread, config), spread, 1)
+    spread = np.where(_are_confirmed(log.ranges[is_new], moves, spread, config), spread, 1)
     if not (spread > 1).any():
         return log
     filled = between_readings(odometry, periods, moves, spread)[np.cumsum(is_new) - 1]
@@ -94,7 +103,7 @@ def held_readings(
     return moves, spread
 
 
-def _is_confirmed(
+def _are_confirmed(
     ranges: NDArray[np.float32], moves: NDArray[np.int64], spread: NDArray[np.int64], config: StandstillConfig
 ) -> NDArray[np.bool_]:
     """(m,) which held readings are so short, or so usual, or show scans that change: odometry is set anew at rest, too.
@@ -134,16 +143,6 @@ def between_readings(
         step, times = between(odometry[move], odometry[move + 1]), np.cumsum(periods[move + 1 - n : move + 1])
         filled[move + 2 - n : move + 1] = compose(odometry[move], times[:-1, None] / times[-1] * step)
     return filled
-
-
-_FREEDOM = 3.0
-"""Degrees of freedom of Student's t for changes of velocity."""
-_ROUNDS = 20
-"""The share of held readings and which of them are held follow each other; few rounds settle both."""
-_ALL_BUT_FEW = 0.99
-"""Of the steps of a log; no leap is made up of faster ones."""
-_NEARLY_ALL, _NORMAL_QUANTILE = 0.9, 1.645
-"""Nine of ten changes of a normal distribution are smaller than 1.645 standard deviations."""
 
 
 def _periods(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
