@@ -72,6 +72,7 @@ def steps_of(velocities: NDArray[np.float64], scans: NDArray[np.float64], seen: 
         velocities=velocities,
         variances=np.where(seen, 1e-12, 0.0),
         are_observed=seen,
+        usual=np.full(len(scans), velocities[seen].mean()),
     )
 
 
@@ -128,7 +129,7 @@ def test_the_velocity_is_that_of_a_gaussian_process_given_the_steps_that_see_it(
         gain = np.linalg.solve(
             kernel[np.ix_(known, known)] + 1e-12 * np.eye(len(known)), kernel[np.ix_(known, members)]
         ).T
-        mean = model.mean + gain @ (steps.velocities[known] - model.mean)
+        mean = steps.usual[members] + gain @ steps.deviations[known]
         left = kernel[np.ix_(members, members)] - gain @ kernel[np.ix_(known, members)]
         np.testing.assert_allclose(ways[members], mean * scans[members], rtol=1e-4, atol=1e-6)
         whole = scans[members] @ left @ scans[members]

@@ -1,22 +1,22 @@
-"""The passes over a log: what one tells of gyro, sweep and mount serves the next."""
+"""The passes over a log: what one tells of velocity, gyro, sweep and mount serves the next."""
 
 from frontends.scan import Log
 from iceg.config import Config
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.calibration import OdometryCalibration
+from iceg.slam.odometry.foretold_steps import foretold_steps
 from iceg.slam.odometry.gyro import learn_gyro
-from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.progress import Progress, ProgressCallback
 from iceg.slam.sweep.tracking import Followed, SweepFinding, track_swept
 from iceg.slam.track import Track
 from iceg.slam.tracking.laser_orientation import track_as_mounted
-from iceg.slam.tracking.log_tracking import track_calibrating
+from iceg.slam.tracking.log_tracking import NOTHING_FOREKNOWN, Foreknown, track_calibrating
 
 
-def track_with_gyro(
+def track_guided(
     log: Log, matcher: MapMatcher, config: Config, progress: ProgressCallback | None
-) -> tuple[Followed, HeadingOdometry | None]:
-    """Track a log; once more where the matches tell what its gyro is worth.
+) -> tuple[Followed, Foreknown]:
+    """Track a log; without odometry once more, guided by what the matches tell of its velocity and its gyro.
 
     Args:
         log: the log.
@@ -26,49 +26,45 @@ def track_with_gyro(
 
     Returns:
         The log, corrected if its laser is mounted otherwise than it says, its track and the calibration on the way; and
-        the headings by the gyro, None where there are none that are believed.
+        what guided it.
     """
-    followed = _follow(log, matcher, config, progress, None)
-    heading, _ = learn_gyro(followed[1], log, config.front_end.calibration) if config.front_end.gyro else (None, None)
-    return (followed if heading is None else _follow(log, matcher, config, progress, heading)), heading
+    followed = _follow(log, matcher, config, progress, NOTHING_FOREKNOWN)
+    if log.has_odometry:
+        return followed, NOTHING_FOREKNOWN
+    track, calibration = followed[1], config.front_end.calibration
+    heading, _ = learn_gyro(track, log, calibration) if config.front_end.gyro else (None, None)
+    foreknown = Foreknown(heading=heading, steps=foretold_steps(track, calibration, heading))
+    return (followed if foreknown.steps is None else _follow(log, matcher, config, progress, foreknown)), foreknown
 
 
 def track_with_sweep(
-    followed: Followed,
-    matcher: MapMatcher,
-    config: Config,
-    progress: ProgressCallback | None,
-    heading: HeadingOdometry | None,
+    followed: Followed, matcher: MapMatcher, config: Config, progress: ProgressCallback | None, foreknown: Foreknown
 ) -> tuple[Followed, SweepFinding]:
     """Track a log again with its beams moved by the motion within each sweep, where that is known and asked for.
 
     Args:
-        followed: what `track_with_gyro` returned, …
+        followed: what `track_guided` returned, …
         matcher: ICE or any other.
         config: all settings.
         progress: called as scans are followed.
-        heading: … both parts of it.
+        foreknown: … both parts of it.
 
     Returns:
         The same of the last pass, and what is known of the sweep.
     """
     if not config.front_end.deskew:
         return followed, SweepFinding(source="nothing")
-    return track_swept(followed, lambda log: _follow(log, matcher, config, progress, heading), config.front_end.sweep)
+    return track_swept(followed, lambda log: _follow(log, matcher, config, progress, foreknown), config.front_end.sweep)
 
 
 def _follow(
-    log: Log,
-    matcher: MapMatcher,
-    config: Config,
-    progress: ProgressCallback | None,
-    heading: HeadingOdometry | None,
+    log: Log, matcher: MapMatcher, config: Config, progress: ProgressCallback | None, foreknown: Foreknown
 ) -> Followed:
     def report(scans: int, failures: int) -> None:
         if progress is not None:
             progress(Progress(scans=scans, tried=scans - 1, accepted=scans - 1 - failures))
 
     def follow(log: Log) -> tuple[Track, OdometryCalibration]:
-        return track_calibrating(log, matcher, config.odometry, config.front_end, report, heading)
+        return track_calibrating(log, matcher, config.odometry, config.front_end, report, foreknown)
 
     return track_as_mounted(log, follow, config.front_end.mount)

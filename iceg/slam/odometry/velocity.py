@@ -2,8 +2,9 @@
 
 Where a match does not see a direction, as in front of a single wall, nothing but the robot's velocity tells how far it
 went. The velocity from key scan to key scan, in the robot's frame, is taken for an Ornstein-Uhlenbeck process: it
-varies about a mean and forgets itself exponentially, as the steps show whose matches see all directions (Rasmussen and
-Williams, *Gaussian Processes for Machine Learning*, 2006, appendix B). The process is Markov: of the steps that were
+varies about what is usual at such turns (`usual_velocity`) and forgets itself exponentially, as the steps show whose
+matches see all directions (Rasmussen and Williams, *Gaussian Processes for Machine Learning*, 2006, appendix B). The
+process is Markov: of the steps that were
 seen, only the last before and the first after tell of another. A step's own match does not: it enters the graph by
 itself, and would count twice.
 
@@ -24,6 +25,7 @@ from graph.se2 import adjoint, between, expmap, logmap, wrap_angle
 from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.odometry.heading_odometry import HeadingOdometry, with_headings
 from iceg.slam.odometry.motions import motions_of
+from iceg.slam.odometry.usual_velocity import usual_velocities
 from iceg.slam.track import Track
 
 _LEAST_CHANGE = 1e-3
@@ -42,6 +44,7 @@ class KeySteps:
         velocities: (n,) mean velocities, per scan [m or rad].
         variances: (n,) of these, as the matches claim; 0 where nothing matched.
         are_observed: (n,) whether the matches see all directions.
+        usual: (n,) velocities that are usual, per scan [m or rad].
     """
 
     scans: Floats
@@ -49,6 +52,12 @@ class KeySteps:
     velocities: Floats
     variances: Floats
     are_observed: NDArray[np.bool_]
+    usual: Floats
+
+    @property
+    def deviations(self) -> Floats:
+        """(n,) of the velocities from what is usual."""
+        return self.velocities - self.usual
 
     @property
     def are_in_a_row(self) -> NDArray[np.bool_]:
@@ -62,15 +71,13 @@ class KeySteps:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VelocityModel:
-    """How fast a robot goes, and how steadily.
+    """How far a robot's velocity is from what is usual, and for how long.
 
     Attributes:
-        mean: velocity, per scan [m or rad].
-        variance: about it.
+        variance: about what is usual [m² or rad², per scan²].
         memory: scans after which the correlation has fallen to 1/e.
     """
 
-    mean: float
     variance: float
     memory: float
 
@@ -82,13 +89,12 @@ class VelocityModel:
             steps: at least two of them in a row observed.
             least: standard deviation of the velocity over a step of usual length [m or rad].
         """
-        seen = steps.velocities[steps.are_observed]
-        changes = np.diff(steps.velocities)[steps.are_in_a_row]
+        changes = np.diff(steps.deviations)[steps.are_in_a_row]
         lag = float(np.diff(steps.times)[steps.are_in_a_row].mean())
-        variance = max(float(seen.var()), (least / lag) ** 2)
+        variance = max(float((steps.deviations[steps.are_observed] ** 2).mean()), (least / lag) ** 2)
         changed = float((changes**2).mean()) / (2.0 * variance)
         remembered = 1.0 - min(max(changed, _LEAST_CHANGE), 1.0 - _LEAST_CHANGE)
-        return cls(mean=float(seen.mean()), variance=variance, memory=-lag / float(log(remembered)))
+        return cls(variance=variance, memory=-lag / float(log(remembered)))
 
     def correlation(self, scans: Floats) -> Floats:
         """(n,) of velocities so many scans apart; those that are infinitely far apart have none."""
@@ -156,8 +162,7 @@ def foretold(steps: KeySteps, config: CalibrationConfig) -> tuple[Floats, Floats
     determinant = of_before * of_after - between_ends**2
     weight_before = (of_after * by_before - between_ends * by_after) / determinant
     weight_after = (of_before * by_after - between_ends * by_before) / determinant
-    deviations = steps.velocities - model.mean
-    velocities = model.mean + weight_before * deviations[before] + weight_after * deviations[after]
+    velocities = steps.usual + weight_before * steps.deviations[before] + weight_after * steps.deviations[after]
     row_starts = np.flatnonzero(tells | np.append(True, tells[:-1]))
     common = _correlated_scans(steps, model, row_starts)
     for by, weight in ((by_before, weight_before), (by_after, weight_after)):
@@ -175,13 +180,17 @@ def _steps(track: Track, poses: Floats) -> list[KeySteps]:
         -1, 3
     )
     twists = logmap(between(poses[index[:-1]], poses[index[1:]]))
+    are_observed = np.array([match is not None and match.is_fully_observed for match in matches], dtype=np.bool_)
+    turns = wrap_angle(np.diff(poses[: index[-1] + 1, 2]))
+    usual = usual_velocities(twists / scans[:, None], scans, turns, index[:-1], are_observed)
     return [
         KeySteps(
             scans=scans,
             times=0.5 * (index[1:] + index[:-1]),
             velocities=twists[:, axis] / scans,
             variances=claimed[:, axis] / scans**2,
-            are_observed=np.array([match is not None and match.is_fully_observed for match in matches], dtype=np.bool_),
+            are_observed=are_observed,
+            usual=usual[:, axis],
         )
         for axis in range(3)
     ]

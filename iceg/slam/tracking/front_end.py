@@ -14,7 +14,7 @@ from graph import dense
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import chi2_gate, squared_norm, summed_ratios
 from graph.odometry import OdometryModel, OdometryMotion
-from graph.se2 import between, compose, expmap, logmap
+from graph.se2 import between, compose
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.agreement import Tolerance, apart
 from iceg.slam.config import FrontEndConfig
@@ -79,17 +79,17 @@ class FrontEnd:
         T_prev_cur: NDArray[np.float64] | None,
         *,
         is_sudden: bool = False,
-        turn: float | None = None,
+        foretold: NDArray[np.float64] | None = None,
     ) -> NDArray[np.float64]:
         """Track one more scan.
 
         Args:
             index: which scan of the log it is.
             scan: the scan.
-            T_prev_cur: (3,) odometry since the scan before; None where there is none, and the velocity is taken as
-                constant.
+            T_prev_cur: (3,) odometry since the scan before; None where there is none.
             is_sudden: the step is much longer than others: perhaps the odometry jumped, and the robot did not.
-            turn: since the scan before [rad], where that is all that is known of the step.
+            foretold: (3,) the step, where there is no odometry and an earlier pass tells of it; None where none does,
+                and the velocity is taken as constant.
 
         Returns:
             (3,) its pose in the front end's own frame. The scan is tied to the newest of `keys`, which may be itself.
@@ -103,7 +103,7 @@ class FrontEnd:
             self.breaks.append(index)
             step = None
         if step is None:
-            step, noise = self._constant_velocity(turn), self._unknown
+            step, noise = self._constant_velocity() if foretold is None else foretold, self._unknown
             self._forget_motion()
         self.motion = noise.extend(self.motion, step)
         self._follow(scan, compose(before, step))
@@ -161,11 +161,10 @@ class FrontEnd:
         longest = self._config.tracking.turning_step * math.hypot(*usual[:2])
         return math.hypot(*step[:2]) <= max(self._config.odometry_check.jump_distance, longest)
 
-    def _constant_velocity(self, turn: float | None) -> NDArray[np.float64]:
-        """The newest step once more, on the arc of a turn that is known; none after one that only odometry took."""
+    def _constant_velocity(self) -> NDArray[np.float64]:
+        """The newest step once more; none after one that only odometry took."""
         step = between(*self._newest_step)
-        step = step if math.hypot(step[0], step[1]) <= self._config.tracking.max_step else np.zeros(3)
-        return step if turn is None else expmap(np.array([*logmap(step)[:2], turn]))
+        return step if math.hypot(step[0], step[1]) <= self._config.tracking.max_step else np.zeros(3)
 
     def _found_after(
         self, scan: Scan, step: NDArray[np.float64], guess: NDArray[np.float64]

@@ -2,6 +2,7 @@
 
 from bisect import bisect_left
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,23 @@ from iceg.slam.tracking.front_end import FrontEnd
 
 _MOST_TOGETHER = 256
 """Scans that are followed before progress is told."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Foreknown:
+    """What an earlier pass tells of the motion of a robot without odometry.
+
+    Attributes:
+        heading: how it turned, by a gyro; None for nothing.
+        steps: (n_scans - 1, 3) the step to every scan but the first, in the frame of the one before; None for nothing.
+    """
+
+    heading: HeadingOdometry | None = None
+    steps: NDArray[np.float64] | None = None
+
+
+NOTHING_FOREKNOWN = Foreknown()
+"""As in a first pass."""
 
 
 def track_log(
@@ -54,7 +72,7 @@ def track_calibrating(
     noise: OdometryModel,
     config: FrontEndConfig,
     progress: Callable[[int, int], None] | None = None,
-    heading: HeadingOdometry | None = None,
+    foreknown: Foreknown = NOTHING_FOREKNOWN,
 ) -> tuple[Track, OdometryCalibration]:
     """Run the front end over a log; what its first part tells about the odometry helps with the rest.
 
@@ -66,13 +84,13 @@ def track_calibrating(
         noise: of the odometry, before anything is known.
         config: key scans, local reference and calibration.
         progress: called with the number of scans done and of failures so far.
-        heading: what is known of the turns of a log without odometry; None for nothing.
+        foreknown: what an earlier pass tells of a log without odometry.
 
     Returns:
         The track, and the calibration from the first part.
     """
     calibration = OdometryCalibration(noise=noise, lasting_noise=noise)
-    journey = _Journey(log, matcher, noise, config, progress, heading)
+    journey = _Journey(log, matcher, noise, config, progress, foreknown)
     odometry = log.odometry
     if log.has_odometry and config.calibrate_odometry and len(log) > 1:
         n_first = _enough_to_calibrate(log, config)
@@ -105,13 +123,13 @@ class _Journey:
         noise: OdometryModel,
         config: FrontEndConfig,
         progress: Callable[[int, int], None] | None,
-        heading: HeadingOdometry | None = None,
+        foreknown: Foreknown = NOTHING_FOREKNOWN,
     ) -> None:
         self._log = log
         self._min_motion = config.standstill.min_motion
         self._progress = progress
-        self._turns = None if heading is None else np.diff(heading.headings, prepend=0.0)
-        self._front_end = FrontEnd(matcher, noise if log.has_odometry else None, config, heading)
+        self._foretold = foreknown.steps
+        self._front_end = FrontEnd(matcher, noise if log.has_odometry else None, config, foreknown.heading)
         self._sudden = sudden_steps(log.odometry, config.calibration.sudden, log.stamps)
         self._dead = dead_intervals(log.odometry, log.ranges, config.standstill) if log.has_odometry else []
         self._is_known = _known_steps(self._dead, len(log))
@@ -154,8 +172,8 @@ class _Journey:
         is_known = self._log.has_odometry and index > 0 and self._is_known[index - 1]
         is_sudden = is_known and bool(self._sudden[index - 1])
         step = steps[index] if is_known else None
-        turn = None if self._turns is None else float(self._turns[index])
-        pose = self._front_end.add(index, self._log.scan(index), step, is_sudden=is_sudden, turn=turn)
+        foretold = None if self._foretold is None or index == 0 else self._foretold[index - 1]
+        pose = self._front_end.add(index, self._log.scan(index), step, is_sudden=is_sudden, foretold=foretold)
         self._T_track_scan.append(pose)
         self._key_of_scan.append(len(self._front_end.keys) - 1)
 

@@ -1,0 +1,64 @@
+"""The steps of a log without odometry, as its matches and its velocity tell them after a first pass.
+
+Where a scan faces a single wall, or two that are parallel, it is matched where it was guessed to be. From scan to scan
+the guess is the step before once more, so that its errors add up along a corridor, until the end of a wall is taken for
+another one. The second pass guesses from the velocities before and after.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph import dense
+from graph.measurement import NoMatch
+from graph.odometry import OdometryMotion
+from graph.se2 import between, compose, expmap, logmap
+from iceg.slam.calibration_config import CalibrationConfig
+from iceg.slam.odometry.heading_odometry import HeadingOdometry, with_headings
+from iceg.slam.odometry.velocity import motions_without_odometry
+from iceg.slam.track import KeyScan, Track
+
+Floats = NDArray[np.float64]
+
+
+def foretold_steps(track: Track, config: CalibrationConfig, heading: HeadingOdometry | None = None) -> Floats | None:
+    """What a first pass tells of every step from scan to scan.
+
+    What a key scan's match and the velocity tell of the way to it are put together by their covariances; by how much
+    that differs from the way that was tracked, it is spread evenly over the scans between.
+
+    Args:
+        track: what the front end found in a log without odometry.
+        config: when the matches tell enough of the velocity.
+        heading: what is known of the turns; None for nothing.
+
+    Returns:
+        (n_scans - 1, 3) steps in the frame of the scan before each; None where all were tracked as well as can be.
+    """
+    if heading is None:
+        if all(_is_seen(key) for key in track.keys[1:]):
+            return None
+        poses = track.trajectory(np.array([key.T_track_robot for key in track.keys]))
+    else:
+        poses = with_headings(track, heading.headings)
+    twists = logmap(between(poses[:-1], poses[1:]))
+    motions = motions_without_odometry(track, config, heading)
+    for before, key, motion in zip(track.keys[:-1], track.keys[1:], motions, strict=True):
+        if motion is not None and not _is_seen(key):
+            way = between(poses[before.index], poses[key.index])
+            change = logmap(_with_velocity(way, key, motion)) - logmap(way)
+            twists[before.index : key.index] += change / (key.index - before.index)
+    return expmap(twists)
+
+
+def _is_seen(key: KeyScan) -> bool:
+    """Whether the match of a key scan sees all directions."""
+    return not isinstance(key.match, NoMatch) and key.match.is_fully_observed
+
+
+def _with_velocity(way: Floats, key: KeyScan, motion: OdometryMotion) -> Floats:
+    """(3,) the way to a key scan by its match and the velocity together; by the velocity alone if nothing matched."""
+    if isinstance(key.match, NoMatch):
+        return motion.T_key_robot
+    offset = between(way, motion.T_key_robot)
+    together = dense.solve_vector(key.match.covariance + motion.covariance, offset)
+    return compose(way, dense.matvec(key.match.covariance, together))
