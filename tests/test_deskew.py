@@ -16,8 +16,9 @@ from frontends.simulator.laser import Course, Laser, sense
 from frontends.simulator.scene import load_scene
 from frontends.simulator.world import World
 from graph.se2 import compose, expmap
+from iceg.slam.recording.intervals import intervals, usual_interval
 from iceg.slam.sweep.deskew import deskewed
-from iceg.slam.sweep.motion import MotionWithin, intervals, motion_within, usual_interval
+from iceg.slam.sweep.motion import MotionWithin, motion_within
 
 ALL_AROUND = ScanGeometry(
     bearings=np.linspace(-np.pi, np.pi, 361)[:-1],

@@ -15,7 +15,7 @@ from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.odometry.foretold_steps import foretold_steps
 from iceg.slam.odometry.velocity import motions_without_odometry
 from iceg.slam.track import Track
-from tests.test_velocity import room_log, tracked, unseen
+from tests.test_velocity import room_log, stamps_of, tracked, unseen
 
 CONFIG = CalibrationConfig()
 
@@ -46,12 +46,15 @@ def slid(track: Track, number: int, by: float, sigma: float) -> Track:
 
 
 def test_where_matches_see_all_there_is_nothing_to_foretell() -> None:
-    assert foretold_steps(tracked(room_log([0.05] * 60)), CONFIG) is None
+    assert foretold_steps(tracked(room_log([0.05] * 60)), np.arange(60) / 10.0, CONFIG) is None
 
 
 def test_a_step_that_nothing_saw_is_what_the_velocity_says() -> None:
     track = unseen(tracked(room_log([0.05] * 120)), {6})
-    steps, motion = foretold_steps(track, CONFIG), motions_without_odometry(track, CONFIG)[5]
+    steps, motion = (
+        foretold_steps(track, stamps_of(track), CONFIG),
+        motions_without_odometry(track, stamps_of(track), CONFIG)[5],
+    )
     assert steps is not None
     assert motion is not None
     first, last = (track.keys[k].index for k in (5, 6))
@@ -63,14 +66,14 @@ def test_a_match_that_slid_is_put_back_as_far_as_it_does_not_know_better() -> No
     first, last = (track.keys[k].index for k in (5, 6))
     went = 0.05 * (last - first)
     for sigma, least, most in ((1.0, went - 0.03, went + 0.03), (1e-4, went + 0.17, went + 0.23)):
-        steps = foretold_steps(slid(track, 6, 0.2, sigma), CONFIG)
+        steps = foretold_steps(slid(track, 6, 0.2, sigma), stamps_of(track), CONFIG)
         assert steps is not None
         assert least < chained(steps[first:last])[0] < most
 
 
 def test_all_other_steps_are_as_they_were_tracked() -> None:
     track = slid(tracked(room_log([0.05] * 120)), 6, 0.2, 1.0)
-    steps = foretold_steps(track, CONFIG)
+    steps = foretold_steps(track, stamps_of(track), CONFIG)
     assert steps is not None
     poses = track.trajectory(np.array([key.T_track_robot for key in track.keys]))
     others = np.ones(len(steps), dtype=np.bool_)

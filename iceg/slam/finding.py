@@ -129,7 +129,7 @@ def _solve(
         odometry = calibration.apply(log.odometry, config.front_end.calibration.sudden)
         motions = motions_of(track, odometry, calibration.lasting_noise)
     else:
-        motions = motions_without_odometry(track, config.front_end.calibration, heading)
+        motions = motions_without_odometry(track, log.stamps, config.front_end.calibration, heading)
     return solve_track(
         track, motions, matcher, config.graph, config.loops, is_forbidden=is_forbidden, stages=stages, log=log
     )

@@ -33,7 +33,7 @@ def track_guided(
         return followed, NOTHING_FOREKNOWN
     track, calibration = followed[1], config.front_end.calibration
     heading, _ = learn_gyro(track, log, calibration) if config.front_end.gyro else (None, None)
-    foreknown = Foreknown(heading=heading, steps=foretold_steps(track, calibration, heading))
+    foreknown = Foreknown(heading=heading, steps=foretold_steps(track, log.stamps, calibration, heading))
     return (followed if foreknown.steps is None else _follow(log, matcher, config, progress, foreknown)), foreknown
 
 

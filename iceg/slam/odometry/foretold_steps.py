@@ -14,20 +14,23 @@ from graph.odometry import OdometryMotion
 from graph.se2 import between, compose, expmap, logmap
 from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.odometry.heading_odometry import HeadingOdometry, with_headings
-from iceg.slam.odometry.velocity import motions_without_odometry
+from iceg.slam.odometry.velocity import motions_without_odometry, pauses_along
 from iceg.slam.track import KeyScan, Track
 
 Floats = NDArray[np.float64]
 
 
-def foretold_steps(track: Track, config: CalibrationConfig, heading: HeadingOdometry | None = None) -> Floats | None:
+def foretold_steps(
+    track: Track, stamps: Floats, config: CalibrationConfig, heading: HeadingOdometry | None = None
+) -> Floats | None:
     """What a first pass tells of every step from scan to scan.
 
     What a key scan's match and the velocity tell of the way to it are put together by their covariances; by how much
-    that differs from the way that was tracked, it is spread evenly over the scans between.
+    that differs from the way that was tracked, it is spread evenly over the time between.
 
     Args:
         track: what the front end found in a log without odometry.
+        stamps: (n_scans,) of the scans [s]; they tell where scans are missing.
         config: when the matches tell enough of the velocity.
         heading: what is known of the turns; None for nothing.
 
@@ -41,12 +44,14 @@ def foretold_steps(track: Track, config: CalibrationConfig, heading: HeadingOdom
     else:
         poses = with_headings(track, heading.headings)
     twists = logmap(between(poses[:-1], poses[1:]))
-    motions = motions_without_odometry(track, config, heading)
+    motions, pauses = motions_without_odometry(track, stamps, config, heading), pauses_along(stamps, poses)
     for before, key, motion in zip(track.keys[:-1], track.keys[1:], motions, strict=True):
         if motion is not None and not _is_seen(key):
             way = between(poses[before.index], poses[key.index])
             change = logmap(_with_velocity(way, key, motion)) - logmap(way)
-            twists[before.index : key.index] += change / (key.index - before.index)
+            between_keys = slice(before.index, key.index)
+            shares = pauses[between_keys] / pauses[between_keys].sum()
+            twists[between_keys] += shares[:, None] * change
     return expmap(twists)
 
 

@@ -13,28 +13,28 @@ _WIDTHS = (0.125, 0.25, 0.5, 1.0, 2.0)
 """Rates of turning at which a robot may be half as fast as straight on, in parts of their root mean square: the one
 that explains the steps best is taken."""
 _LEAST_RATE = 1e-4
-"""The root mean square is never taken to be smaller [rad per scan]."""
+"""The root mean square is never taken to be smaller [rad per interval]."""
 
 Floats = NDArray[np.float64]
 
 
 def usual_velocities(
     velocities: Floats,
-    scans: Floats,
     turns: Floats,
+    pauses: Floats,
     starts: NDArray[np.int64],
     are_observed: NDArray[np.bool_],
 ) -> Floats:
     """What is usual on every step, by the turns of its scans.
 
-    With ω the turn from scan to scan and w one of a few widths, the velocity along and across is taken for
-    a + b · mean(1 / (1 + (ω/w)²)) + c · mean(ω), by least squares over the steps that are seen, each by its scans; b
+    With ω the rate of turning from scan to scan and w one of a few widths, the velocity along and across is taken for
+    a + b · mean(1 / (1 + (ω/w)²)) + c · mean(ω), by least squares over the steps that are seen, each by its time; b
     and c are held at zero as by one step more. A turn is as fast as all of them are in the mean.
 
     Args:
-        velocities: (n, 3) of the steps along, across and of their turns, per scan [m or rad].
-        scans: (n,) that each takes.
-        turns: (n_scans - 1,) from scan to scan, up to the end of the last step [rad].
+        velocities: (n, 3) of the steps along, across and of their turns, per usual interval [m or rad].
+        turns: (m,) from scan to scan, up to the end of the last step [rad], …
+        pauses: (m,) … and how many usual intervals each takes.
         starts: (n,) the scans at which the steps begin.
         are_observed: (n,) which of them matches see.
 
@@ -43,19 +43,21 @@ def usual_velocities(
     """
     if not are_observed.any():
         return np.zeros_like(velocities)
-    rate = max(float(np.sqrt((turns**2).mean())), _LEAST_RATE)
-    turning = np.add.reduceat(turns, starts) / (rate * scans)
-    weights = scans[are_observed] / scans[are_observed].mean()
+    durations = np.add.reduceat(pauses, starts)
+    rates = turns / pauses
+    rate = max(float(np.sqrt((pauses * rates**2).sum() / durations.sum())), _LEAST_RATE)
+    turning = np.add.reduceat(turns, starts) / (rate * durations)
+    weights = durations[are_observed] / durations[are_observed].mean()
     found = []
     for width in _WIDTHS:
-        straight = np.add.reduceat(1.0 / (1.0 + (turns / (rate * width)) ** 2), starts) / scans
-        design = np.column_stack([np.ones_like(scans), straight, turning])
+        straight = np.add.reduceat(pauses / (1.0 + (rates / (rate * width)) ** 2), starts) / durations
+        design = np.column_stack([np.ones_like(durations), straight, turning])
         expected = _regressed(design, velocities[:, :2], weights, are_observed)
         left = (expected - velocities[:, :2])[are_observed]
         found.append((float((weights * left[:, 0] ** 2).sum()), expected))
     _, along_and_across = min(found, key=lambda each: each[0])
     mean_turn = (weights * velocities[are_observed, 2]).sum() / weights.sum()
-    return np.column_stack([along_and_across, np.full_like(scans, mean_turn)])
+    return np.column_stack([along_and_across, np.full_like(durations, mean_turn)])
 
 
 def _regressed(design: Floats, values: Floats, weights: Floats, seen: NDArray[np.bool_]) -> Floats:

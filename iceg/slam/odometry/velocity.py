@@ -1,12 +1,11 @@
 """What takes odometry's place in a log without: a robot goes about as fast as just before and just after.
 
 Where a match does not see a direction, as in front of a single wall, nothing but the robot's velocity tells how far it
-went. The velocity from key scan to key scan, in the robot's frame, is taken for an Ornstein-Uhlenbeck process: it
-varies about what is usual at such turns (`usual_velocity`) and forgets itself exponentially, as the steps show whose
-matches see all directions (Rasmussen and Williams, *Gaussian Processes for Machine Learning*, 2006, appendix B). The
-process is Markov: of the steps that were
-seen, only the last before and the first after tell of another. A step's own match does not: it enters the graph by
-itself, and would count twice.
+went. The velocity from key scan to key scan, in the robot's frame and in the time that usually passes between scans, is
+taken for an Ornstein-Uhlenbeck process: it varies about what is usual at such turns (`usual_velocity`) and forgets
+itself exponentially, as the steps show whose matches see all directions (Rasmussen and Williams, *Gaussian Processes
+for Machine Learning*, 2006, appendix B). The process is Markov: of the steps that were seen, only the last before and
+the first after tell of another. A step's own match does not: it enters the graph by itself, and would count twice.
 
 Steps in a row that nothing sees err together, but the factors of a graph are independent. So each gets the covariance
 of its error with that of the whole row, which lets the row end as uncertain as it is.
@@ -26,6 +25,7 @@ from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.odometry.heading_odometry import HeadingOdometry, with_headings
 from iceg.slam.odometry.motions import motions_of
 from iceg.slam.odometry.usual_velocity import usual_velocities
+from iceg.slam.recording.intervals import confirmed_intervals
 from iceg.slam.track import Track
 
 _LEAST_CHANGE = 1e-3
@@ -38,16 +38,18 @@ Floats = NDArray[np.float64]
 class KeySteps:
     """The way from each key scan to the next: along, across, or its turn.
 
+    Time is counted in usual intervals from scan to scan.
+
     Attributes:
-        scans: (n,) that each step takes.
-        times: (n,) the middle of each, counted in scans.
-        velocities: (n,) mean velocities, per scan [m or rad].
+        durations: (n,) of the steps.
+        times: (n,) the middle of each.
+        velocities: (n,) mean velocities, per interval [m or rad].
         variances: (n,) of these, as the matches claim; 0 where nothing matched.
         are_observed: (n,) whether the matches see all directions.
-        usual: (n,) velocities that are usual, per scan [m or rad].
+        usual: (n,) velocities that are usual, per interval [m or rad].
     """
 
-    scans: Floats
+    durations: Floats
     times: Floats
     velocities: Floats
     variances: Floats
@@ -66,7 +68,7 @@ class KeySteps:
 
     def are_known_to(self, variances: Floats) -> NDArray[np.bool_]:
         """(n,) whether matches know how far the steps go to within (n,) variances [m² or rad²]."""
-        return np.asarray((self.variances > 0.0) & (self.variances * self.scans**2 <= variances))
+        return np.asarray((self.variances > 0.0) & (self.variances * self.durations**2 <= variances))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,8 +76,8 @@ class VelocityModel:
     """How far a robot's velocity is from what is usual, and for how long.
 
     Attributes:
-        variance: about what is usual [m² or rad², per scan²].
-        memory: scans after which the correlation has fallen to 1/e.
+        variance: about what is usual [m² or rad², per interval²].
+        memory: intervals after which the correlation has fallen to 1/e.
     """
 
     variance: float
@@ -96,22 +98,23 @@ class VelocityModel:
         remembered = 1.0 - min(max(changed, _LEAST_CHANGE), 1.0 - _LEAST_CHANGE)
         return cls(variance=variance, memory=-lag / float(log(remembered)))
 
-    def correlation(self, scans: Floats) -> Floats:
-        """(n,) of velocities so many scans apart; those that are infinitely far apart have none."""
-        return exp(-np.abs(scans) / self.memory)
+    def correlation(self, times: Floats) -> Floats:
+        """(n,) of velocities so many intervals apart; those that are infinitely far apart have none."""
+        return exp(-np.abs(times) / self.memory)
 
-    def change(self, scans: Floats) -> Floats:
-        """(n,) variances of the change of the velocity over so many scans."""
-        return 2.0 * self.variance * (1.0 - self.correlation(scans))
+    def change(self, times: Floats) -> Floats:
+        """(n,) variances of the change of the velocity over so many intervals."""
+        return 2.0 * self.variance * (1.0 - self.correlation(times))
 
 
 def motions_without_odometry(
-    track: Track, config: CalibrationConfig, heading: HeadingOdometry | None = None
+    track: Track, stamps: Floats, config: CalibrationConfig, heading: HeadingOdometry | None = None
 ) -> list[OdometryMotion | None]:
     """What the velocity tells of the way to every key scan but the first.
 
     Args:
         track: what the front end found in a log without odometry.
+        stamps: (n_scans,) of the scans [s]; they tell where scans are missing.
         config: when the matches tell enough of the velocity.
         heading: what is known of the turns; None for nothing.
 
@@ -122,7 +125,8 @@ def motions_without_odometry(
         poses, turns = track.trajectory(np.array([key.T_track_robot for key in track.keys])), OdometryModel()
     else:
         poses, turns = with_headings(track, heading.headings), heading.lasting_noise.within(OdometryModel())
-    known, axes = motions_of(track, poses, turns), _steps(track, poses)
+    pauses = pauses_along(stamps, poses)
+    known, axes = motions_of(track, poses, turns), _steps(track, poses, pauses)
     if np.count_nonzero(axes[0].are_in_a_row) < config.velocity_min_steps:
         return [None] * len(known)
     twists, variances = np.stack([foretold(steps, config) for steps in axes], axis=-1)
@@ -132,13 +136,19 @@ def motions_without_odometry(
     # The way to the end depends on the turns: where something else knows them better, it follows the headings.
     knows_turn = (heading is not None) | axes[2].are_known_to(variances[:, 2])
     index = np.array([key.index for key in track.keys])
-    along, covariances_along = along_headings(poses[:, 2], index, twists, variances)
+    along, covariances_along = along_headings(poses[:, 2], index, pauses, twists, variances)
     ways = np.where(knows_turn[:, None], along, ways)
     covariances = np.where(knows_turn[:, None, None], covariances_along, covariances)
     return [
         None if motion is None else replace(motion, T_key_robot=way, covariance=covariance)
         for motion, way, covariance in zip(known, ways, covariances, strict=True)
     ]
+
+
+def pauses_along(stamps: Floats, poses: Floats) -> Floats:
+    """(n_scans - 1,) usual intervals between (n_scans, 3) poses, as far as these confirm (n_scans,) stamps [s]."""
+    steps = between(poses[:-1], poses[1:])
+    return confirmed_intervals(stamps, np.sqrt(steps[:, 0] ** 2 + steps[:, 1] ** 2))
 
 
 def foretold(steps: KeySteps, config: CalibrationConfig) -> tuple[Floats, Floats]:
@@ -153,9 +163,9 @@ def foretold(steps: KeySteps, config: CalibrationConfig) -> tuple[Floats, Floats
         in common with the row of steps that it belongs to.
     """
     model = VelocityModel.learned(steps, config.velocity_min_sigma)
-    tells = steps.are_observed & (steps.variances <= config.velocity_told * model.change(steps.scans))
+    tells = steps.are_observed & (steps.variances <= config.velocity_told * model.change(steps.durations))
     before, after = _neighbours(tells)
-    to_before, to_after = (_scans_to(end, steps.times) for end in (before, after))
+    to_before, to_after = (_time_to(end, steps.times) for end in (before, after))
     by_before, by_after, between_ends = (model.correlation(t) for t in (to_before, to_after, to_before + to_after))
     # The conditional distribution of a Gaussian process, given two noisy values; all relative to its variance.
     of_before, of_after = (1.0 + steps.variances[end] / model.variance for end in (before, after))
@@ -164,17 +174,18 @@ def foretold(steps: KeySteps, config: CalibrationConfig) -> tuple[Floats, Floats
     weight_after = (of_before * by_after - between_ends * by_before) / determinant
     velocities = steps.usual + weight_before * steps.deviations[before] + weight_after * steps.deviations[after]
     row_starts = np.flatnonzero(tells | np.append(True, tells[:-1]))
-    common = _correlated_scans(steps, model, row_starts)
+    common = _correlated_time(steps, model, row_starts)
     for by, weight in ((by_before, weight_before), (by_after, weight_after)):
-        common -= by * _sums(weight * steps.scans, row_starts)
-    variances = np.maximum(model.variance * steps.scans * common, config.velocity_min_sigma**2)
-    return velocities * steps.scans, variances
+        common -= by * _sums(weight * steps.durations, row_starts)
+    variances = np.maximum(model.variance * steps.durations * common, config.velocity_min_sigma**2)
+    return velocities * steps.durations, variances
 
 
-def _steps(track: Track, poses: Floats) -> list[KeySteps]:
-    """The steps of a track along (n_scans, 3) poses: along, across, and the turns."""
+def _steps(track: Track, poses: Floats, pauses: Floats) -> list[KeySteps]:
+    """The steps of a track along (n_scans, 3) poses, (n_scans - 1,) intervals apart: along, across, and the turns."""
     index = np.array([key.index for key in track.keys])
-    scans = np.diff(index).astype(np.float64)
+    clock = np.append(0.0, np.cumsum(pauses))[index]
+    durations = np.diff(clock)
     matches = [None if isinstance(key.match, NoMatch) else key.match for key in track.keys[1:]]
     claimed = np.array([np.zeros(3) if match is None else np.diag(match.covariance) for match in matches]).reshape(
         -1, 3
@@ -182,13 +193,13 @@ def _steps(track: Track, poses: Floats) -> list[KeySteps]:
     twists = logmap(between(poses[index[:-1]], poses[index[1:]]))
     are_observed = np.array([match is not None and match.is_fully_observed for match in matches], dtype=np.bool_)
     turns = wrap_angle(np.diff(poses[: index[-1] + 1, 2]))
-    usual = usual_velocities(twists / scans[:, None], scans, turns, index[:-1], are_observed)
+    usual = usual_velocities(twists / durations[:, None], turns, pauses[: index[-1]], index[:-1], are_observed)
     return [
         KeySteps(
-            scans=scans,
-            times=0.5 * (index[1:] + index[:-1]),
-            velocities=twists[:, axis] / scans,
-            variances=claimed[:, axis] / scans**2,
+            durations=durations,
+            times=0.5 * (clock[1:] + clock[:-1]),
+            velocities=twists[:, axis] / durations,
+            variances=claimed[:, axis] / durations**2,
             are_observed=are_observed,
             usual=usual[:, axis],
         )
@@ -203,21 +214,21 @@ def _neighbours(tells: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np
     return padded[np.searchsorted(known, steps, "left")], padded[np.searchsorted(known, steps, "right") + 1]
 
 
-def _scans_to(ends: NDArray[np.int64], times: Floats) -> Floats:
-    """(n,) scans between each step and another one; infinitely many to one that is not there."""
+def _time_to(ends: NDArray[np.int64], times: Floats) -> Floats:
+    """(n,) intervals between each step and another one; infinitely many to one that is not there."""
     return np.where(ends < 0, np.inf, np.abs(times - times[ends]))
 
 
-def _correlated_scans(steps: KeySteps, model: VelocityModel, row_starts: NDArray[np.int64]) -> Floats:
-    """(n,) the scans of all steps of its row, each times its correlation with the step."""
+def _correlated_time(steps: KeySteps, model: VelocityModel, row_starts: NDArray[np.int64]) -> Floats:
+    """(n,) the durations of all steps of its row, each times its correlation with the step."""
     kept = np.append(0.0, model.correlation(np.diff(steps.times)))
     kept[row_starts] = 0.0
-    since, until = steps.scans.copy(), steps.scans.copy()
+    since, until = steps.durations.copy(), steps.durations.copy()
     for step in range(1, len(kept)):
         since[step] += kept[step] * since[step - 1]
     for step in range(len(kept) - 1, 0, -1):
         until[step - 1] += kept[step] * until[step]
-    return since + until - steps.scans
+    return since + until - steps.durations
 
 
 def _sums(values: Floats, row_starts: NDArray[np.int64]) -> Floats:
@@ -226,7 +237,7 @@ def _sums(values: Floats, row_starts: NDArray[np.int64]) -> Floats:
 
 
 def along_headings(
-    headings: Floats, index: NDArray[np.int64], twists: Floats, variances: Floats
+    headings: Floats, index: NDArray[np.int64], pauses: Floats, twists: Floats, variances: Floats
 ) -> tuple[Floats, Floats]:
     """Steps whose headings are known from scan to scan, where the velocity alone tells how far they go.
 
@@ -236,21 +247,24 @@ def along_headings(
     Args:
         headings: (n_scans,) of the robot [rad].
         index: (n + 1,) the scans at which steps begin and end, the first one 0.
+        pauses: (n_scans - 1,) intervals from scan to scan.
         twists: (n, 3) how far each goes along and across [m]; its turn is not asked.
         variances: (n, 3) of these; that of the turn is what the velocity knows of it.
 
     Returns:
         (n, 3) the steps, and their (n, 3, 3) covariances in the tangent spaces at them.
     """
-    starts, scans = index[:-1], np.diff(index)
+    starts, scans, pauses = index[:-1], np.diff(index), pauses[: index[-1]]
+    durations = np.add.reduceat(pauses, starts)
     unwrapped = np.unwrap(headings)
     begins, ends = unwrapped[starts], unwrapped[index[1:]]
     between_scans = 0.5 * (unwrapped[1:] + unwrapped[:-1])[: index[-1]]
-    c, s = (np.add.reduceat(each, starts) / scans for each in cos_sin(between_scans - np.repeat(begins, scans)))
+    seen_from_start = cos_sin(between_scans - np.repeat(begins, scans))
+    c, s = (np.add.reduceat(pauses * each, starts) / durations for each in seen_from_start)
     along, across, _ = twists.T
     ways = np.column_stack([c * along - s * across, s * along + c * across, wrap_angle(ends - begins)])
     twice = cos_sin(2.0 * (between_scans - np.repeat(ends, scans)))
-    c, s = (np.add.reduceat(each, starts) / scans for each in twice)
+    c, s = (np.add.reduceat(pauses * each, starts) / durations for each in twice)
     mean, half = 0.5 * (variances[:, 0] + variances[:, 1]), 0.5 * (variances[:, 0] - variances[:, 1])
     covariances = np.zeros((len(twists), 3, 3))
     covariances[:, 0, 0], covariances[:, 1, 1] = mean + half * c, mean - half * c

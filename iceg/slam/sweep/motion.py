@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.se2 import between, logmap
+from iceg.slam.recording.intervals import intervals
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,17 +62,3 @@ def motion_within(
         smooth = sum(weight * step for weight, step in zip(weights, around, strict=True))
         found[:, :2] = np.where(all_four, smooth, found[:, :2])
     return MotionWithin(velocity=velocity, change=change)
-
-
-def usual_interval(stamps: NDArray[np.float64]) -> float | None:
-    """Median time from scan to scan [s]; None where the stamps do not advance."""
-    steps = np.diff(stamps)
-    advancing = steps[steps > 0.0]
-    return float(np.median(advancing)) if 2 * len(advancing) > len(steps) else None
-
-
-def intervals(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n - 1,) how many usual intervals pass from each of n scans to the next: 1, or more where scans are missing."""
-    usual = usual_interval(stamps)
-    steps = np.diff(stamps)
-    return np.ones(len(steps)) if usual is None else np.maximum(1.0, np.round(steps / usual))

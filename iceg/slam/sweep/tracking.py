@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 
 from frontends.scan import Log
 from iceg.slam.odometry.calibration import OdometryCalibration
+from iceg.slam.recording.intervals import usual_interval
 from iceg.slam.sweep.deskew import deskewed
 from iceg.slam.sweep.estimate import SweepEstimate, learn_sweep
-from iceg.slam.sweep.motion import MotionWithin, motion_within, usual_interval
+from iceg.slam.sweep.motion import MotionWithin, motion_within
 from iceg.slam.sweep_config import SweepConfig
 from iceg.slam.track import Track
 

@@ -1,0 +1,55 @@
+"""Time from scan to scan, in usual ones: the stamps of many logs jitter, and only tell where scans are missing."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.elementary import log
+
+_LEAST_CHANGE = 1e-3
+"""Steps of robots differ by this at least [m]."""
+
+
+def usual_interval(stamps: NDArray[np.float64]) -> float | None:
+    """Median time from scan to scan [s]; None where the stamps do not advance."""
+    steps = _advances(stamps)
+    advancing = steps[steps > 0.0]
+    return float(np.median(advancing)) if 2 * len(advancing) > len(steps) else None
+
+
+def intervals(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n - 1,) how many usual intervals pass from each of n scans to the next: 1, or more where scans are missing."""
+    usual, steps = usual_interval(stamps), _advances(stamps)
+    return np.ones(len(steps)) if usual is None else np.maximum(1.0, np.round(steps / usual))
+
+
+def _advances(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n - 1,) by how much each of n stamps is later than all before it: one that steps back makes no pause [s]."""
+    return np.diff(np.maximum.accumulate(stamps))
+
+
+def confirmed_intervals(stamps: NDArray[np.float64], lengths: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same, but all 1 where the robot does not go the farther the longer a scan is in coming.
+
+    Some recorders stamp scans when they get round to it. So two likelihoods are compared over the scans that come late:
+    that the robot went on as fast as just before and after, and that it went as far, changes of speed by Cauchy's law.
+
+    Args:
+        stamps: (n,) of the scans [s].
+        lengths: (n - 1,) how far the robot went from each scan to the next [m].
+
+    Returns:
+        (n - 1,) usual intervals from scan to scan.
+    """
+    pauses = intervals(stamps)
+    is_late = pauses[1:-1] > 1.0
+    by_time, by_scan = (_changes(lengths / each, each) for each in (pauses, np.ones(len(pauses))))
+    if not is_late.any():
+        return pauses
+    scale = max(float(np.median(by_scan)), _LEAST_CHANGE)
+    costs = [log(1.0 + (change[is_late] / scale) ** 2).sum() for change in (by_time, by_scan)]
+    return pauses if costs[0] <= costs[1] else np.ones(len(pauses))
+
+
+def _changes(speeds: NDArray[np.float64], pauses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n - 2,) by how much each but the first and last step is longer or shorter than at the speed around it [m]."""
+    return np.abs(speeds[1:-1] - 0.5 * (speeds[:-2] + speeds[2:])) * pauses[1:-1]
