@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.se2 import between, logmap
-from iceg.slam.recording.intervals import intervals
+from iceg.slam.recording.intervals import confirmed_intervals
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,7 +47,9 @@ def motion_within(
     """
     n = len(T_map_robot)
     steps = np.zeros((n + 3, 3))  # steps[k + 1] leads to pose k
-    steps[2 : n + 1] = logmap(between(T_map_robot[:-1], T_map_robot[1:])) / intervals(stamps)[:, None]
+    twists = logmap(between(T_map_robot[:-1], T_map_robot[1:]))
+    lengths = np.sqrt(twists[:, 0] ** 2 + twists[:, 1] ** 2)
+    steps[2 : n + 1] = twists / confirmed_intervals(stamps, lengths)[:, None]
     is_known = np.zeros(n + 3, np.bool_)
     is_known[2 : n + 1] = True
     is_known[np.array([*unknown], dtype=np.int64) + 1] = False
