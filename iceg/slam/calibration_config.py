@@ -1,7 +1,6 @@
 """Settings of the calibration of odometry and gyro by the matches of a log."""
 
 from dataclasses import dataclass, field
-from math import log, sqrt
 
 from graph.odometry import OdometryModel, check_odometry_setting
 from graph.ranges import RATES, check_between, check_numbers
@@ -25,11 +24,6 @@ class SuddenStepConfig:
     def __post_init__(self) -> None:
         check_numbers(self, SlamConfigError)
         check_between(self, SlamConfigError, "sudden steps: ", nearly_all=(0.5, 0.9999))
-
-    @property
-    def nearly_all_sigmas(self) -> float:
-        """Standard deviations within which nearly all steps lie, if they scatter in two axes alike (Rayleigh)."""
-        return sqrt(-2.0 * log(1.0 - self.nearly_all))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -166,10 +166,6 @@ class TrackingConfig:
     """After so many key scans that match only each other tracking is lost: the tentative map takes over."""
     unknown_scans: int = 5
     """After so many scans that neither odometry nor a match speaks for, a robot may be anywhere."""
-    polished: float = 0.15
-    """Where turns are known and nearly all guesses lie nearer than this [m], a polished guess is enough. Farther off,
-    it is found credible where it stands: along a corridor a wrong place explains as many beams, and a wrong turn no
-    longer gives it away."""
     max_step: float = 10.0
     """No robot moves farther from one scan to the next [m]: 180 km/h at 5 Hz."""
     unknown_odometry: OdometryModel = field(

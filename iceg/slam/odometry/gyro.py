@@ -16,7 +16,7 @@ from frontends.scan import Log
 from graph.measurement import NoMatch
 from graph.se2 import between, wrap_angle
 from iceg.slam.calibration_config import CalibrationConfig
-from iceg.slam.odometry.heading_odometry import HeadingNoise, HeadingOdometry, unforeseen_steps, with_headings
+from iceg.slam.odometry.heading_odometry import HeadingNoise, HeadingOdometry, with_headings
 from iceg.slam.odometry.noise import Differences, heading_noise, robust_deviation
 from iceg.slam.odometry.student_fit import StudentFit, chance_of, student_fit
 from iceg.slam.run_warning import RunWarning
@@ -100,15 +100,7 @@ def learn_gyro(track: Track, log: Log, config: CalibrationConfig) -> tuple[Headi
     if finding.rejection:
         return None, finding
     noise, lasting = _noise(track, turns, headings, config)
-    unforeseen = unforeseen_steps(track, headings, config.sudden.nearly_all)
-    odometry = HeadingOdometry(
-        headings=headings,
-        noise=noise,
-        lasting_noise=lasting,
-        unforeseen=unforeseen,
-        unforeseen_sigma=unforeseen / config.sudden.nearly_all_sigmas,
-    )
-    return odometry, finding
+    return HeadingOdometry(headings=headings, noise=noise, lasting_noise=lasting), finding
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

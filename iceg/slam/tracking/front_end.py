@@ -1,14 +1,12 @@
 """The front end: every scan matched against the local reference of recent key scans."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.matcher import Matcher
 from frontends.scan import Scan, ScanGeometry
 from graph import dense
 from graph.measurement import NoMatch, RelativePose
@@ -40,11 +38,9 @@ class FrontEnd:
     ) -> None:
         """Start with no scan yet; `odometry` is None for a log without, whose turns `heading` may tell."""
         self._matcher = matcher
-        is_foreseen = heading is None or heading.unforeseen < config.tracking.polished
-        self._track = matcher.track if is_foreseen else _tracking_by_match(matcher)
         self._has_odometry = odometry is not None
         unknown = config.tracking.unknown_odometry
-        self._unknown = unknown if heading is None else heading.step_noise(unknown)
+        self._unknown = unknown if heading is None else heading.noise.within(unknown)
         self._odometry = odometry or self._unknown
         self._config = config
         self._limits = _limits(config)
@@ -233,7 +229,7 @@ class FrontEnd:
         """Pose of a scan against one reference, in the track frame."""
         if self.is_blind:
             return COVERED
-        found = self._track(reference, scan, guess, expected.motion.covariance)
+        found = self._matcher.track(reference, scan, guess, expected.motion.covariance)
         if isinstance(found, NoMatch):
             return found
         instead = self._check.judge(reference, scan, guess, found, self._tracking_covariance, expected)
@@ -384,18 +380,3 @@ def _limits(config: FrontEndConfig) -> Limits:
 def _is_nearer(pose: NDArray[np.float64], one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
     """Whether a pose is no farther from one than from another."""
     return sum(apart(pose, one)) <= sum(apart(pose, other))
-
-
-def _tracking_by_match(matcher: Matcher) -> Callable[..., NDArray[np.float64] | NoMatch]:
-    """The full matching of a matcher that has no quick tracking of its own."""
-
-    def track(
-        reference: Any,  # noqa: ANN401
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> NDArray[np.float64] | NoMatch:
-        match = matcher.match(reference, scan, T_ref_guess, covariance_guess)
-        return match if isinstance(match, NoMatch) else match.T_ref_cur
-
-    return track
