@@ -15,6 +15,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from numpy.typing import NDArray
 
 from iceg.config import Config
 from iceg.evaluation.errors import EvaluationError
@@ -60,6 +61,12 @@ def _yes(*_args: object, **_named: object) -> bool:
 
 def _empty(*_args: object, **_named: object) -> list[Any]:
     return []
+
+
+def _mean_velocities(velocities: NDArray[np.float64], *given: NDArray[Any]) -> NDArray[np.float64]:
+    """As if every step that is seen told as much of every other, however the robot turned."""
+    seen = given[-1]
+    return np.broadcast_to(velocities[seen].mean(axis=0) if seen.any() else np.zeros(3), velocities.shape)
 
 
 def _first(first: Any, *_args: object, **_named: object) -> Any:  # noqa: ANN401
@@ -165,6 +172,14 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "mount": Rule(
             what="finds lasers that look backwards or are upside down",
             without={f"{_SLAM}.passes:track_as_mounted": lambda log, follow, *_: (log, *follow(log))},
+        ),
+        "foretold steps": Rule(
+            what="a log without odometry is tracked once more, by the velocities before and after",
+            without={f"{_SLAM}.passes:foretold_steps": _nothing},
+        ),
+        "slower turns": Rule(
+            what="a robot without odometry goes slower where it turns",
+            without={f"{_SLAM}.odometry.velocity:usual_velocities": _mean_velocities},
         ),
         "held readings": Rule(
             what="interpolates odometry where it repeats a reading and makes up for it at once",
