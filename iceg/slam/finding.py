@@ -28,7 +28,7 @@ from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odomet
 from iceg.slam.odometry.gyro import learn_gyro
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.odometry.motions import motions_of
-from iceg.slam.odometry.velocity import motions_without_odometry
+from iceg.slam.odometry.velocity import filled_where_dead, motions_without_odometry
 from iceg.slam.passes import track_guided, track_with_sweep
 from iceg.slam.progress import ProgressCallback
 from iceg.slam.recording.held_readings import with_odometry_between_readings
@@ -128,6 +128,7 @@ def _solve(
     if log.has_odometry:
         odometry = calibration.apply(log.odometry, config.front_end.calibration.sudden)
         motions = motions_of(track, odometry, calibration.lasting_noise)
+        motions = filled_where_dead(motions, track, log.stamps, config.front_end.calibration)
     else:
         motions = motions_without_odometry(track, log.stamps, config.front_end.calibration, heading)
     return solve_track(
