@@ -38,6 +38,7 @@ GONE = {
     "finish.joint.confirmed_share": "the run says where walls and factors contradict each other",
     "finish.joint.credible_ratio": "variances grow as far as walls and factors contradict each other",
     "finish.joint.walls_gain": "variances grow as far as walls and factors contradict each other",
+    "finish.kernel_width": "Φ follows from finish.closure_false_alarm",
     "front_end.odometry_check.jump_free_space": "see front_end.odometry_check.contradiction",
     "front_end.odometry_check.jump_inlier_ratio": "see front_end.odometry_check.contradiction",
     "front_end.open_ground": "what is slim counts wherever a scan sees little else",

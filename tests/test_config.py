@@ -127,7 +127,7 @@ def test_importing_the_configuration_is_light() -> None:
         ("loops.spacing", "-1.0", "found spacing -1.0, expected 0 or more"),
         ("loops.place_confirmations", "0", "found place_confirmations 0, expected 1 or more"),
         ("finish.rounds", "-1", "found rounds -1, expected 0 or more"),
-        ("finish.kernel_width", "inf", "found kernel_width inf, expected a positive number"),
+        ("finish.closure_false_alarm", "inf", "found closure_false_alarm inf, expected a number from 1e-09 to 0.5"),
         ("front_end.calibration_scans", "0", "found calibration_scans 0, expected 1 or more"),
         ("ice.hypotheses.field_sigma", "0.0", "found field_sigma 0.0, expected a positive number"),
         ("ice.covariance.points", "0", "found points 0, expected 1 or more"),

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field
 
-from graph.ranges import check_between, check_magnitudes, check_numbers
+from graph.ranges import RATES, check_between, check_magnitudes, check_numbers
 from graph.units import Radians
 from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.closure_config import (
@@ -232,9 +232,10 @@ class FinishConfig:
     """Standard deviation in position of the search around the optimum [m]."""
     search_angle: Radians = 0.03
     """Standard deviation in heading of the search around the optimum [rad]."""
-    kernel_width: float = 5.0
-    """Φ of dynamic covariance scaling on closures (squared standard deviations)."""
-    outlier_weight: float = 0.01
+    closure_false_alarm: float = 0.001
+    """Of true closures so many lie so far off that dynamic covariance scaling weakens them: its Φ is where χ² of three
+    degrees of freedom exceeds that."""
+    outlier_weight: float = 0.1
     """A closure whose robust kernel leaves it a smaller weight than this is an outlier, and is taken out."""
     by_hand_sigmas: float = 10.0
     """By so many of its standard deviations the path is bent for a closure by hand that costs no other one: successive
@@ -249,10 +250,11 @@ class FinishConfig:
     """In the end, poses and map together."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("kernel_width",))
+        check_numbers(self, SlamConfigError)
         check_between(
             self,
             SlamConfigError,
+            closure_false_alarm=RATES,
             rounds=(0, 1000),
             max_passes=(0, 1000),
             search_distance=(0.0, 100.0),

@@ -12,6 +12,7 @@ from frontends.scan import Scan
 from graph.batch import optimize
 from graph.config import PoseGraphConfig
 from graph.factors import Factor, RobustKernel
+from graph.noise import chi2_gate
 from graph.pose_graph import PoseGraph
 from graph.problem import Problem
 from iceg.ice._point_kernels import RangeNoise
@@ -206,7 +207,7 @@ def refined(
 
 def closure_kernel(config: FinishConfig) -> RobustKernel:
     """The robust kernel of a closure that is not pinned."""
-    return RobustKernel(name="dcs", width=config.kernel_width)
+    return RobustKernel(name="dcs", width=chi2_gate(config.closure_false_alarm))
 
 
 class _Clock:
