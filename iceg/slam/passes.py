@@ -16,7 +16,7 @@ from iceg.slam.tracking.log_tracking import NOTHING_FOREKNOWN, Foreknown, track_
 def track_guided(
     log: Log, matcher: MapMatcher, config: Config, progress: ProgressCallback | None
 ) -> tuple[Followed, Foreknown]:
-    """Track a log; without odometry once more, guided by what the matches tell of its velocity and its gyro.
+    """Track a log; where it has no odometry once more, guided by what the matches tell of velocity and gyro.
 
     Args:
         log: the log.
@@ -29,10 +29,11 @@ def track_guided(
         what guided it.
     """
     followed = _follow(log, matcher, config, progress, NOTHING_FOREKNOWN)
-    if log.has_odometry:
-        return followed, NOTHING_FOREKNOWN
     track, calibration = followed[1], config.front_end.calibration
-    heading, _ = learn_gyro(track, log, calibration) if config.front_end.gyro else (None, None)
+    if log.has_odometry and not track.dead:
+        return followed, NOTHING_FOREKNOWN
+    asks_gyro = config.front_end.gyro and not log.has_odometry
+    heading, _ = learn_gyro(track, log, calibration) if asks_gyro else (None, None)
     foreknown = Foreknown(heading=heading, steps=foretold_steps(track, log.stamps, calibration, heading))
     return (followed if foreknown.steps is None else _follow(log, matcher, config, progress, foreknown)), foreknown
 

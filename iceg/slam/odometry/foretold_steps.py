@@ -1,9 +1,11 @@
-"""The steps of a log without odometry, as its matches and its velocity tell them after a first pass.
+"""The steps that odometry does not know, as the matches and the velocity tell them after a first pass.
 
 Where a scan faces a single wall, or two that are parallel, it is matched where it was guessed to be. From scan to scan
 the guess is the step before once more, so that its errors add up along a corridor, until the end of a wall is taken for
 another one. The second pass guesses from the velocities before and after.
 """
+
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +31,7 @@ def foretold_steps(
     that differs from the way that was tracked, it is spread evenly over the time between.
 
     Args:
-        track: what the front end found in a log without odometry.
+        track: what the front end found in a log without odometry, or in one whose odometry is dead somewhere.
         stamps: (n_scans,) of the scans [s]; they tell where scans are missing.
         config: when the matches tell enough of the velocity.
         heading: what is known of the turns; None for nothing.
@@ -37,16 +39,20 @@ def foretold_steps(
     Returns:
         (n_scans - 1, 3) steps in the frame of the scan before each; None where all were tracked as well as can be.
     """
+    asked = track.keys_without_odometry() if track.dead else set(range(1, len(track.keys)))
+    unseen = [index for index in range(1, len(track.keys)) if index in asked and not _is_seen(track.keys[index])]
     if heading is None:
-        if all(_is_seen(key) for key in track.keys[1:]):
+        if not unseen:
             return None
         poses = track.trajectory(np.array([key.T_track_robot for key in track.keys]))
     else:
         poses = with_headings(track, heading.headings)
     twists = logmap(between(poses[:-1], poses[1:]))
-    motions, pauses = motions_without_odometry(track, stamps, config, heading), pauses_along(stamps, poses)
-    for before, key, motion in zip(track.keys[:-1], track.keys[1:], motions, strict=True):
-        if motion is not None and not _is_seen(key):
+    motions = motions_without_odometry(replace(track, dead=[]), stamps, config, heading)
+    pauses = pauses_along(stamps, poses)
+    for index in unseen:
+        before, key, motion = track.keys[index - 1], track.keys[index], motions[index - 1]
+        if motion is not None:
             way = between(poses[before.index], poses[key.index])
             change = logmap(_with_velocity(way, key, motion)) - logmap(way)
             between_keys = slice(before.index, key.index)

@@ -25,7 +25,7 @@ _MOST_TOGETHER = 256
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Foreknown:
-    """What an earlier pass tells of the motion of a robot without odometry.
+    """What an earlier pass tells of the motion of a robot where odometry does not.
 
     Attributes:
         heading: how it turned, by a gyro; None for nothing.
@@ -84,7 +84,7 @@ def track_calibrating(
         noise: of the odometry, before anything is known.
         config: key scans, local reference and calibration.
         progress: called with the number of scans done and of failures so far.
-        foreknown: what an earlier pass tells of a log without odometry.
+        foreknown: what an earlier pass tells where there is no odometry.
 
     Returns:
         The track, and the calibration from the first part.
@@ -99,7 +99,7 @@ def track_calibrating(
         calibration = calibrate_odometry(first, log.odometry[:n_first], config.calibration)
         odometry = calibration.apply(log.odometry, config.calibration.sudden)
         if first.failures or calibration.is_late(config.calibration):
-            journey = _Journey(log, matcher, calibration.noise, config, progress)
+            journey = _Journey(log, matcher, calibration.noise, config, progress, foreknown)
         journey.trust(calibration.noise)
     journey.advance(len(log), odometry)
     return journey.track(), calibration
