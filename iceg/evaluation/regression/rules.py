@@ -174,7 +174,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             without={f"{_SLAM}.passes:track_as_mounted": lambda log, follow, *_: (log, *follow(log))},
         ),
         "foretold steps": Rule(
-            what="a log without odometry is tracked once more, by the velocities before and after",
+            what="where odometry is missing or dead, a log is tracked once more, by the velocities before and after",
             without={f"{_SLAM}.passes:foretold_steps": _nothing},
         ),
         "slower turns": Rule(
