@@ -25,10 +25,11 @@ from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
+from iceg.slam.odometry.dead_odometry import filled_where_dead
 from iceg.slam.odometry.gyro import learn_gyro
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.odometry.motions import motions_of
-from iceg.slam.odometry.velocity import filled_where_dead, motions_without_odometry
+from iceg.slam.odometry.velocity import motions_without_odometry
 from iceg.slam.passes import track_guided, track_with_sweep
 from iceg.slam.progress import ProgressCallback
 from iceg.slam.recording.held_readings import with_odometry_between_readings

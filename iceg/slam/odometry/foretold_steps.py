@@ -5,8 +5,6 @@ the guess is the step before once more, so that its errors add up along a corrid
 another one. The second pass guesses from the velocities before and after.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -48,7 +46,7 @@ def foretold_steps(
     else:
         poses = with_headings(track, heading.headings)
     twists = logmap(between(poses[:-1], poses[1:]))
-    motions = motions_without_odometry(replace(track, dead=[]), stamps, config, heading)
+    motions = motions_without_odometry(track, stamps, config, heading)
     pauses = pauses_along(stamps, poses)
     for index in unseen:
         before, key, motion = track.keys[index - 1], track.keys[index], motions[index - 1]

@@ -11,7 +11,6 @@ Steps in a row that nothing sees err together, but the factors of a graph are in
 of its error with that of the whole row, which lets the row end as uncertain as it is.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -111,10 +110,10 @@ class VelocityModel:
 def motions_without_odometry(
     track: Track, stamps: Floats, config: CalibrationConfig, heading: HeadingOdometry | None = None
 ) -> list[OdometryMotion | None]:
-    """What the velocity tells of the way to every key scan but the first.
+    """What the velocity tells of the way to every key scan but the first, odometry left aside.
 
     Args:
-        track: what the front end found in a log without odometry.
+        track: what the front end found.
         stamps: (n_scans,) of the scans [s]; they tell where scans are missing.
         config: when the matches tell enough of the velocity.
         heading: what is known of the turns; None for nothing.
@@ -122,6 +121,7 @@ def motions_without_odometry(
     Returns:
         None where the robot may have been carried; everywhere, where the matches hardly tell of its velocity.
     """
+    track = replace(track, dead=[])
     if heading is None:
         poses, turns = track.trajectory(np.array([key.T_track_robot for key in track.keys])), OdometryModel()
     else:
@@ -143,29 +143,6 @@ def motions_without_odometry(
     return [
         None if motion is None else replace(motion, T_key_robot=way, covariance=covariance)
         for motion, way, covariance in zip(known, ways, covariances, strict=True)
-    ]
-
-
-def filled_where_dead(
-    motions: Sequence[OdometryMotion | None], track: Track, stamps: Floats, config: CalibrationConfig
-) -> list[OdometryMotion | None]:
-    """The motions of a log; where its odometry is dead, what the velocity tells instead.
-
-    Args:
-        motions: to every key scan but the first, by odometry.
-        track: what the front end found.
-        stamps: (n_scans,) of the scans [s].
-        config: when the matches tell enough of the velocity.
-
-    Returns:
-        The same; still None where odometry jumped, and where the laser saw nothing either.
-    """
-    if not track.dead:
-        return list(motions)
-    by_velocity = motions_without_odometry(replace(track, dead=[]), stamps, config)
-    return [
-        velocity if motion is None and not isinstance(key.match, NoMatch) else motion
-        for motion, velocity, key in zip(motions, by_velocity, track.keys[1:], strict=True)
     ]
 
 
