@@ -14,8 +14,8 @@ from iceg.demo import demo_log_path
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.recording.held_readings import between_readings, held_readings, with_odometry_between_readings
+from iceg.slam.recording.intervals import waits
 from iceg.slam.recording.standstill import dead_intervals
-from iceg.slam.recording.steps import waits
 from iceg.slam.tracking.log_tracking import track_log
 from iceg.slam.tracking_config import StandstillConfig
 

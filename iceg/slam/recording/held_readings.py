@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from frontends.scan import Log
 from graph.elementary import log
 from graph.se2 import between, compose
+from iceg.slam.recording.intervals import waits
 from iceg.slam.recording.repeated_scans import is_repeated
 from iceg.slam.recording.standstill import scans_change
-from iceg.slam.recording.steps import is_moving, waits
+from iceg.slam.recording.steps import is_moving
 from iceg.slam.tracking_config import StandstillConfig
 
 _FREEDOM = 3.0
@@ -34,7 +35,7 @@ def with_odometry_between_readings(log: Log, config: StandstillConfig) -> Log:
     if not log.has_odometry:
         return log
     is_new = ~is_repeated(log.ranges)  # lines written twice hold the same scan with the same odometry
-    odometry, periods = log.odometry[is_new], _periods(log.stamps[is_new])
+    odometry, periods = log.odometry[is_new], waits(log.stamps[is_new])
     moves, spread = held_readings(odometry, periods, config)
     spread = np.where(_are_confirmed(log.ranges[is_new], moves, spread, config), spread, 1)
     if not (spread > 1).any():
@@ -143,11 +144,6 @@ def between_readings(
         step, times = between(odometry[move], odometry[move + 1]), np.cumsum(periods[move + 1 - n : move + 1])
         filled[move + 2 - n : move + 1] = compose(odometry[move], times[:-1, None] / times[-1] * step)
     return filled
-
-
-def _periods(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n - 1,) time from scan to scan, in usual ones; all alike where stamps that do not increase tell nothing."""
-    return waits(stamps) if (np.diff(stamps) > 0.0).all() else np.ones(max(len(stamps) - 1, 0))
 
 
 def _length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -16,10 +16,15 @@ def usual_interval(stamps: NDArray[np.float64]) -> float | None:
     return float(np.median(advancing)) if 2 * len(advancing) > len(steps) else None
 
 
-def intervals(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n - 1,) how many usual intervals pass from each of n scans to the next: 1, or more where scans are missing."""
+def waits(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n - 1,) time from each of n scans to the next, in usual intervals, at least one."""
     usual, steps = usual_interval(stamps), _advances(stamps)
-    return np.ones(len(steps)) if usual is None else np.maximum(1.0, np.round(steps / usual))
+    return np.ones(len(steps)) if usual is None else np.maximum(1.0, steps / usual)
+
+
+def intervals(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same in whole ones: more than one where scans are missing."""
+    return np.round(waits(stamps))
 
 
 def _advances(stamps: NDArray[np.float64]) -> NDArray[np.float64]:

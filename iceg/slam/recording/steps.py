@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from graph.elementary import cos_sin
 from graph.se2 import between, wrap_angle
 from iceg.slam.calibration_config import SuddenStepConfig
+from iceg.slam.recording.intervals import waits
 
 _STILL = 1e-9
 """A step shorter than this is none [m, rad]: the same reading again."""
@@ -54,13 +55,6 @@ def chained(start: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[n
     poses[1:, 1] = start[1] + np.cumsum(s * steps[:, 0] + c * steps[:, 1])
     poses[:, 2] = wrap_angle(heading)
     return poses
-
-
-def waits(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n - 1,) time from scan to scan, in usual ones, at least one."""
-    periods = np.diff(stamps)
-    usual = float(np.median(periods)) if len(periods) else 0.0
-    return np.maximum(periods / usual, 1.0) if usual > 0.0 else np.ones(len(periods))
 
 
 def _stand_out(
