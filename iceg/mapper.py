@@ -20,11 +20,11 @@ from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
 from iceg.show.progress import prepare_kernels
 from iceg.slam.corrections.corrections import Corrections
-from iceg.slam.corrections.cut import Cut
 from iceg.slam.finding import laser_noise, matcher_of
 from iceg.slam.findings import Findings
 from iceg.slam.incremental_graph import IncrementalGraph
 from iceg.slam.incremental_tracking import IncrementalTracking
+from iceg.slam.kept_scans import KeptScans
 from iceg.slam.noise_widths import widened
 from iceg.slam.pipeline import SlamResult, conclude, grid_of, landmarks_of, run
 from iceg.slam.progress import ProgressCallback
@@ -156,7 +156,7 @@ class Mapper:
         log = self._log.log()
         findings = Findings(
             log=log,
-            kept=Cut().kept(len(log)),
+            kept=KeptScans.all_of(len(log)),
             config=replace(self._given, finish=replace(self._given.finish, enabled=False)),
             has_own_stages=self._stages != IN_HOUSE,
             laser=self._laser,

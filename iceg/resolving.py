@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from iceg.findings_file.codec import read_findings
 from iceg.results import FINDINGS, ResultsError, read_summary, whole_results
 from iceg.slam.corrections.corrections import Corrections
-from iceg.slam.corrections.cut import KeptScans
+from iceg.slam.kept_scans import KeptScans
 
 if TYPE_CHECKING:
     from iceg.slam.findings import Findings

@@ -9,7 +9,7 @@ from frontends.scan import Log
 from iceg.config import read_config
 from iceg.export.options import ExportError
 from iceg.results import read_summary, whole_results
-from iceg.slam.corrections.cut import KeptScans
+from iceg.slam.kept_scans import KeptScans
 from iceg.tum import read_tum
 
 

@@ -18,9 +18,9 @@ from iceg.findings_file.log_arrays import log_arrays, log_facts, log_of
 from iceg.findings_file.solution_arrays import solution_arrays, solution_facts, solution_of
 from iceg.findings_file.table import Table
 from iceg.findings_file.track_arrays import track_arrays, track_facts, track_of
-from iceg.slam.corrections.cut import KeptScans
 from iceg.slam.findings import Findings
 from iceg.slam.finish import Round
+from iceg.slam.kept_scans import KeptScans
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.gyro import GyroFinding
 

@@ -17,10 +17,10 @@ from iceg.slam.broken_path.reassigned_scans import reassigned
 from iceg.slam.completed_matcher import completed
 from iceg.slam.corrections.corrected import Corrected, corrected
 from iceg.slam.corrections.corrections import Corrections
-from iceg.slam.corrections.cut import KeptScans
 from iceg.slam.corrections.forbidden import forbids
 from iceg.slam.findings import Findings, without
 from iceg.slam.finish import Round, closure_kernel, matched_again
+from iceg.slam.kept_scans import KeptScans
 from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened

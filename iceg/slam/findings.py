@@ -10,8 +10,8 @@ from graph.factors import Factor
 from graph.pose_graph import PoseGraph
 from iceg.config import Config
 from iceg.slam.back_end import Solution
-from iceg.slam.corrections.cut import KeptScans
 from iceg.slam.finish import Round
+from iceg.slam.kept_scans import KeptScans
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.gyro import GyroFinding
 from iceg.slam.track import Track

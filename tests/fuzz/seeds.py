@@ -238,8 +238,8 @@ def findings() -> bytes:
     from iceg.findings_file.codec import write_findings
     from iceg.slam.back_end import Solution
     from iceg.slam.closures.attempt import Attempt, Place
-    from iceg.slam.corrections.cut import KeptScans
     from iceg.slam.findings import Findings
+    from iceg.slam.kept_scans import KeptScans
     from iceg.slam.odometry.calibration import OdometryCalibration
     from iceg.slam.odometry.gyro import GyroFinding
     from iceg.slam.track import KeyScan, Track

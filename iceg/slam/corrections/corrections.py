@@ -8,8 +8,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from iceg.slam.corrections.cut import Cut, Interval, KeptScans
+from iceg.slam.corrections.cut import Cut
 from iceg.slam.corrections.errors import CorrectionsError
+from iceg.slam.kept_scans import Interval, KeptScans
 from iceg.slam.manual_closures import ManualClosure
 
 VerdictWord = Literal["accepted", "rejected", "removed", "pinned"]
