@@ -35,6 +35,9 @@ if TYPE_CHECKING:
     from iceg.result_tables import RunTables
     from iceg.results import write_results
     from iceg.run_folder import RunFolder, read_run_folder
+    from iceg.run_result.distance import Distance, Sighting
+    from iceg.run_result.run_summary import RunSummary
+    from iceg.run_result.slam_result import SlamResult
     from iceg.running import run
     from iceg.show.map_image import MapLayers
     from iceg.show.map_picture import save_map_png
@@ -43,10 +46,7 @@ if TYPE_CHECKING:
     from iceg.slam.closures.closure import Closure
     from iceg.slam.corrections.corrections import Corrections
     from iceg.slam.corrections.reading import read_corrections
-    from iceg.slam.distance import Distance, Sighting
     from iceg.slam.manual_closures import ManualClosure, read_manual_closures
-    from iceg.slam.pipeline import SlamResult
-    from iceg.slam.run_summary import RunSummary
     from iceg.slam.stages import StageError, Stages
     from iceg.slam.track import KeyScan
     from iceg.stamps import repaired_stamps
@@ -126,7 +126,7 @@ _HOMES = {
     "Closure": "iceg.slam.closures.closure",
     "Config": "iceg.config",
     "Corrections": "iceg.slam.corrections.corrections",
-    "Distance": "iceg.slam.distance",
+    "Distance": "iceg.run_result.distance",
     "Event": "iceg.mapper",
     "Factor": "graph.factors",
     "FeatureMap": "iceg.maps.feature_map",
@@ -149,13 +149,13 @@ _HOMES = {
     "PoseGraph": "graph.pose_graph",
     "RelativePose": "graph.measurement",
     "RunFolder": "iceg.run_folder",
-    "RunSummary": "iceg.slam.run_summary",
+    "RunSummary": "iceg.run_result.run_summary",
     "RunTables": "iceg.result_tables",
     "Scan": "frontends.scan",
     "ScanGeometry": "frontends.scan",
     "Segments": "iceg.ice.segments",
-    "Sighting": "iceg.slam.distance",
-    "SlamResult": "iceg.slam.pipeline",
+    "Sighting": "iceg.run_result.distance",
+    "SlamResult": "iceg.run_result.slam_result",
     "StageError": "iceg.slam.stages",
     "Stages": "iceg.slam.stages",
     "Trajectory": "iceg.tum",

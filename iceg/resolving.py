@@ -9,8 +9,8 @@ from iceg.slam.corrections.corrections import Corrections
 from iceg.slam.kept_scans import KeptScans
 
 if TYPE_CHECKING:
+    from iceg.run_result.slam_result import SlamResult
     from iceg.slam.findings import Findings
-    from iceg.slam.pipeline import SlamResult
 
 
 def findings_of(directory: Path | str) -> "Findings":
@@ -57,6 +57,6 @@ def resolve(directory: Path | str, corrections: Corrections | None = None) -> "S
     Raises:
         IcegError: the folder cannot be read, or a correction does not fit the log.
     """
-    from iceg.slam import pipeline
+    from iceg import pipeline
 
     return pipeline.resolve(findings_of(directory), corrections)

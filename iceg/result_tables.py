@@ -15,8 +15,8 @@ from graph.errors import IcegError, reason
 from graph.factors import Factor
 from iceg.ice.features import KIND_NAMES
 from iceg.maps.feature_map import Landmarks
+from iceg.run_result.scan_covariances import scan_covariances, tracking_covariances
 from iceg.slam.closures.closure import Closure
-from iceg.slam.scan_covariances import scan_covariances, tracking_covariances
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -92,7 +92,7 @@ class RunTables:
         return pd.DataFrame(self.columns(name))
 
     def scan_covariances(self) -> NDArray[np.float64]:
-        """(n, 3, 3) covariance of every scan's pose, see `iceg.slam.scan_covariances`."""
+        """(n, 3, 3) covariance of every scan's pose, see `iceg.run_result.scan_covariances`."""
         tracking = tracking_covariances(self.factors, len(self.key_scans), self.tracking)
         return scan_covariances(self.trajectory, self.key_scans, self.covariances, tracking)
 

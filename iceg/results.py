@@ -30,7 +30,7 @@ from iceg.tables import TableError, read_csv_table
 from iceg.tum import format_tum
 
 if TYPE_CHECKING:
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
 
 FINDINGS = "run.npz"
 """What the run found before it concluded, for `iceg resolve`."""

@@ -10,7 +10,7 @@ from iceg.slam.manual_closures import ManualClosure
 from iceg.slam.progress import ProgressCallback
 
 if TYPE_CHECKING:
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
     from iceg.slam.stages import Stages
 
 
@@ -40,9 +40,9 @@ def run(
     Raises:
         IcegError: a correction that does not fit the log, or a stage that returns what is of no use.
     """
+    from iceg import pipeline
     from iceg.kernels.ahead import compiling_ahead
     from iceg.show.progress import ProgressBar, compiling_bar
-    from iceg.slam import pipeline
 
     def run_told(callback: ProgressCallback | None) -> "SlamResult":
         return pipeline.run(log, config, callback, stages=stages, closures=closures, corrections=corrections)

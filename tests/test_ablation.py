@@ -28,7 +28,7 @@ from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.relations import read_relations_csv, relation_errors
 from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
 from iceg.maps.config import GridConfig
-from iceg.slam.pipeline import SlamResult
+from iceg.run_result.slam_result import SlamResult
 
 Array = NDArray[np.float64]
 

@@ -29,9 +29,9 @@ def pipeline(monkeypatch: pytest.MonkeyPatch) -> Callable[[Pipeline], None]:
     """Put another pipeline, and writers of its results, in place of the real ones."""
 
     def install(run: Pipeline) -> None:
-        module = ModuleType("iceg.slam.pipeline")
+        module = ModuleType("iceg.pipeline")
         module.run = run  # type: ignore[attr-defined]
-        monkeypatch.setitem(sys.modules, "iceg.slam.pipeline", module)
+        monkeypatch.setitem(sys.modules, "iceg.pipeline", module)
         kept = {name: results._WRITERS[name] for name in ("trajectory", "covariances", "config")}
         monkeypatch.setattr(results, "_WRITERS", kept)
 
@@ -98,7 +98,7 @@ def test_an_interrupted_run_says_what_was_kept(
     assert main(words) == 130
     assert f"interrupted, nothing was written to {out}" in capsys.readouterr().err
     assert not out.exists()
-    pipeline_module = sys.modules["iceg.slam.pipeline"]
+    pipeline_module = sys.modules["iceg.pipeline"]
     pipeline_module.run = by_odometry  # type: ignore[attr-defined]
     assert main(words) == 0
     before = {path.name: path.read_bytes() for path in out.iterdir()}
@@ -113,9 +113,9 @@ _FAKE_RUN = (
     "def run(*_, **__):\n"
     "    print('running', flush=True)\n"
     "    {what}\n"
-    "pipeline = types.ModuleType('iceg.slam.pipeline')\n"
+    "pipeline = types.ModuleType('iceg.pipeline')\n"
     "pipeline.run = run\n"
-    "sys.modules['iceg.slam.pipeline'] = pipeline\n"
+    "sys.modules['iceg.pipeline'] = pipeline\n"
     "from iceg.cli import command\n"
     "command()\n"
 )
@@ -146,7 +146,7 @@ def test_ctrl_c_while_libraries_are_loaded_is_one_line(delay_s: float) -> None:
         "from iceg.cli import ending\n"
         "ending.install()\n"
         "print('ready', flush=True)\n"
-        "import numpy, numba, gtsam, iceg.slam.pipeline, time\n"
+        "import numpy, numba, gtsam, iceg.pipeline, time\n"
         "time.sleep(600)\n"
     )
     with subprocess.Popen([sys.executable, "-c", code], stdout=-1, stderr=-1, text=True) as process:

@@ -11,9 +11,9 @@ from graph.se2 import compose, transform_points
 from iceg.config import Config
 from iceg.evaluation.consistency import chi_square_quantiles
 from iceg.maps.config import GridConfig
-from iceg.slam.distance import DistanceError, Sighting
-from iceg.slam.joint_covariance import JointCovariance
-from iceg.slam.pipeline import SlamResult
+from iceg.run_result.distance import DistanceError, Sighting
+from iceg.run_result.joint_covariance import JointCovariance
+from iceg.run_result.slam_result import SlamResult
 
 _COARSE = Config(grid=GridConfig(resolution=0.5))
 _SEEDS = range(20, 25)

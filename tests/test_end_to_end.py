@@ -14,8 +14,8 @@ from iceg.evaluation.consistency import pose_nees
 from iceg.evaluation.relations import error_statistics, read_relations_csv, relation_errors
 from iceg.evaluation.trajectory import read_reference_csv, read_truth_csv, trajectory_errors
 from iceg.maps.config import GridConfig
+from iceg.run_result.slam_result import SlamResult
 from iceg.slam.config import LoopClosureConfig
-from iceg.slam.pipeline import SlamResult
 
 LOOPS_OPEN = LoopClosureConfig(enabled=False)
 COARSE = GridConfig(resolution=0.5)

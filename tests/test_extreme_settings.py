@@ -10,7 +10,7 @@ from frontends.logs import read_log
 from frontends.scan import Log
 from iceg.config import ConfigError, parse_config
 from iceg.demo import demo_log_path
-from iceg.slam.pipeline import run
+from iceg.pipeline import run
 
 
 @cache

@@ -17,8 +17,9 @@ from frontends.simulator.gyro import GyroModel
 from frontends.simulator.simulation import simulate
 from iceg.config import Config
 from iceg.evaluation.trajectory import trajectory_errors
+from iceg.pipeline import run
+from iceg.run_result.slam_result import SlamResult
 from iceg.slam.config import FrontEndConfig
-from iceg.slam.pipeline import SlamResult, run
 from tests import bags
 
 WITHOUT = Config(front_end=FrontEndConfig(gyro=False))

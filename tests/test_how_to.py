@@ -10,7 +10,7 @@ import pytest
 import iceg
 from frontends.scan import Log
 from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
-from iceg.slam.pipeline import resolve
+from iceg.pipeline import resolve
 
 PAGES = Path(__file__).parent.parent / "docs" / "how-to"
 N_SCANS = 500

@@ -15,6 +15,7 @@ from graph.problem import Problem
 from graph.se2 import between, compose, expmap, transform_points
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.ice.matcher import IceMatcher
+from iceg.pipeline import run
 from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.config import FinishConfig, FrontEndConfig, JointRefinementConfig, LoopClosureConfig, SlamConfigError
 from iceg.slam.finish import Finished, matched_again, refined
@@ -22,7 +23,6 @@ from iceg.slam.joint import _wall_kernels as kernels
 from iceg.slam.joint._system_kernels import JointSystem, PointsOnLines, fill, normal_equations, product
 from iceg.slam.joint.refinement import Clouds, key_clouds, refine_jointly
 from iceg.slam.odometry.motions import motions_of
-from iceg.slam.pipeline import run
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
 

@@ -16,8 +16,8 @@ from iceg.demo import demo_log_path, demo_truth_path
 from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
 from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
+from iceg.pipeline import run
 from iceg.slam.config import FinishConfig, FrontEndConfig
-from iceg.slam.pipeline import run
 from iceg.slam.tracking.laser_orientation import laser_orientation
 from iceg.slam.tracking.log_tracking import track_log
 from iceg.slam.tracking_config import MountConfig

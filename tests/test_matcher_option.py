@@ -14,9 +14,9 @@ from iceg.cli import main
 from iceg.config import Config, ConfigError, MatcherName, parse_config, read_config
 from iceg.evaluation.paper import first_scans
 from iceg.evaluation.trajectory import trajectory_errors
+from iceg.pipeline import run
 from iceg.results import RESULT_FILES
 from iceg.run_folder import read_run_folder
-from iceg.slam.pipeline import run
 from iceg.slam.stages import Stages
 
 N_SCANS = 120

@@ -23,8 +23,8 @@ from iceg.ice.local_map import LocalMap
 from iceg.ice.noise import ALLOWED, PLAIN, beyond_allowed
 from iceg.ice.points import ScanPoints, extract_points
 from iceg.maps.config import GridConfig
+from iceg.pipeline import run
 from iceg.slam.noise_widths import widened
-from iceg.slam.pipeline import run
 
 GEOMETRY = replace(sick_lms200(), range_max=40.0)
 

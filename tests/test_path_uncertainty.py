@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from iceg.slam.path_uncertainty import least_known
+from iceg.run_result.path_uncertainty import least_known
 
 
 def test_the_worst_direction_of_the_worst_pose_counts() -> None:

@@ -15,10 +15,10 @@ from iceg import plot
 from iceg.cli import main
 from iceg.results import write_results
 from iceg.run_folder import RunFolder, read_run_folder
+from iceg.run_result.slam_result import SlamResult
 from iceg.show.map_image import MapLayers
 from iceg.show.run_plots import plot_results
 from iceg.slam.closures.attempt import Verdict
-from iceg.slam.pipeline import SlamResult
 from iceg.tum import Trajectory
 from tests.test_compare import closure, run, written
 from tests.test_plots import path, room_grid

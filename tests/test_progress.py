@@ -11,9 +11,9 @@ from numba import njit
 
 from frontends.logs import read_log
 from frontends.scan import Log, ScanGeometry
+from iceg import pipeline
 from iceg.demo import demo_log_path
 from iceg.show.progress import ProgressBar, compile_note, real_time_factor
-from iceg.slam import pipeline
 from iceg.slam.progress import Progress, Stage
 
 

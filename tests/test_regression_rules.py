@@ -18,7 +18,8 @@ from iceg.evaluation.regression.cells import Cell
 from iceg.evaluation.regression.rules import RULES, Rule, switched_off
 from iceg.evaluation.regression.study import rule_rows
 from iceg.maps.config import GridConfig
-from iceg.slam.pipeline import SlamResult, run
+from iceg.pipeline import run
+from iceg.run_result.slam_result import SlamResult
 
 _QUICK = Config(grid=GridConfig(resolution=0.5))
 

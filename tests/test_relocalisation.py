@@ -19,6 +19,8 @@ from iceg.evaluation.degradation import DEGRADATIONS, every_metre, noisy
 from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
 from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
+from iceg.pipeline import run
+from iceg.run_result.slam_result import SlamResult
 from iceg.slam import back_end
 from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
 from iceg.slam.broken_path.path_break import Break, Outcome
@@ -31,7 +33,6 @@ from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.odometry.motions import motions_of
-from iceg.slam.pipeline import SlamResult, run
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
 

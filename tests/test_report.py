@@ -23,8 +23,8 @@ from iceg.report.grid import grid_payload
 from iceg.report.learned import learned_payload
 from iceg.report.scans import scans_payload
 from iceg.report.settings import changed_settings
+from iceg.run_result.slam_result import SlamResult
 from iceg.slam.odometry.gyro import GyroFinding
-from iceg.slam.pipeline import SlamResult
 
 _TYPES = {"f4": np.float32, "f8": np.float64, "i4": np.int32, "u2": np.uint16, "u1": np.uint8}
 

@@ -13,7 +13,7 @@ from graph.se2 import transform_points
 from iceg.config import Config
 from iceg.maps.config import GridConfig
 from iceg.report import write_report
-from iceg.slam.pipeline import SlamResult
+from iceg.run_result.slam_result import SlamResult
 from tests.browser import HOW_TO_GET_ONE, find_browser
 from tests.conftest import IN_CI
 

@@ -14,9 +14,11 @@ from iceg.cli import main
 from iceg.demo import demo_truth_path
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.maps.config import GridConfig
+from iceg.pipeline import resolve as conclude
 from iceg.resolving import findings_of, resolve
 from iceg.results import RESULT_FILES, ResultsError
 from iceg.run_folder import read_closures
+from iceg.run_result.slam_result import SlamResult
 from iceg.slam.closures.closure import Closure
 from iceg.slam.corrections.corrections import Corrections, Distrusted, Forbidden, MapFrame, Pinned
 from iceg.slam.corrections.cut import Cut
@@ -24,8 +26,6 @@ from iceg.slam.corrections.errors import CorrectionsError
 from iceg.slam.corrections.map_frame import walls_heading
 from iceg.slam.findings import Findings
 from iceg.slam.manual_closures import ManualClosure
-from iceg.slam.pipeline import SlamResult
-from iceg.slam.pipeline import resolve as conclude
 from iceg.tables import read_csv_table
 
 CONFIG = iceg.Config(grid=GridConfig(resolution=0.2))

@@ -20,9 +20,9 @@ from graph.factors import Factor
 from iceg.evaluation.consistency import pose_nees
 from iceg.evaluation.truth import read_truth
 from iceg.result_tables import TABLES, TableExportError, TableName, write_csv_table, write_parquet_table
-from iceg.slam.pipeline import SlamResult
-from iceg.slam.run_summary import LaserSummary, OdometrySummary, RoundSummary, RunSummary
-from iceg.slam.scan_covariances import scan_covariances, tracking_covariances
+from iceg.run_result.run_summary import LaserSummary, OdometrySummary, RoundSummary, RunSummary
+from iceg.run_result.scan_covariances import scan_covariances, tracking_covariances
+from iceg.run_result.slam_result import SlamResult
 
 N_SCANS = 300
 

@@ -13,7 +13,8 @@ from iceg.demo import demo_log_path, demo_truth_path
 from iceg.evaluation.degradation import DEGRADATIONS
 from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
 from iceg.maps.config import GridConfig
-from iceg.slam.pipeline import SlamResult, run
+from iceg.pipeline import run
+from iceg.run_result.slam_result import SlamResult
 
 _QUICK = Config(grid=GridConfig(resolution=0.2))
 

@@ -17,9 +17,10 @@ from iceg.config import Config
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
+from iceg.pipeline import run
+from iceg.run_result.slam_result import SlamResult
 from iceg.slam.config import FrontEndConfig, SlamConfigError
 from iceg.slam.match_errors import closure_covariance
-from iceg.slam.pipeline import SlamResult, run
 from iceg.slam.stages import Stages
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log

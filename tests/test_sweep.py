@@ -11,7 +11,8 @@ from frontends.simulator.lasers import LASERS
 from frontends.simulator.simulation import Simulation, simulate
 from iceg.config import Config
 from iceg.evaluation.trajectory import trajectory_errors
-from iceg.slam.pipeline import SlamResult, run
+from iceg.pipeline import run
+from iceg.run_result.slam_result import SlamResult
 from iceg.slam.sweep.estimate import SweepEstimate, learn_sweep
 from iceg.slam.sweep.motion import motion_within
 from iceg.slam.sweep_config import SweepConfig

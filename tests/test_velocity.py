@@ -21,6 +21,7 @@ from iceg.evaluation.regression.cells import Cell
 from iceg.evaluation.regression.recordings import recording_of
 from iceg.evaluation.regression.runner import CONFIG, outcomes
 from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
+from iceg.pipeline import run
 from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.completed_matcher import completed
 from iceg.slam.config import FrontEndConfig
@@ -33,7 +34,6 @@ from iceg.slam.odometry.velocity import (
     foretold,
     motions_without_odometry,
 )
-from iceg.slam.pipeline import run
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
 

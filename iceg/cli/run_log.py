@@ -14,7 +14,7 @@ from iceg.slam.run_warning import RunWarning, in_short
 if TYPE_CHECKING:
     from frontends.scan import Log
     from iceg.kernels.ahead import KernelsAhead
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
     from iceg.slam.progress import Progress, ProgressCallback
 
 _MANY_CARRIED = 0.02
@@ -89,7 +89,7 @@ def _read_while_compiling(path: Path, config: Config, kernels: "KernelsAhead", *
     with reading_bar(path) as reading:
         log = read_log(path, skip_bad_lines=skip_bad_lines, progress=reading, **dataclasses.asdict(config.log))
     tell_warnings(log)
-    import iceg.slam.pipeline  # noqa: F401 while others compile
+    import iceg.pipeline  # noqa: F401 while others compile
 
     with compiling_bar() as told:
         kernels.wait_for("matching", told)
@@ -101,8 +101,8 @@ def _corrected_run(
 ) -> "tuple[SlamResult, dict[str, str] | None]":
     """The result, and the corrections as they are kept beside it, if they are all that was corrected."""
     from graph.errors import GraphError
+    from iceg.pipeline import run
     from iceg.slam.corrections.reading import read_all_corrections, text_of_corrections
-    from iceg.slam.pipeline import run
     from iceg.view.session import CORRECTIONS
 
     asked = read_all_corrections(path for path in (corrections, closures) if path)

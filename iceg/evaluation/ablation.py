@@ -29,9 +29,10 @@ from iceg.evaluation.trajectory import (
     trajectory_errors,
 )
 from iceg.maps.config import GridConfig
+from iceg.pipeline import run
+from iceg.run_result.slam_result import SlamResult
 from iceg.slam.config import FinishConfig, JointRefinementConfig, LoopClosureConfig
 from iceg.slam.odometry.calibration import OdometryCalibration
-from iceg.slam.pipeline import SlamResult, run
 
 Covariances = Literal["calibrated", "constant", "identity"]
 """As the run found them; the median variances of each kind of factor for all of that kind; 1 m² and 1 rad² for all."""

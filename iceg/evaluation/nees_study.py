@@ -42,7 +42,7 @@ from iceg.evaluation.cross_validation import FADED, KINDS, leave_one_out
 from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.trajectory import check_one_row_per_scan, read_truth_csv
 from iceg.maps.config import GridConfig
-from iceg.slam.pipeline import run
+from iceg.pipeline import run
 
 SCENES = ("room", "rooms", "corridor", "long_corridor", "office")
 POSES = "key poses"

@@ -16,7 +16,7 @@ from iceg.dp_slam_results import occupancy_grid
 from iceg.evaluation.bench.tables import Row
 from iceg.evaluation.trajectory import TrajectoryErrors, trajectory_errors
 from iceg.maps.grid import OccupancyGrid
-from iceg.slam.pipeline import run
+from iceg.pipeline import run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

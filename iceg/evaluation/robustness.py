@@ -14,7 +14,8 @@ from iceg.evaluation.bench.tables import Row, write_csv
 from iceg.evaluation.degradation import DEGRADATIONS, Degraded
 from iceg.evaluation.trajectory import check_one_row_per_scan, read_truth_csv, trajectory_errors
 from iceg.maps.config import GridConfig
-from iceg.slam.pipeline import SlamResult, run
+from iceg.pipeline import run
+from iceg.run_result.slam_result import SlamResult
 
 _CONFIG = Config(grid=GridConfig(resolution=0.5))
 _RUINED_M, _RUINED_FACTOR = 0.3, 5.0

@@ -16,7 +16,7 @@ from iceg.evaluation.bench.logs import BenchLog
 from iceg.evaluation.bench.tables import Row, write_csv
 from iceg.evaluation.errors import EvaluationError
 from iceg.maps.config import GridConfig
-from iceg.slam.pipeline import run
+from iceg.pipeline import run
 
 FILE = "settings-scaled.csv"
 FACTORS = {"half": 0.5, "twice": 2.0}

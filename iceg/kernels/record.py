@@ -19,8 +19,8 @@ from numba.core.dispatcher import Dispatcher
 from frontends.logs import read_log
 from iceg.demo import demo_log_path
 from iceg.kernels.signatures import SIGNATURES, STAGES, plain_type
+from iceg.pipeline import run
 from iceg.results import write_results
-from iceg.slam.pipeline import run
 from iceg.slam.progress import Progress
 
 

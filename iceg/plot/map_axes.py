@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from iceg.maps.grid import OccupancyGrid
     from iceg.run_folder import RunFolder
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
 
 _UNKNOWN, _FREE, _WALL = "#e8e8e8", "#ffffff", "#141414"
 _LANDMARKS = (("s", 5), ("o", 5), ("x", 4))

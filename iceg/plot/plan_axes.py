@@ -12,7 +12,7 @@ from iceg.show.drawn_run import drawn_run
 
 if TYPE_CHECKING:
     from iceg.run_folder import RunFolder
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
 
 _WALL, _DOUBT = "#141414", "#c1272d"
 

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from iceg.evaluation.basin import Basin
     from iceg.run_folder import RunFolder
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
 
 _VERDICTS = (("rejected", "#bbbbbb", 5), ("removed", "#c1272d", 12), ("accepted", CLOSURE_COLOUR, 9))
 _MEAN, _MEDIAN = "#3b3b98", "#f4a259"

@@ -19,7 +19,7 @@ from iceg.tum import Trajectory
 
 if TYPE_CHECKING:
     from iceg.run_folder import RunFolder
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
 
 _SIZE = (9.0, 4.6)
 _TRUTH = "#9a9a9a"

@@ -15,7 +15,7 @@ from iceg.slam.closures.closure import joined_scans
 
 if TYPE_CHECKING:
     from iceg.run_folder import RunFolder
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
 
 _SIZE = (9.0, 4.6)
 _WIDE, _NARROW = "#0072b2", "#7fb8d9"

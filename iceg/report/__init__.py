@@ -12,7 +12,7 @@ from iceg.report.assembly import assemble
 from iceg.report.payload import page_payload, stages_payload
 
 if TYPE_CHECKING:
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
 
 REPORT = "report.html"
 _AT_ONCE = 1 << 20

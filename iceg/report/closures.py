@@ -11,7 +11,7 @@ from iceg.report.factors import KINDS, HeldBy
 from iceg.report.packing import packed
 
 if TYPE_CHECKING:
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
 
 _VERDICTS = ("accepted", "rejected", "removed", "by hand")
 _BY_HAND = "by hand"

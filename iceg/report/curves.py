@@ -12,7 +12,7 @@ from iceg.report.explained import explained_shares
 from iceg.report.packing import packed
 
 if TYPE_CHECKING:
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
 
 
 def curves_payload(result: "SlamResult", shares: NDArray[np.float64]) -> Mapping[str, Any]:

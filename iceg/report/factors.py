@@ -11,7 +11,7 @@ from graph.problem import Problem
 from iceg.report.packing import packed
 
 if TYPE_CHECKING:
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
 
 KINDS = ("prior", "odometry", "ice", "closure")
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from iceg.report.factors import HeldBy
 
 if TYPE_CHECKING:
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
 
 Grade = Literal["good", "fair", "poor", "none"]
 

@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 
 from iceg.report.packing import packed
-from iceg.slam.distance import SNAP
-from iceg.slam.joint_covariance import JointCovariance
-from iceg.slam.run_summary import LaserSummary
+from iceg.run_result.distance import SNAP
+from iceg.run_result.joint_covariance import JointCovariance
+from iceg.run_result.run_summary import LaserSummary
 
 _UPPER = np.triu_indices(3)
 

@@ -24,7 +24,7 @@ from iceg.report.walls import walls_payload
 from iceg.report.warned_places import warnings_payload
 
 if TYPE_CHECKING:
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
 
 _UPPER = np.triu_indices(3)
 

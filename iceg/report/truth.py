@@ -13,7 +13,7 @@ from iceg.evaluation.trajectory import align, trajectory_errors
 from iceg.report.packing import packed
 
 if TYPE_CHECKING:
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
 
 _LEAST = 2
 

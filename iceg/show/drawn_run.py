@@ -14,7 +14,7 @@ from iceg.slam.closures.closure import Closure, joined_scans
 if TYPE_CHECKING:
     from iceg.maps.feature_map import Landmarks
     from iceg.maps.grid import OccupancyGrid
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,7 +11,7 @@ from iceg.show.map_image import MapLayers, known_box, map_image
 from iceg.slam.closures.closure import joined_scans
 
 if TYPE_CHECKING:
-    from iceg.slam.pipeline import SlamResult
+    from iceg.run_result.slam_result import SlamResult
 
 _LONG_SIDE = 420
 _MOST_WARNINGS = 3

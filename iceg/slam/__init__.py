@@ -1,1 +1,1 @@
-"""The SLAM system: front end, back end, loop closing, finish, and the pipeline that joins them."""
+"""The SLAM system: front end, back end, loop closing and finish."""

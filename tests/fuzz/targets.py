@@ -77,7 +77,7 @@ def _log(path: Path) -> Any:
 
 def _run(log: Any) -> None:
     from iceg import Config
-    from iceg.slam.pipeline import run
+    from iceg.pipeline import run
 
     if len(log) > 40:
         log = log.select(slice(0, 40))
@@ -191,7 +191,7 @@ def _findings(path: Path) -> Any:
 
 
 def _conclude(findings: Any) -> None:
-    from iceg.slam.pipeline import resolve
+    from iceg.pipeline import resolve
 
     resolve(findings)
 

@@ -8,8 +8,8 @@ from graph.se2 import between
 from iceg.config import Config
 from iceg.evaluation.bench.tables import Row
 from iceg.evaluation.consistency import consistency, nees, relative_pose_errors
+from iceg.pipeline import run
 from iceg.slam.config import FinishConfig, LoopClosureConfig
-from iceg.slam.pipeline import run
 
 SCENES = ("room", "long_corridor")
 _UNOBSERVED = 0.5

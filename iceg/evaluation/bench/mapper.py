@@ -15,7 +15,7 @@ from iceg.evaluation.bench.logs import BenchLog
 from iceg.evaluation.bench.tables import Row
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.mapper import Event, Mapper
-from iceg.slam.pipeline import run
+from iceg.pipeline import run
 
 SCENE, SCENE_SCANS = "endless", 17_000
 """Of the scene that `growth` takes, as many scans as the longest of the classic logs has."""

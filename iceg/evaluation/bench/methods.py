@@ -95,7 +95,7 @@ class PipelineMethod:
 
     def run(self, log: Log) -> Estimate:
         """Run the pipeline."""
-        from iceg.slam.pipeline import run
+        from iceg.pipeline import run
         from iceg.slam.stages import Stages
 
         result = run(log, self.config, stages=Stages(matcher=self.matcher))

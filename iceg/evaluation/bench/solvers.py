@@ -15,7 +15,7 @@ from graph.gtsam_bridge import from_gtsam_values, to_gtsam_graph, to_gtsam_value
 from graph.se2 import compose
 from iceg.evaluation.bench.logs import BenchLog
 from iceg.evaluation.bench.tables import Row
-from iceg.slam.pipeline import run
+from iceg.pipeline import run
 
 _OFF = np.array([0.05, 0.05, 0.01])
 """Standard deviations of the start [m, m, rad]."""

@@ -13,8 +13,8 @@ from iceg.evaluation.bench.tables import Row
 from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.relations import Relations, error_statistics, read_relations_csv, relation_errors
 from iceg.ice.config import IceConfig
+from iceg.pipeline import run
 from iceg.slam.config import FinishConfig, LoopClosureConfig
-from iceg.slam.pipeline import run
 
 THINNING = 5
 

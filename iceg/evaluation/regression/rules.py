@@ -154,7 +154,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "halves of scans": Rule(
             what="matches count less where halves of scans disagree",
-            without={f"{_SLAM}.finding:with_measured_covariance_scale": _first},
+            without={"iceg.finding:with_measured_covariance_scale": _first},
         ),
         "joint refinement": Rule(what="poses and walls refined together", config=_without_joint_refinement),
         "calibration": Rule(
@@ -183,10 +183,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "held readings": Rule(
             what="interpolates odometry where it repeats a reading and makes up for it at once",
-            without={f"{_SLAM}.finding:with_odometry_between_readings": _first},
+            without={"iceg.finding:with_odometry_between_readings": _first},
         ),
         "frozen scans": Rule(
-            what="scans that repeat bit by bit show nothing", without={f"{_SLAM}.finding:without_frozen_scans": _first}
+            what="scans that repeat bit by bit show nothing", without={"iceg.finding:without_frozen_scans": _first}
         ),
         "dead odometry": Rule(
             what="odometry that stands while scans change says nothing",
@@ -201,7 +201,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             },
         ),
         "reassigned": Rule(
-            what="scans around a break go to the right side of it", without={f"{_SLAM}.finding:reassigned": _first}
+            what="scans around a break go to the right side of it", without={"iceg.finding:reassigned": _first}
         ),
         "lost odometry": Rule(
             what="a step tells nothing across a sudden loss",
@@ -231,7 +231,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "robust closures": Rule(
             what="dynamic covariance scaling in the finish",
-            without={f"{_SLAM}.finish:closure_kernel": _nothing, f"{_SLAM}.finding:closure_kernel": _nothing},
+            without={f"{_SLAM}.finish:closure_kernel": _nothing, "iceg.finding:closure_kernel": _nothing},
         ),
         "confirmed passes": Rule(
             what="passes over confirmed areas are searched more seldom",

@@ -22,7 +22,8 @@ from iceg.evaluation.regression.rules import switched_off
 from iceg.evaluation.regression.verdict import is_said
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.maps.config import GridConfig
-from iceg.slam.pipeline import SlamResult, run
+from iceg.pipeline import run
+from iceg.run_result.slam_result import SlamResult
 
 CONFIG = Config(grid=GridConfig(resolution=0.5))
 """The defaults, but for a grid that nobody looks at."""

@@ -138,6 +138,6 @@ def _load_kernels() -> None:
     from frontends.logs import read_log
     from iceg.demo import demo_log_path
     from iceg.evaluation.regression.runner import CONFIG
-    from iceg.slam.pipeline import run
+    from iceg.pipeline import run
 
     run(read_log(demo_log_path()).select(slice(0, 400)), CONFIG)

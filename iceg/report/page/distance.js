@@ -1,4 +1,4 @@
-// Distances between points of the map with their standard deviation, as iceg/slam/distance.py works them out.
+// Distances between points of the map with their standard deviation, as iceg/run_result/distance.py works them out.
 
 import { between, nBeams, nKeys, poseOfKey, rowOfScan, run } from "report/run";
 

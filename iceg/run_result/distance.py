@@ -9,8 +9,8 @@ from frontends.scan import Log
 from graph.elementary import cos_sin
 from graph.errors import IcegError
 from graph.se2 import inverse, transform_points
-from iceg.slam.joint_covariance import JointCovariance
-from iceg.slam.run_summary import LaserSummary
+from iceg.run_result.joint_covariance import JointCovariance
+from iceg.run_result.run_summary import LaserSummary
 
 SNAP = 0.1
 """A place no farther than this from where a beam ends [m] is taken to be on that wall."""

@@ -6,15 +6,15 @@ from typing import cast
 
 from frontends.scan import Log
 from graph.measurement import RelativePose
+from iceg.run_result.path_uncertainty import LeastKnown
+from iceg.run_result.run_summary import RoundSummary, RunCounts
 from iceg.slam.back_end import Solution
 from iceg.slam.broken_path.path_break import describe_break
 from iceg.slam.broken_path.place_votes import describe_vote
 from iceg.slam.finish import Round
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.gyro import GyroFinding
-from iceg.slam.path_uncertainty import LeastKnown
 from iceg.slam.recording.standstill import describe_dead
-from iceg.slam.run_summary import RoundSummary, RunCounts
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.track import Track
 

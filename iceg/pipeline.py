@@ -1,10 +1,9 @@
 """The whole job: a log in; trajectory, graph, feature map and occupancy grid out."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from math import sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +15,20 @@ from graph.pose_graph import PoseGraph
 from graph.se2 import compose
 from iceg.beside import InThread
 from iceg.config import Config
+from iceg.finding import corrected_by, find, matcher_of
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.matcher import REMEMBERED
 from iceg.ice.noise import beyond_allowed
 from iceg.maps.feature_map import Landmarks, build_feature_map
 from iceg.maps.grid import OccupancyGrid, render_grid_that_fits
 from iceg.memory import release_freed_memory
-from iceg.result_tables import RunTables, TableName
+from iceg.run_result.joint_covariance import JointCovariance
+from iceg.run_result.path_uncertainty import least_known
+from iceg.run_result.run_summary import LaserSummary, RunCounts, RunSummary
+from iceg.run_result.slam_result import SlamResult
+from iceg.run_result.summary import run_warnings, summarise
 from iceg.slam.agreement import Tolerance
 from iceg.slam.back_end import Solution
-from iceg.slam.closures.attempt import Verdict
 from iceg.slam.closures.closure import Closure
 from iceg.slam.closures.rival import best_rival
 from iceg.slam.corrections.corrected import Corrected
@@ -33,138 +36,16 @@ from iceg.slam.corrections.corrections import Corrections, MapFrame
 from iceg.slam.corrections.cut_findings import cut_findings
 from iceg.slam.corrections.errors import CorrectionsError
 from iceg.slam.corrections.map_frame import frame_transform, moved_priors
-from iceg.slam.distance import Distance, Sighting, measured_distance, sighting_at
 from iceg.slam.final_factors import FinalFactors
-from iceg.slam.finding import corrected_by, find, matcher_of
 from iceg.slam.findings import Findings
 from iceg.slam.finish import Finished, Round, refined
-from iceg.slam.joint.wall_pieces import WallPieces
-from iceg.slam.joint_covariance import JointCovariance
 from iceg.slam.manual_closures import ManualClosure
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened
-from iceg.slam.path_uncertainty import least_known
 from iceg.slam.progress import ProgressCallback, StageProgress
-from iceg.slam.run_summary import LaserSummary, RunCounts, RunSummary
-from iceg.slam.run_warning import RunWarning
 from iceg.slam.stage_clock import StageClock
 from iceg.slam.stages import IN_HOUSE, Stages
-from iceg.slam.summary import run_warnings, summarise
 from iceg.slam.track import Track
-
-if TYPE_CHECKING:
-    import pandas as pd
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SlamResult:
-    """What a run found.
-
-    Attributes:
-        log: the log.
-        config: the settings.
-        trajectory: (n_scans, 3) T_map_robot of every scan, in file order.
-        key_scans: (k,) which scans are key scans.
-        key_poses: (k, 3) their T_map_robot.
-        covariances: (k, 3, 3) their marginal covariances, tangent space at each.
-        joint: how the errors of the key poses hang together.
-        graph: the factors as they were measured. The key poses rest on the walls that scans share, too, and are not
-            quite the optimum of the factors alone.
-        landmarks: the feature map, expired landmarks included.
-        grid: the occupancy grid.
-        walls: short straight pieces of wall, none where poses and map were not refined together.
-        closures: every loop closure tried.
-        warnings: what may be wrong with it, besides what is about the log.
-        summary: counts, warnings, seconds per stage and calibration.
-        findings: what the run found before it concluded, scans that were cut since included: `resolve` concludes anew
-            from it.
-    """
-
-    log: Log
-    config: Config
-    trajectory: NDArray[np.float64]
-    key_scans: NDArray[np.int64]
-    key_poses: NDArray[np.float64]
-    covariances: NDArray[np.float64]
-    joint: JointCovariance
-    graph: PoseGraph
-    landmarks: Landmarks
-    grid: OccupancyGrid
-    walls: WallPieces
-    closures: list[Closure]
-    warnings: tuple[RunWarning, ...]
-    summary: RunSummary
-    findings: Findings
-
-    def __repr__(self) -> str:
-        accepted = sum(closure.verdict is Verdict.ACCEPTED for closure in self.closures)
-        return (
-            f"SlamResult({self.log.path.name}: {len(self.trajectory)} scans, {len(self.key_scans)} key poses, "
-            f"{len(self.graph.factors)} factors, {accepted} of {len(self.closures)} closures accepted, "
-            f"{len(self.landmarks.settled())} landmarks, {len(self.summary['warnings'])} warnings)"
-        )
-
-    def sighting(self, x: float, y: float) -> Sighting:
-        """The place (x, y) of the map [m], as the key scan saw it that saw it from closest.
-
-        Within 10 cm of a wall that is the wall: the nearest end of a beam of that scan.
-
-        Raises:
-            DistanceError: no key scan looked there.
-        """
-        return sighting_at(np.array([x, y]), self.log, self.key_scans, self.key_poses)
-
-    def distance(self, a: Sighting | tuple[float, float], b: Sighting | tuple[float, float]) -> Distance:
-        """How far two points are apart, and how well that is known.
-
-        The standard deviation is that of the joint covariance of the two poses that saw the points, and of the laser
-        where a point is the end of a beam.
-
-        Args:
-            a: a point that a scan saw, or x, y in the map [m], for which see `sighting`.
-            b: the other.
-
-        Raises:
-            DistanceError: no key scan looked there, or a scan that the log does not have.
-        """
-        a, b = (point if isinstance(point, Sighting) else self.sighting(*point) for point in (a, b))
-        return measured_distance(a, b, self.trajectory, self.key_scans, self.joint, self.log, self.summary["laser"])
-
-    def _repr_html_(self) -> str:
-        """A small map and the figures, for notebooks."""
-        from iceg.show.result_html import result_html
-
-        return result_html(self)
-
-    def tables(self) -> RunTables:
-        """The result as tables of plain columns, for pandas, CSV and Parquet."""
-        tracking = (self.config.front_end.tracking_distance, self.config.front_end.tracking_angle)
-        return RunTables(
-            stamps=self.log.stamps,
-            trajectory=self.trajectory,
-            key_scans=self.key_scans,
-            key_poses=self.key_poses,
-            covariances=self.covariances,
-            tracking=tracking,
-            closures=self.closures,
-            landmarks=self.landmarks,
-            factors=self.graph.factors,
-        )
-
-    def to_frame(self, name: TableName) -> "pd.DataFrame":
-        """One table of the result for pandas.
-
-        Args:
-            name: "trajectory", "key_poses", "closures", "landmarks" or "factors".
-
-        Raises:
-            TableExportError: there is no such table, or no pandas.
-        """
-        return self.tables().frame(name)
-
-    def scan_covariances(self) -> NDArray[np.float64]:
-        """(n_scans, 3, 3) covariance of every scan's pose, see `iceg.slam.scan_covariances`."""
-        return self.tables().scan_covariances()
 
 
 def run(
