@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from graph.pose_graph import PoseGraph
     from iceg import plot
     from iceg.config import Config, read_config
+    from iceg.corrections.corrections import Corrections
+    from iceg.corrections.manual_closures import ManualClosure, read_manual_closures
+    from iceg.corrections.reading import read_corrections
     from iceg.demo import demo_log_path, demo_truth_path
     from iceg.evaluation.judge import judge_trajectory
     from iceg.export.formats import export_results
@@ -44,9 +47,6 @@ if TYPE_CHECKING:
     from iceg.slam.closures.attempt import Attempt
     from iceg.slam.closures.candidates import Candidate
     from iceg.slam.closures.closure import Closure
-    from iceg.slam.corrections.corrections import Corrections
-    from iceg.slam.corrections.reading import read_corrections
-    from iceg.slam.manual_closures import ManualClosure, read_manual_closures
     from iceg.slam.stages import StageError, Stages
     from iceg.slam.track import KeyScan
     from iceg.stamps import repaired_stamps
@@ -125,7 +125,7 @@ _HOMES = {
     "Candidate": "iceg.slam.closures.candidates",
     "Closure": "iceg.slam.closures.closure",
     "Config": "iceg.config",
-    "Corrections": "iceg.slam.corrections.corrections",
+    "Corrections": "iceg.corrections.corrections",
     "Distance": "iceg.run_result.distance",
     "Event": "iceg.mapper",
     "Factor": "graph.factors",
@@ -137,7 +137,7 @@ _HOMES = {
     "KeyScan": "iceg.slam.track",
     "Landmarks": "iceg.maps.feature_map",
     "Log": "frontends.scan",
-    "ManualClosure": "iceg.slam.manual_closures",
+    "ManualClosure": "iceg.corrections.manual_closures",
     "MapLayers": "iceg.show.map_image",
     "Mapper": "iceg.mapper",
     "MapperMap": "iceg.mapper",
@@ -168,9 +168,9 @@ _HOMES = {
     "judge_trajectory": "iceg.evaluation.judge",
     "plot": "iceg.plot",
     "read_config": "iceg.config",
-    "read_corrections": "iceg.slam.corrections.reading",
+    "read_corrections": "iceg.corrections.reading",
     "read_log": "frontends.logs",
-    "read_manual_closures": "iceg.slam.manual_closures",
+    "read_manual_closures": "iceg.corrections.manual_closures",
     "read_run_folder": "iceg.run_folder",
     "read_run_tables": "iceg.folder_tables",
     "read_tum": "iceg.tum",

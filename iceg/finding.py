@@ -8,6 +8,9 @@ from frontends.matchers import make_matcher
 from frontends.scan import Log
 from graph.pose_graph import PoseGraph
 from iceg.config import Config
+from iceg.corrections.corrected import Corrected, corrected
+from iceg.corrections.corrections import Corrections
+from iceg.corrections.forbidden import forbids
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import beyond_allowed
@@ -15,9 +18,6 @@ from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.broken_path.path_break import Outcome
 from iceg.slam.broken_path.reassigned_scans import reassigned
 from iceg.slam.completed_matcher import completed
-from iceg.slam.corrections.corrected import Corrected, corrected
-from iceg.slam.corrections.corrections import Corrections
-from iceg.slam.corrections.forbidden import forbids
 from iceg.slam.findings import Findings, without
 from iceg.slam.finish import Round, closure_kernel, matched_again
 from iceg.slam.kept_scans import KeptScans

@@ -15,6 +15,7 @@ from graph.dense import congruence, inv
 from graph.measurement import NoMatch
 from graph.se2 import adjoint, compose, compose_covariance, inverse
 from iceg.config import Config
+from iceg.corrections.corrections import Corrections
 from iceg.finding import laser_noise, matcher_of
 from iceg.ice.noise import PLAIN, beyond_allowed
 from iceg.maps.feature_map import Landmarks
@@ -22,7 +23,6 @@ from iceg.maps.grid import OccupancyGrid
 from iceg.pipeline import conclude, grid_of, landmarks_of, run
 from iceg.run_result.slam_result import SlamResult
 from iceg.show.progress import prepare_kernels
-from iceg.slam.corrections.corrections import Corrections
 from iceg.slam.findings import Findings
 from iceg.slam.incremental_graph import IncrementalGraph
 from iceg.slam.incremental_tracking import IncrementalTracking

@@ -15,6 +15,12 @@ from graph.pose_graph import PoseGraph
 from graph.se2 import compose
 from iceg.beside import InThread
 from iceg.config import Config
+from iceg.corrections.corrected import Corrected
+from iceg.corrections.corrections import Corrections, MapFrame
+from iceg.corrections.cut_findings import cut_findings
+from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.manual_closures import ManualClosure
+from iceg.corrections.map_frame import frame_transform, moved_priors
 from iceg.finding import corrected_by, find, matcher_of
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.matcher import REMEMBERED
@@ -31,15 +37,9 @@ from iceg.slam.agreement import Tolerance
 from iceg.slam.back_end import Solution
 from iceg.slam.closures.closure import Closure
 from iceg.slam.closures.rival import best_rival
-from iceg.slam.corrections.corrected import Corrected
-from iceg.slam.corrections.corrections import Corrections, MapFrame
-from iceg.slam.corrections.cut_findings import cut_findings
-from iceg.slam.corrections.errors import CorrectionsError
-from iceg.slam.corrections.map_frame import frame_transform, moved_priors
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.findings import Findings
 from iceg.slam.finish import Finished, Round, refined
-from iceg.slam.manual_closures import ManualClosure
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened
 from iceg.slam.progress import ProgressCallback, StageProgress

@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from iceg.corrections.corrections import Corrections
 from iceg.findings_file.codec import read_findings
 from iceg.results import FINDINGS, ResultsError, read_summary, whole_results
-from iceg.slam.corrections.corrections import Corrections
 from iceg.slam.kept_scans import KeptScans
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 from frontends.scan import Log
 from iceg.config import Config
-from iceg.slam.corrections.corrections import Corrections
-from iceg.slam.manual_closures import ManualClosure
+from iceg.corrections.corrections import Corrections
+from iceg.corrections.manual_closures import ManualClosure
 from iceg.slam.progress import ProgressCallback
 
 if TYPE_CHECKING:

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 import iceg
 from frontends.scan import Log, ScanError
 from graph.measurement import RelativePose
+from iceg.corrections.manual_closures import read_manual_closures
 from iceg.evaluation.trajectory import read_truth_csv
 from iceg.show.run_plots import plot_results
-from iceg.slam.manual_closures import read_manual_closures
 from iceg.tum import read_tum
 
 REPOSITORY = Path(__file__).parent.parent

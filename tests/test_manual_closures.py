@@ -16,13 +16,13 @@ from frontends.scan import Log, ScanGeometry
 from graph.errors import IcegError
 from graph.se2 import between, compose, expmap, logmap
 from iceg.cli import main
+from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.manual_closures import ManualClosure, manual_factor, read_manual_closures
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.maps.config import GridConfig
 from iceg.run_folder import read_closures
 from iceg.run_result.slam_result import SlamResult
 from iceg.slam.config import LoopClosureConfig
-from iceg.slam.corrections.errors import CorrectionsError
-from iceg.slam.manual_closures import ManualClosure, manual_factor, read_manual_closures
 from iceg.slam.track import Track
 
 Array = NDArray[np.float64]

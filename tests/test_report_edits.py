@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import iceg
+from iceg.corrections.corrections import Corrections
+from iceg.corrections.cut import Cut
+from iceg.corrections.reading import read_corrections
 from iceg.maps.config import GridConfig
 from iceg.resolving import resolve
 from iceg.run_folder import read_closures, read_run_folder
-from iceg.slam.corrections.corrections import Corrections
-from iceg.slam.corrections.cut import Cut
-from iceg.slam.corrections.reading import read_corrections
 from iceg.view.server import ViewServer
 from iceg.view.session import CORRECTIONS, Session
 from tests.test_report_page import DESKTOP, PHONE, browser, opened

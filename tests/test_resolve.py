@@ -11,6 +11,11 @@ from numpy.typing import NDArray
 import iceg
 from graph.se2 import between, compose
 from iceg.cli import main
+from iceg.corrections.corrections import Corrections, Distrusted, Forbidden, MapFrame, Pinned
+from iceg.corrections.cut import Cut
+from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.manual_closures import ManualClosure
+from iceg.corrections.map_frame import walls_heading
 from iceg.demo import demo_truth_path
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.maps.config import GridConfig
@@ -20,12 +25,7 @@ from iceg.results import RESULT_FILES, ResultsError
 from iceg.run_folder import read_closures
 from iceg.run_result.slam_result import SlamResult
 from iceg.slam.closures.closure import Closure
-from iceg.slam.corrections.corrections import Corrections, Distrusted, Forbidden, MapFrame, Pinned
-from iceg.slam.corrections.cut import Cut
-from iceg.slam.corrections.errors import CorrectionsError
-from iceg.slam.corrections.map_frame import walls_heading
 from iceg.slam.findings import Findings
-from iceg.slam.manual_closures import ManualClosure
 from iceg.tables import read_csv_table
 
 CONFIG = iceg.Config(grid=GridConfig(resolution=0.2))

@@ -17,10 +17,10 @@ import pytest
 import iceg
 from graph.errors import IcegError
 from iceg.cli import main
+from iceg.corrections.errors import CorrectionsError
 from iceg.maps.config import GridConfig
 from iceg.results import RESULT_FILES
 from iceg.run_folder import read_closures
-from iceg.slam.corrections.errors import CorrectionsError
 from iceg.view.errors import ViewError
 from iceg.view.server import PAGE, ViewServer
 from iceg.view.session import CORRECTIONS, Session

@@ -31,9 +31,9 @@ class Resolve:
         import time
 
         from iceg.cli.run_log import tell_result_warnings, what_was_kept, written_at
+        from iceg.corrections.reading import read_all_corrections
         from iceg.results import check_directory, write_results
         from iceg.show.progress import compile_note, prepare_kernels
-        from iceg.slam.corrections.reading import read_all_corrections
 
         target = self.output or self.directory
         replaces = self.overwrite or self.output is None

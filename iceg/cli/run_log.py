@@ -101,8 +101,8 @@ def _corrected_run(
 ) -> "tuple[SlamResult, dict[str, str] | None]":
     """The result, and the corrections as they are kept beside it, if they are all that was corrected."""
     from graph.errors import GraphError
+    from iceg.corrections.reading import read_all_corrections, text_of_corrections
     from iceg.pipeline import run
-    from iceg.slam.corrections.reading import read_all_corrections, text_of_corrections
     from iceg.view.session import CORRECTIONS
 
     asked = read_all_corrections(path for path in (corrections, closures) if path)

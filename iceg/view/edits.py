@@ -5,8 +5,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from graph.limits import LIMITS
+from iceg.corrections.errors import CorrectionsError
 from iceg.settings_file import shown_value
-from iceg.slam.corrections.errors import CorrectionsError
 
 _MOST_SCANS = 2
 WITHDRAW = "withdraw"

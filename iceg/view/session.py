@@ -7,10 +7,10 @@ from typing import Any
 
 from graph.files import read_text
 from iceg import pipeline
+from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.reading import parse_corrections
 from iceg.resolving import findings_of
 from iceg.results import read_summary, write_results
-from iceg.slam.corrections.errors import CorrectionsError
-from iceg.slam.corrections.reading import parse_corrections
 from iceg.view.edits import WITHDRAW, edit_block, withdrawn_scans
 from iceg.view.withdrawal import without_added
 

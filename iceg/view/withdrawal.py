@@ -3,9 +3,9 @@
 import re
 from typing import Any
 
-from iceg.slam.corrections.errors import CorrectionsError
-from iceg.slam.corrections.reading import parse_corrections
-from iceg.slam.manual_closures import ManualClosure
+from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.manual_closures import ManualClosure
+from iceg.corrections.reading import parse_corrections
 
 _HEADER = re.compile(r"\s*\[\[?\s*[A-Za-z_\"']")
 

@@ -175,7 +175,7 @@ def _judged(name: str) -> Callable[[Path], Any]:
 
 
 def _corrections(path: Path) -> Any:
-    from iceg.slam.corrections.reading import read_corrections
+    from iceg.corrections.reading import read_corrections
 
     corrections = read_corrections(path)
     corrections.check(8)

@@ -8,10 +8,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from iceg.slam.corrections.cut import Cut
-from iceg.slam.corrections.errors import CorrectionsError
+from iceg.corrections.cut import Cut
+from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.manual_closures import ManualClosure
 from iceg.slam.kept_scans import Interval, KeptScans
-from iceg.slam.manual_closures import ManualClosure
 
 VerdictWord = Literal["accepted", "rejected", "removed", "pinned"]
 _LEAST_FACTOR, _MOST_FACTOR = 1.0, 1e4

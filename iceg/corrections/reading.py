@@ -10,13 +10,13 @@ from typing import Any, get_args
 import numpy as np
 
 from graph.files import read_text
+from iceg.corrections.corrections import Corrections, GivenVerdict, VerdictWord
+from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.manual_closures import read_manual_closures
+from iceg.corrections.toml_entries import ENTRIES, SINGLE_ENTRIES
+from iceg.corrections.toml_lines import line_of, line_of_fault
 from iceg.settings_file import ConfigError, build_settings, parse_toml, shown_value
 from iceg.slam.closures.closure import CLOSURE_COLUMNS
-from iceg.slam.corrections.corrections import Corrections, GivenVerdict, VerdictWord
-from iceg.slam.corrections.errors import CorrectionsError
-from iceg.slam.corrections.toml_entries import ENTRIES, SINGLE_ENTRIES
-from iceg.slam.corrections.toml_lines import line_of, line_of_fault
-from iceg.slam.manual_closures import read_manual_closures
 from iceg.tables import TableError, check_row, open_table, parse_numbers
 
 _WORDS: tuple[VerdictWord, ...] = get_args(VerdictWord)

@@ -4,9 +4,9 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 
+from iceg.corrections.corrections import Corrections, Forbidden, GivenVerdict, Pinned
+from iceg.corrections.manual_closures import ManualClosure
 from iceg.slam.closures.attempt import Attempt
-from iceg.slam.corrections.corrections import Corrections, Forbidden, GivenVerdict, Pinned
-from iceg.slam.manual_closures import ManualClosure
 from iceg.slam.track import Track
 
 

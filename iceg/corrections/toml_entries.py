@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 
 from graph.limits import LIMITS
-from iceg.slam.corrections.corrections import Distrusted, Forbidden, MapFrame, Pinned
-from iceg.slam.corrections.cut import Cut
-from iceg.slam.corrections.errors import CorrectionsError
+from iceg.corrections.corrections import Distrusted, Forbidden, MapFrame, Pinned
+from iceg.corrections.cut import Cut
+from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.manual_closures import SIGMA_M, SIGMA_RAD, ManualClosure
 from iceg.slam.kept_scans import Interval
-from iceg.slam.manual_closures import SIGMA_M, SIGMA_RAD, ManualClosure
 
 Pair = tuple[int, int]
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from iceg.slam.corrections.corrections import Forbidden
+from iceg.corrections.corrections import Forbidden
 from iceg.slam.loop_closure import Forbids
 from iceg.slam.track import Track
 

@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from graph.factors import Factor, RobustKernel
 from graph.se2 import compose, inverse
+from iceg.corrections.manual_closures import ManualClosure, manual_factor
 from iceg.slam.closures.attempt import Attempt, Verdict, closure_factor
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.closures.closure import Closure
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.manual_closures import ManualClosure, manual_factor
 from iceg.slam.track import Track
 
 _SAME_KEY = "by hand; both scans hang on the same key pose"

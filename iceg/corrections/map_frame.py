@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from graph.elementary import arctan2, cos_sin
 from graph.factors import Factor
 from graph.se2 import compose
+from iceg.corrections.corrections import MapFrame
 from iceg.ice.config import SegmentConfig
 from iceg.ice.segments import extract_segments
-from iceg.slam.corrections.corrections import MapFrame
 from iceg.slam.track import Track
 
 _LOOKED_AT = 400

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from iceg.slam.corrections.errors import CorrectionsError
+from iceg.corrections.errors import CorrectionsError
 from iceg.slam.kept_scans import Interval, KeptScans
 
 

@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from graph.config import PoseGraphConfig
 from graph.factors import Factor, RobustKernel
 from graph.pose_graph import PoseGraph
+from iceg.corrections.by_hand import ByHand, closures_by_hand
+from iceg.corrections.corrections import Corrections, Distrusted, Pinned
+from iceg.corrections.forbidden import forbids
+from iceg.corrections.settled import Contradiction, Settled, contradiction, settled
+from iceg.corrections.verdicts import from_verdicts
 from iceg.slam.back_end import Solution
 from iceg.slam.broken_path.path_break import Break, Outcome
 from iceg.slam.closures.attempt import FORBIDDEN, Attempt, Verdict, closure_factor
 from iceg.slam.closures.closure import Closure
 from iceg.slam.config import FinishConfig
-from iceg.slam.corrections.by_hand import ByHand, closures_by_hand
-from iceg.slam.corrections.corrections import Corrections, Distrusted, Pinned
-from iceg.slam.corrections.forbidden import forbids
-from iceg.slam.corrections.settled import Contradiction, Settled, contradiction, settled
-from iceg.slam.corrections.verdicts import from_verdicts
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.track import Track
