@@ -19,9 +19,9 @@ from iceg.slam.broken_path.path_break import Outcome
 from iceg.slam.broken_path.reassigned_scans import reassigned
 from iceg.slam.completed_matcher import completed
 from iceg.slam.findings import Findings, without
-from iceg.slam.finish import Round, closure_kernel, matched_again
+from iceg.slam.finish import Round, matched_again
 from iceg.slam.kept_scans import KeptScans
-from iceg.slam.loop_closure import Forbids, LoopCloser
+from iceg.slam.loop_closure import Forbids
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
@@ -79,7 +79,7 @@ def find(
         heading, gyro = learn_gyro(track, log, config.front_end.calibration) if config.front_end.gyro else (None, None)
         is_forbidden = forbids(corrections.forbidden, track)
         solution = _solve(track, log, matcher, calibration, heading, config, is_forbidden, stages)
-        guided = corrected_by(solution, corrections, track, matcher, config)
+        guided = corrected(solution, corrections, track, matcher, config)
         solution = _with_factors(solution, guided, config)
         track = _reassigned(track, solution, log, matcher)
     with clock.stage("finish"):
@@ -192,14 +192,3 @@ def matcher_of(config: Config, noise: RangeNoise, stages: Stages) -> MapMatcher:
     if stages.matcher is not None:
         return completed(stages.matcher, ice)
     return ice if config.matcher == "ice" else completed(make_matcher(config.matcher), ice)
-
-
-def corrected_by(
-    solution: Solution, corrections: Corrections, track: Track, matcher: MapMatcher, config: Config
-) -> Corrected:
-    """The graph corrected, see `corrected`; closures by hand that only name scans are matched with the matcher."""
-
-    def closer() -> LoopCloser:
-        return LoopCloser(matcher, track, config.loops)
-
-    return corrected(solution, corrections, track, closer, closure_kernel(config.finish), config.finish, config.graph)

@@ -12,16 +12,15 @@ from frontends.laser_noise import LaserNoise
 from frontends.scan import Log
 from graph.batch import marginal_covariances
 from graph.pose_graph import PoseGraph
-from graph.se2 import compose
 from iceg.beside import InThread
 from iceg.config import Config
-from iceg.corrections.corrected import Corrected
-from iceg.corrections.corrections import Corrections, MapFrame
+from iceg.corrections.corrected import Corrected, corrected
+from iceg.corrections.corrections import Corrections
 from iceg.corrections.cut_findings import cut_findings
 from iceg.corrections.errors import CorrectionsError
 from iceg.corrections.manual_closures import ManualClosure
-from iceg.corrections.map_frame import frame_transform, moved_priors
-from iceg.finding import corrected_by, find, matcher_of
+from iceg.corrections.map_frame import in_frame
+from iceg.finding import find, matcher_of
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.matcher import REMEMBERED
 from iceg.ice.noise import beyond_allowed
@@ -130,11 +129,11 @@ def conclude(
     matcher = matcher or matcher_of(config, noise, stages)
     own = corrections.counted_in(findings.kept)
     with clock.stage("finish"):
-        corrected = corrected_by(findings.solution, own, track, matcher, config)
+        after = corrected(findings.solution, own, track, matcher, config)
         _release(matcher, track)
-        solution, finished = _finish(corrected, findings.rounds, track, log, matcher, config, noise)
+        solution, finished = _finish(after, findings.rounds, track, log, matcher, config, noise)
     with clock.stage("covariances"):
-        solution = _in_frame(own.frame, solution, track, config)
+        solution = in_frame(own.frame, solution, track, config)
         joint = _joint_covariance(finished, solution)
         _release(matcher, track)
     trajectory = track.trajectory(solution.poses)
@@ -148,7 +147,7 @@ def conclude(
     key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
     worst = least_known(key_scans, joint.marginals)
     told = run_warnings(track, solution, worst, config.finish.uncertain, grid_warning, findings.gyro)
-    warnings = corrected.warnings + finished.warnings + told
+    warnings = after.warnings + finished.warnings + told
     counts = summarise(log, track, solution, findings.calibration, finished.rounds, worst, warnings)
     return SlamResult(
         log=log,
@@ -162,7 +161,7 @@ def conclude(
         landmarks=landmarks,
         grid=grid,
         walls=finished.walls,
-        closures=[*_closures(track, solution, config.loops.verification.place), *corrected.by_hand],
+        closures=[*_closures(track, solution, config.loops.verification.place), *after.by_hand],
         warnings=warnings,
         summary=_summary(counts, findings, corrections, clock),
         findings=findings,
@@ -188,7 +187,7 @@ def _summary(counts: RunCounts, findings: Findings, corrections: Corrections, cl
 
 
 def _finish(
-    corrected: Corrected,
+    after: Corrected,
     rounds: Sequence[Round],
     track: Track,
     log: Log,
@@ -200,7 +199,7 @@ def _finish(
 
     The closures that were dropped stay in the record with the reason.
     """
-    solution = corrected.solution
+    solution = after.solution
     if config.finish.enabled and len(track.keys) > 1:
         finished = refined(
             solution,
@@ -211,7 +210,7 @@ def _finish(
             config.finish,
             scan_of=log.scan,
             noise=noise,
-            distrusted=corrected.distrusted,
+            distrusted=after.distrusted,
         )
     else:
         factors = FinalFactors.of(solution.graph.factors, solution.breaks, config.loops.relocalisation.min_credible)
@@ -220,16 +219,6 @@ def _finish(
             return solution, finished
     graph = PoseGraph.from_factors(finished.factors.measured, finished.poses, config.graph)
     return replace(solution, graph=graph, poses=finished.poses, attempts=finished.attempts), finished
-
-
-def _in_frame(frame: MapFrame, solution: Solution, track: Track, config: Config) -> Solution:
-    """The same in the frame of the map that is asked for."""
-    if frame.is_as_found:
-        return solution
-    T_new_map = frame_transform(frame, track, solution.poses, config.ice.segments)
-    poses = compose(T_new_map, solution.poses)
-    graph = PoseGraph.from_factors(moved_priors(solution.graph.factors, T_new_map), poses, config.graph)
-    return replace(solution, graph=graph, poses=poses)
 
 
 def _joint_covariance(finished: Finished, solution: Solution) -> JointCovariance:

@@ -16,8 +16,9 @@ from frontends.scan import Log, ScanGeometry
 from graph.errors import IcegError
 from graph.se2 import between, compose, expmap, logmap
 from iceg.cli import main
+from iceg.corrections.by_hand import manual_factor
 from iceg.corrections.errors import CorrectionsError
-from iceg.corrections.manual_closures import ManualClosure, manual_factor, read_manual_closures
+from iceg.corrections.manual_closures import ManualClosure, read_manual_closures
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.maps.config import GridConfig
 from iceg.run_folder import read_closures

@@ -6,13 +6,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.dense import congruence
 from graph.factors import Factor, RobustKernel
-from graph.se2 import compose, inverse
-from iceg.corrections.manual_closures import ManualClosure, manual_factor
+from graph.se2 import adjoint, compose, inverse
+from iceg.config import Config
+from iceg.corrections.manual_closures import ManualClosure
 from iceg.slam.closures.attempt import Attempt, Verdict, closure_factor
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.closures.closure import Closure
+from iceg.slam.finish import closure_kernel
 from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.track import Track
 
 _SAME_KEY = "by hand; both scans hang on the same key pose"
@@ -61,22 +65,50 @@ class ByHand:
 
 
 def closures_by_hand(
-    closures: Sequence[ManualClosure],
-    track: Track,
-    closer: LoopCloser | None,
-    poses: NDArray[np.float64],
-    kernel: RobustKernel,
+    closures: Sequence[ManualClosure], track: Track, matcher: MapMatcher, poses: NDArray[np.float64], config: Config
 ) -> list[ByHand]:
     """What becomes of closures by hand; those without a pose are matched.
 
     Args:
         closures: by hand, of scans the track has.
         track: key scans.
-        closer: matches those that only name scans; None where there are none.
+        matcher: for those that only name scans.
         poses: (k, 3) T_map_robot of the key poses, good between neighbours.
-        kernel: of those that are not pinned.
+        config: what is a match, and how the pull of those fades that are not pinned.
     """
+    kernel = closure_kernel(config.finish)
+    are_posed = all(closure.T_i_j is not None for closure in closures)
+    closer = None if are_posed else LoopCloser(matcher, track, config.loops)
     return [_by_hand(closure, track, closer, poses, None if closure.pinned else kernel) for closure in closures]
+
+
+def manual_factor(closure: ManualClosure, track: Track, kernel: RobustKernel | None = None) -> Factor | None:
+    """A closure of scans as a factor between the key poses these scans are tied to.
+
+    T_keyi_keyj = T_keyi_i · T_i_j · T_keyj_j⁻¹, and its covariance is carried along by the adjoint of T_keyj_j.
+
+    Args:
+        closure: by hand, of scans the track has, its pose known.
+        track: key scans, and where every other scan lies in the frame of its key scan.
+        kernel: how its pull fades.
+
+    Returns:
+        The factor; None for two scans of one key pose, which the graph cannot move against each other.
+    """
+    i, j = int(track.key_of_scan[closure.scan_i]), int(track.key_of_scan[closure.scan_j])
+    if i == j:
+        return None
+    assert closure.T_i_j is not None
+    T_keyi_i, T_keyj_j = track.T_key_scan[closure.scan_i], track.T_key_scan[closure.scan_j]
+    sigmas = np.array([closure.sigma_m, closure.sigma_m, closure.sigma_rad])
+    return Factor(
+        kind="closure",
+        i=i,
+        j=j,
+        T_i_j=compose(compose(T_keyi_i, closure.T_i_j), inverse(T_keyj_j)),
+        covariance=congruence(adjoint(T_keyj_j), np.diag(sigmas**2)),
+        kernel=kernel,
+    )
 
 
 def _by_hand(

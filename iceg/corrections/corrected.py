@@ -1,25 +1,26 @@
 """The graph that a run has found, corrected by hand and settled anew."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.config import PoseGraphConfig
-from graph.factors import Factor, RobustKernel
+from graph.factors import Factor
 from graph.pose_graph import PoseGraph
-from iceg.corrections.by_hand import ByHand, closures_by_hand
+from iceg.config import Config
+from iceg.corrections.by_hand import closures_by_hand
 from iceg.corrections.corrections import Corrections, Distrusted, Pinned
 from iceg.corrections.forbidden import forbids
-from iceg.corrections.settled import Contradiction, Settled, contradiction, settled
+from iceg.corrections.judged import Judged
+from iceg.corrections.settled import Settled, contradiction, settled
 from iceg.corrections.verdicts import from_verdicts
 from iceg.slam.back_end import Solution
 from iceg.slam.broken_path.path_break import Break, Outcome
-from iceg.slam.closures.attempt import FORBIDDEN, Attempt, Verdict, closure_factor
+from iceg.slam.closures.attempt import FORBIDDEN, Attempt, closure_factor
 from iceg.slam.closures.closure import Closure
 from iceg.slam.config import FinishConfig
-from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.track import Track
 
@@ -44,13 +45,7 @@ class Corrected:
 
 
 def corrected(
-    solution: Solution,
-    corrections: Corrections,
-    track: Track,
-    closer: Callable[[], LoopCloser],
-    kernel: RobustKernel,
-    finish: FinishConfig,
-    graph_config: PoseGraphConfig,
+    solution: Solution, corrections: Corrections, track: Track, matcher: MapMatcher, config: Config
 ) -> Corrected:
     """Apply corrections to a graph.
 
@@ -58,10 +53,8 @@ def corrected(
         solution: the graph at its optimum, and the closures tried.
         corrections: scans counted as the track counts them.
         track: key scans.
-        closer: makes what matches closures by hand that only name scans.
-        kernel: of closures that are not pinned.
-        finish: which closures are outliers, and how far the path is bent for one by hand.
-        graph_config: of the graph.
+        matcher: for closures by hand that only name scans.
+        config: what is a match, which closures are outliers, and how far the path is bent for one by hand.
 
     Returns:
         What it settles at; the solution itself where no correction is about the graph.
@@ -69,38 +62,34 @@ def corrected(
     corrections = from_verdicts(corrections, solution.attempts, track)
     if not (corrections.forbidden or corrections.added or corrections.pinned or corrections.distrusted):
         return Corrected(solution=solution)
-    found, warnings = _without_forbidden(_Found.of(solution), corrections, track)
-    found, unknown = _pinned(found, corrections.pinned, track)
+    found, not_tried = _without_forbidden(_Found.of(solution), corrections, track)
+    found, unmatched = _pinned(found, corrections.pinned, track)
     distrusted = _distrusted_keys(corrections.distrusted, track)
     found = found.loosened(distrusted)
-    matcher = closer() if any(closure.T_i_j is None for closure in corrections.added) else None
-    by_hand = closures_by_hand(corrections.added, track, matcher, solution.poses, kernel)
-    there = [each for each in by_hand if each.factor is not None]
-    added = [each.factor for each in there if each.factor is not None]
+    by_hand = closures_by_hand(corrections.added, track, matcher, solution.poses, config)
+    added = [each.factor for each in by_hand if each.factor is not None]
     here = settled(
-        [*found.chain, *found.loops, *added], [f for f in added if f.kernel is not None], solution.poses, finish
+        [*found.chain, *found.loops, *added], [f for f in added if f.kernel is not None], solution.poses, config.finish
     )
-    against = {id(factor): contradiction(here, factor, solution.poses, finish) for factor in (*found.pinned, *added)}
-    conflicts = {id(each): None if each.factor is None else against[id(each.factor)] for each in by_hand}
-    lost = [f for f in added if f.kernel is not None and here.weight_of(f) < finish.outlier_weight]
-    in_force = [factor for factor in here.factors if not any(factor is other for other in lost)]
-    after = replace(
-        solution,
-        graph=PoseGraph.from_factors(in_force, here.poses, graph_config),
-        poses=here.poses,
-        attempts=found.attempts,
-        breaks=_breaks(solution, here, in_force),
-    )
+    judged = [Judged.of(each, here, solution.poses, config.finish) for each in by_hand]
+    lost = {id(each.factor) for each in judged if each.is_lost}
+    in_force = [factor for factor in here.factors if id(factor) not in lost]
     return Corrected(
-        solution=after,
-        by_hand=tuple(_record(each, conflicts[id(each)], lost, track) for each in by_hand),
-        consistent=tuple(factor for factor in added if _is_consistent(factor, here, against[id(factor)])),
+        solution=replace(
+            solution,
+            graph=PoseGraph.from_factors(in_force, here.poses, config.graph),
+            poses=here.poses,
+            attempts=found.attempts,
+            breaks=_breaks(solution, here, in_force),
+        ),
+        by_hand=tuple(each.record(track) for each in judged),
+        consistent=tuple(each.factor for each in judged if each.factor is not None and each.is_consistent),
         distrusted=frozenset(distrusted),
         warnings=(
-            *warnings,
-            *unknown,
-            *_pin_warnings(found, against, track),
-            *(warning for each in by_hand if (warning := _warning(each, conflicts[id(each)], lost)) is not None),
+            *not_tried,
+            *unmatched,
+            *_contradicted_pins(found.pinned, here, solution.poses, track, config.finish),
+            *(warning for each in judged if (warning := each.warning()) is not None),
         ),
     )
 
@@ -225,59 +214,14 @@ def _moved(before: NDArray[np.float64], after: NDArray[np.float64], key: int) ->
     return float(np.hypot(*(after[key] - before[key])[:2]))
 
 
-def _is_consistent(factor: Factor, here: Settled, conflict: Contradiction | None) -> bool:
-    return conflict is None or (not conflict.closures and here.weight_of(factor) >= 1.0 and factor.kernel is not None)
-
-
-def _record(each: ByHand, conflict: Contradiction | None, lost: Sequence[Factor], track: Track) -> Closure:
-    if each.factor is None:
-        return each.record(Verdict.REJECTED, track)
-    if conflict is None:
-        return each.record(Verdict.ACCEPTED, track)
-    is_lost = any(each.factor is factor for factor in lost)
-    told = replace(each, reason=f"{each.reason}; {_contradicts(conflict)}")
-    return told.record(Verdict.REMOVED if is_lost else Verdict.ACCEPTED, track)
-
-
-def _contradicts(conflict: Contradiction) -> str:
-    off = f"{conflict.sigmas:.0f} standard deviations off"
-    if not conflict.closures:
-        return (
-            f"the path, bent for it, contradicts it, {off}"
-            if conflict.is_followed
-            else f"the path contradicts it, {off}"
-        )
-    others = (
-        "another closure contradicts" if conflict.closures == 1 else f"{conflict.closures} other closures contradict"
-    )
-    return f"{others} it, {off}"
-
-
-def _warning(each: ByHand, conflict: Contradiction | None, lost: Sequence[Factor]) -> RunWarning | None:
-    closure, end = each.closure, ""
-    if each.factor is not None and conflict is None:
-        return None
-    if each.factor is None:
-        what = "takes no part: " + each.reason
-    else:
-        if closure.pinned:
-            end = "; it is believed all the same, for it is pinned"
-        elif any(each.factor is factor for factor in lost):
-            end = "; it takes no part unless it is pinned"
-        assert conflict is not None
-        what = f"is inconsistent: {_contradicts(conflict)}{end}"
-    sentence = f"{closure.where}: the closure by hand between scans {closure.scan_i} and {closure.scan_j} {what}"
-    return RunWarning(kind="corrections", sentence=sentence, scan=closure.scan_i)
-
-
-def _pin_warnings(found: _Found, against: dict[int, Contradiction | None], track: Track) -> list[RunWarning]:
+def _contradicted_pins(
+    pinned: Sequence[Factor], here: Settled, poses: NDArray[np.float64], track: Track, config: FinishConfig
+) -> list[RunWarning]:
     warnings = []
-    for factor in found.pinned:
-        conflict = against[id(factor)]
+    for factor in pinned:
+        conflict = contradiction(here, factor, poses, config)
         if conflict is not None and factor.i is not None:
             scan_i, scan_j = track.keys[factor.i].index, track.keys[factor.j].index
-            sentence = (
-                f"the closure pinned between scans {scan_i} and {scan_j} is inconsistent: {_contradicts(conflict)}"
-            )
+            sentence = f"the closure pinned between scans {scan_i} and {scan_j} is inconsistent: {conflict.sentence}"
             warnings.append(RunWarning(kind="corrections", sentence=sentence, scan=scan_i))
     return warnings

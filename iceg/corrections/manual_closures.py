@@ -9,11 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.dense import congruence
 from graph.errors import IcegError
-from graph.factors import Factor, RobustKernel
-from graph.se2 import adjoint, compose, inverse
-from iceg.slam.track import Track
 from iceg.tables import TableError, check_row, open_table, parse_numbers
 
 _COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad")
@@ -85,35 +81,6 @@ def read_manual_closures(path: Path | str) -> list[ManualClosure]:
     if not closures:
         raise TableError(f"{path}: holds no rows under its header '{','.join(columns)}'")
     return closures
-
-
-def manual_factor(closure: ManualClosure, track: Track, kernel: RobustKernel | None = None) -> Factor | None:
-    """A closure of scans as a factor between the key poses these scans are tied to.
-
-    T_keyi_keyj = T_keyi_i · T_i_j · T_keyj_j⁻¹, and its covariance is carried along by the adjoint of T_keyj_j.
-
-    Args:
-        closure: by hand, of scans the track has, its pose known.
-        track: key scans, and where every other scan lies in the frame of its key scan.
-        kernel: how its pull fades.
-
-    Returns:
-        The factor; None for two scans of one key pose, which the graph cannot move against each other.
-    """
-    i, j = int(track.key_of_scan[closure.scan_i]), int(track.key_of_scan[closure.scan_j])
-    if i == j:
-        return None
-    assert closure.T_i_j is not None
-    T_keyi_i, T_keyj_j = track.T_key_scan[closure.scan_i], track.T_key_scan[closure.scan_j]
-    sigmas = np.array([closure.sigma_m, closure.sigma_m, closure.sigma_rad])
-    return Factor(
-        kind="closure",
-        i=i,
-        j=j,
-        T_i_j=compose(compose(T_keyi_i, closure.T_i_j), inverse(T_keyj_j)),
-        covariance=congruence(adjoint(T_keyj_j), np.diag(sigmas**2)),
-        kernel=kernel,
-    )
 
 
 def _columns(header: list[str], path: Path) -> tuple[str, ...]:

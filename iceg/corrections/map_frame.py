@@ -1,42 +1,43 @@
 """Where the axes of the map lie: turned so that walls are upright, its origin set."""
 
 import math
-from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graph.elementary import arctan2, cos_sin
-from graph.factors import Factor
+from graph.pose_graph import PoseGraph
 from graph.se2 import compose
+from iceg.config import Config
 from iceg.corrections.corrections import MapFrame
 from iceg.ice.config import SegmentConfig
 from iceg.ice.segments import extract_segments
+from iceg.slam.back_end import Solution
 from iceg.slam.track import Track
 
 _LOOKED_AT = 400
 """Key scans whose walls are asked, spread over the path."""
 
 
-def frame_transform(
-    frame: MapFrame, track: Track, key_poses: NDArray[np.float64], config: SegmentConfig
-) -> NDArray[np.float64]:
-    """(3,) T_new_map: what moves the map as it was found into the frame asked for.
+def in_frame(frame: MapFrame, solution: Solution, track: Track, config: Config) -> Solution:
+    """A solution in the frame of the map that is asked for; of its factors only priors know of frames.
 
     Args:
         frame: what is asked for; scans counted as the track counts them.
+        solution: the graph and its key poses.
         track: key scans.
-        key_poses: (k, 3) T_map_robot.
-        config: of the straight segments that are taken for walls.
+        config: of the graph, and of the straight segments that are taken for walls.
     """
-    turn = math.radians(frame.turn_degrees) - (walls_heading(track, key_poses, config) if frame.upright else 0.0)
-    origin = np.zeros(3)
-    if frame.origin is not None:
-        origin[:2] = frame.origin
-    elif frame.origin_scan is not None:
-        key = track.key_of_scan[frame.origin_scan]
-        origin[:2] = compose(key_poses[key], track.T_key_scan[frame.origin_scan])[:2]
-    return compose(np.array([0.0, 0.0, turn]), -origin)
+    if frame.is_as_found:
+        return solution
+    T_new_map = _transform(frame, track, solution.poses, config.ice.segments)
+    poses = compose(T_new_map, solution.poses)
+    factors = [
+        factor.measuring(compose(T_new_map, factor.T_i_j)) if factor.i is None else factor
+        for factor in solution.graph.factors
+    ]
+    return replace(solution, graph=PoseGraph.from_factors(factors, poses, config.graph), poses=poses)
 
 
 def walls_heading(track: Track, key_poses: NDArray[np.float64], config: SegmentConfig) -> float:
@@ -55,6 +56,15 @@ def walls_heading(track: Track, key_poses: NDArray[np.float64], config: SegmentC
     return 0.25 * float(arctan2(total[1], total[0])) if total.any() else 0.0
 
 
-def moved_priors(factors: Sequence[Factor], T_new_map: NDArray[np.float64]) -> list[Factor]:
-    """The factors in another frame of the map, of which only priors know."""
-    return [factor.measuring(compose(T_new_map, factor.T_i_j)) if factor.i is None else factor for factor in factors]
+def _transform(
+    frame: MapFrame, track: Track, key_poses: NDArray[np.float64], config: SegmentConfig
+) -> NDArray[np.float64]:
+    """(3,) T_new_map: what moves the map as it was found into the frame asked for."""
+    turn = math.radians(frame.turn_degrees) - (walls_heading(track, key_poses, config) if frame.upright else 0.0)
+    origin = np.zeros(3)
+    if frame.origin is not None:
+        origin[:2] = frame.origin
+    elif frame.origin_scan is not None:
+        key = track.key_of_scan[frame.origin_scan]
+        origin[:2] = compose(key_poses[key], track.T_key_scan[frame.origin_scan])[:2]
+    return compose(np.array([0.0, 0.0, turn]), -origin)

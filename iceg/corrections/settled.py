@@ -35,6 +35,19 @@ class Contradiction:
     closures: int
     is_followed: bool = False
 
+    @property
+    def sentence(self) -> str:
+        """For a person: what contradicts the closure, and by how much."""
+        if self.closures == 1:
+            who = "another closure contradicts it"
+        elif self.closures:
+            who = f"{self.closures} other closures contradict it"
+        elif self.is_followed:
+            who = "the path, bent for it, contradicts it"
+        else:
+            who = "the path contradicts it"
+        return f"{who}, {self.sigmas:.0f} standard deviations off"
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settled:

@@ -231,7 +231,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "robust closures": Rule(
             what="dynamic covariance scaling in the finish",
-            without={f"{_SLAM}.finish:closure_kernel": _nothing, "iceg.finding:closure_kernel": _nothing},
+            without={f"{_SLAM}.finish:closure_kernel": _nothing, "iceg.corrections.by_hand:closure_kernel": _nothing},
         ),
         "confirmed passes": Rule(
             what="passes over confirmed areas are searched more seldom",
