@@ -18,7 +18,7 @@ from iceg.slam.back_end import Solution, solve_track
 from iceg.slam.broken_path.path_break import Outcome
 from iceg.slam.broken_path.reassigned_scans import reassigned
 from iceg.slam.completed_matcher import completed
-from iceg.slam.findings import Findings, without
+from iceg.slam.findings import Findings
 from iceg.slam.finish import Round, matched_again
 from iceg.slam.kept_scans import KeptScans
 from iceg.slam.loop_closure import Forbids
@@ -94,7 +94,7 @@ def find(
         gyro=gyro,
         track=track,
         calibration=calibration,
-        solution=without(solution, guided.consistent, config),
+        solution=_without_factors(solution, guided, config),
         rounds=tuple(rounds),
     )
     return findings, matcher
@@ -168,6 +168,15 @@ def _with_factors(solution: Solution, guided: Corrected, config: Config) -> Solu
         return solution
     together, poses = [*solution.graph.factors, *guided.consistent], guided.solution.poses
     return replace(solution, graph=PoseGraph.from_factors(together, poses, config.graph), poses=poses)
+
+
+def _without_factors(solution: Solution, guided: Corrected, config: Config) -> Solution:
+    """The graph without them again, at the poses as they are."""
+    if not guided.consistent:
+        return solution
+    gone = set(map(id, guided.consistent))
+    left = [factor for factor in solution.graph.factors if id(factor) not in gone]
+    return replace(solution, graph=PoseGraph.from_factors(left, solution.poses, config.graph))
 
 
 def _reassigned(track: Track, solution: Solution, log: Log, matcher: MapMatcher) -> Track:

@@ -15,9 +15,8 @@ from graph.pose_graph import PoseGraph
 from iceg.beside import InThread
 from iceg.config import Config
 from iceg.corrections.corrected import Corrected, corrected
-from iceg.corrections.corrections import Corrections
+from iceg.corrections.corrections import Corrections, CorrectionsError
 from iceg.corrections.cut_findings import cut_findings
-from iceg.corrections.errors import CorrectionsError
 from iceg.corrections.manual_closures import ManualClosure
 from iceg.corrections.map_frame import in_frame
 from iceg.finding import find, matcher_of

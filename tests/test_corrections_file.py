@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from graph.errors import IcegError
-from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.corrections import CorrectionsError
 from iceg.corrections.reading import read_all_corrections, read_corrections
 from iceg.slam.closures.closure import CLOSURE_COLUMNS
 from tests.conftest import REPOSITORY

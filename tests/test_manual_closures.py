@@ -17,7 +17,7 @@ from graph.errors import IcegError
 from graph.se2 import between, compose, expmap, logmap
 from iceg.cli import main
 from iceg.corrections.by_hand import manual_factor
-from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.corrections import CorrectionsError
 from iceg.corrections.manual_closures import ManualClosure, read_manual_closures
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.maps.config import GridConfig

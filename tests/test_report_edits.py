@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 import iceg
-from iceg.corrections.corrections import Corrections
-from iceg.corrections.cut import Cut
+from iceg.corrections.corrections import Corrections, Cut
 from iceg.corrections.reading import read_corrections
 from iceg.maps.config import GridConfig
 from iceg.resolving import resolve

@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 import iceg
 from graph.se2 import between, compose
 from iceg.cli import main
-from iceg.corrections.corrections import Corrections, Distrusted, Forbidden, MapFrame, Pinned
-from iceg.corrections.cut import Cut
-from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.corrections import Corrections, CorrectionsError, Cut, Distrusted, Forbidden, MapFrame, Pinned
 from iceg.corrections.manual_closures import ManualClosure
 from iceg.corrections.map_frame import walls_heading
 from iceg.demo import demo_truth_path

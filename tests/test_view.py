@@ -17,7 +17,7 @@ import pytest
 import iceg
 from graph.errors import IcegError
 from iceg.cli import main
-from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.corrections import CorrectionsError
 from iceg.maps.config import GridConfig
 from iceg.results import RESULT_FILES
 from iceg.run_folder import read_closures

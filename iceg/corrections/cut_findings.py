@@ -12,7 +12,7 @@ from graph.factors import Factor
 from graph.measurement import RelativePose
 from graph.pose_graph import PoseGraph
 from graph.se2 import adjoint, between, compose, inverse
-from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.corrections import CorrectionsError
 from iceg.slam.back_end import Solution
 from iceg.slam.broken_path.estimate import BATCH
 from iceg.slam.closures.attempt import Attempt

@@ -10,8 +10,7 @@ from typing import Any, get_args
 import numpy as np
 
 from graph.files import read_text
-from iceg.corrections.corrections import Corrections, GivenVerdict, VerdictWord
-from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.corrections import Corrections, CorrectionsError, GivenVerdict, VerdictWord
 from iceg.corrections.manual_closures import read_manual_closures
 from iceg.corrections.toml_entries import ENTRIES, SINGLE_ENTRIES
 from iceg.corrections.toml_lines import line_of, line_of_fault

@@ -6,9 +6,7 @@ from typing import Any
 import numpy as np
 
 from graph.limits import LIMITS
-from iceg.corrections.corrections import Distrusted, Forbidden, MapFrame, Pinned
-from iceg.corrections.cut import Cut
-from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.corrections import CorrectionsError, Cut, Distrusted, Forbidden, MapFrame, Pinned
 from iceg.corrections.manual_closures import SIGMA_M, SIGMA_RAD, ManualClosure
 from iceg.slam.kept_scans import Interval
 

@@ -1,13 +1,10 @@
 """What a run finds in a log before it concludes: all that matching tells, so that concluding anew needs no matching."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from frontends.laser_noise import LaserNoise
 from frontends.scan import Log
-from graph.factors import Factor
-from graph.pose_graph import PoseGraph
 from iceg.config import Config
 from iceg.slam.back_end import Solution
 from iceg.slam.finish import Round
@@ -46,12 +43,3 @@ class Findings:
     calibration: OdometryCalibration
     solution: Solution
     rounds: tuple[Round, ...] = ()
-
-
-def without(solution: Solution, factors: Sequence[Factor], config: Config) -> Solution:
-    """The solution without some of its factors, its poses as they are."""
-    if not factors:
-        return solution
-    gone = set(map(id, factors))
-    left = [factor for factor in solution.graph.factors if id(factor) not in gone]
-    return replace(solution, graph=PoseGraph.from_factors(left, solution.poses, config.graph))

@@ -7,7 +7,7 @@ from typing import Any
 
 from graph.files import read_text
 from iceg import pipeline
-from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.corrections import CorrectionsError
 from iceg.corrections.reading import parse_corrections
 from iceg.resolving import findings_of
 from iceg.results import read_summary, write_results

@@ -3,7 +3,7 @@
 import re
 from typing import Any
 
-from iceg.corrections.errors import CorrectionsError
+from iceg.corrections.corrections import CorrectionsError
 from iceg.corrections.manual_closures import ManualClosure
 from iceg.corrections.reading import parse_corrections
 
