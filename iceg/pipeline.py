@@ -33,8 +33,7 @@ from iceg.run_result.slam_result import SlamResult
 from iceg.run_result.summary import run_warnings, summarise
 from iceg.slam.agreement import Tolerance
 from iceg.slam.back_end import Solution
-from iceg.slam.closures.closure import Closure
-from iceg.slam.closures.rival import best_rival
+from iceg.slam.closures.closure import Closure, best_rival
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.findings import Findings
 from iceg.slam.finish import Finished, Round, refined

@@ -52,7 +52,7 @@ def test_drift_of_a_straight_path_has_the_closed_form() -> None:
     for key in range(1, n + 1):
         drift.add(key, (np.diag([p, p, q]),), (np.diag([p, p, q]),))
     poses = np.column_stack([np.arange(n + 1.0), np.zeros(n + 1), np.zeros(n + 1)])
-    position, heading = drift.between(0, n, poses)
+    position, heading = drift.spread(n, poses).since(0)
     assert position == pytest.approx((n * p + q * sum(k * k for k in range(n))) ** 0.5)
     assert heading == pytest.approx((n * q) ** 0.5)
 
@@ -63,15 +63,15 @@ def test_a_closure_ends_the_drift_before_it() -> None:
         drift.add(key, (np.eye(3),), (np.diag([1e-4, 1e-4, 0.0]),))
     poses = np.zeros((11, 3))
     drift.close(6)
-    assert drift.between(0, 10, poses)[0] == pytest.approx((4 * 1e-4) ** 0.5)
-    assert drift.between(8, 10, poses)[0] == pytest.approx((2 * 1e-4) ** 0.5)
+    assert drift.spread(10, poses).since(0)[0] == pytest.approx((4 * 1e-4) ** 0.5)
+    assert drift.spread(10, poses).since(8)[0] == pytest.approx((2 * 1e-4) ** 0.5)
 
 
 def test_several_measurements_of_a_step_are_fused_and_the_wider_direction_counts() -> None:
     drift = Drift()
     measured = (np.diag([4e-4, 1e-4, 2e-4]), np.diag([4e-4, 3e-4, 2e-4]))
     drift.add(1, measured, measured)
-    position, heading = drift.between(0, 1, np.zeros((2, 3)))
+    position, heading = drift.spread(1, np.zeros((2, 3))).since(0)
     assert position == pytest.approx(np.sqrt(2e-4))
     assert heading == pytest.approx(np.sqrt(1e-4))
 
@@ -91,7 +91,7 @@ def test_closures_at_true_poses_are_found_and_right(track: Track, true_poses: ND
     closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
     deviations, distances, tried = [], [], 0
     for key in range(200, len(track.keys), 7):
-        for candidate in closer.neighbours(key, true_poses, np.array([0.1, 0.1, 0.03])):
+        for candidate in closer.passes.within(key, true_poses, np.array([0.1, 0.1, 0.03])):
             attempt = closer.match(candidate, true_poses)
             tried += 1
             if attempt.accepted and attempt.match is not None:
@@ -109,7 +109,7 @@ def test_after_much_drift_the_wide_search_finds_the_place(track: Track, true_pos
     closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
     right, found = 0, 0
     for key in range(200, len(track.keys), 12):
-        for near in closer.neighbours(key, true_poses, np.array([0.1, 0.1, 0.03]))[:1]:
+        for near in closer.passes.within(key, true_poses, np.array([0.1, 0.1, 0.03]))[:1]:
             astray = compose(near.T_old_new, np.array([1.5, -1.2, 0.3]))
             attempt = closer.match(replace(near, T_old_new=astray, deviations=np.array([1.0, 1.0, 0.2])), true_poses)
             if attempt.accepted and attempt.match is not None:
@@ -270,10 +270,10 @@ def test_a_closure_errs_with_the_key_pose_it_hangs_on(track: Track, true_poses: 
 class CrowdedCloser(ScriptedCloser):
     """Finds the scripted closure of a key scan with several earlier key scans at once."""
 
-    passes = 3
+    times = 3
 
     def candidates(self, key_new: int, poses: NDArray[np.float64], drift: Drift) -> list[Candidate]:
-        return super().candidates(key_new, poses, drift) * self.passes
+        return super().candidates(key_new, poses, drift) * self.times
 
 
 @pytest.mark.parametrize(("passes", "off", "is_confirmed"), [(3, 0.01, True), (2, 0.01, False), (3, 0.2, False)])
@@ -281,13 +281,13 @@ def test_an_area_is_confirmed_where_three_passes_agree(
     track: Track, passes: int, off: float, is_confirmed: bool
 ) -> None:
     closer = CrowdedCloser(track, LoopClosureConfig(), {30: _closing_match(track, 0, 30, off)})
-    closer.passes = passes
+    closer.times = passes
     back_end = BackEnd(track, closer, PoseGraphConfig())
     for key in range(1, 31):
         back_end._since_search[:] = 0.0
         back_end.add(key, None)
     list(back_end._search(30))
-    np.testing.assert_array_equal(np.flatnonzero(~closer.searchable), np.arange(1, 31) if is_confirmed else [])
+    np.testing.assert_array_equal(np.flatnonzero(~closer.passes.searchable), np.arange(1, 31) if is_confirmed else [])
     key = 30
     while back_end._searched_to == 30:
         key += 1
@@ -304,11 +304,11 @@ def test_an_area_is_confirmed_where_three_passes_agree(
 def test_key_scans_that_only_confirm_are_no_candidates(track: Track, true_poses: NDArray[np.float64]) -> None:
     closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
     deviations = np.array([0.1, 0.1, 0.03])
-    key = next(k for k in range(200, len(track.keys)) if closer.neighbours(k, true_poses, deviations))
-    before = closer.neighbours(key, true_poses, deviations)
+    key = next(k for k in range(200, len(track.keys)) if closer.passes.within(k, true_poses, deviations))
+    before = closer.passes.within(key, true_poses, deviations)
     nearest = before[0].key_old
-    closer.searchable[max(0, nearest - 20) : nearest + 20] = False
-    after = closer.neighbours(key, true_poses, deviations)
+    closer.passes.searchable[max(0, nearest - 20) : nearest + 20] = False
+    after = closer.passes.within(key, true_poses, deviations)
     assert all(abs(candidate.key_old - nearest) > 4 for candidate in after)
     assert {candidate.key_old for candidate in before[1:]} - {candidate.key_old for candidate in after} <= {
         candidate.key_old for candidate in before if abs(candidate.key_old - nearest) < 24

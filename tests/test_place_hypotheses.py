@@ -19,7 +19,7 @@ from iceg.ice.matcher import IceMatcher
 from iceg.slam import back_end
 from iceg.slam.broken_path import place_search, relocalisation
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
-from iceg.slam.broken_path.estimate import ChangingEstimate, Estimate
+from iceg.slam.broken_path.estimate import Estimate
 from iceg.slam.broken_path.hypothesis_verification import FitCount
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_single_steps
@@ -64,8 +64,10 @@ def _path(track: Track) -> list[Factor]:
 class _Closer(LoopCloser):
     """Finds each key scan to fit the earlier one in the places it was given, the first of them the best."""
 
-    def __init__(self, track: Track, places: Mapping[int, Sequence[Array]]) -> None:
-        super().__init__(IceMatcher(), track, LoopClosureConfig())
+    def __init__(
+        self, track: Track, places: Mapping[int, Sequence[Array]], config: LoopClosureConfig | None = None
+    ) -> None:
+        super().__init__(IceMatcher(), track, config or LoopClosureConfig())
         self._places = places
 
     def match_anywhere(self, key_old: int, key_new: int, poses: Array) -> Attempt:
@@ -137,7 +139,7 @@ def _searched(
     failures = {}
     if kind is not None:
         failures[_BREAK] = _carried(reason="nothing matched what was known before", kind=kind)
-    return relocalise(_Closer(track, places), track, before, failures, config or LoopClosureConfig())
+    return relocalise(_Closer(track, places, config), track, before, failures)
 
 
 def _moved(track: Track, key: int, correction: Array) -> Array:
@@ -236,7 +238,7 @@ def test_what_the_path_does_not_know_takes_no_robot_that_was_carried(
     ]
     before = Estimate(factors=path, poses=_poses(track), attempts=[])
     failures = {_BREAK: TrackingFailure(kind=FailureKind.UNKNOWN_MOTION, reason="nothing told the way there")}
-    found = relocalise(_Closer(track, places), track, before, failures, LoopClosureConfig())
+    found = relocalise(_Closer(track, places), track, before, failures)
     assert any(attempt.accepted for attempt in found.attempts) != is_known
     assert [at.outcome for at in found.breaks] == ["apart"] * is_known
 
@@ -330,7 +332,7 @@ def test_few_pairs_are_matched_where_tracking_never_failed_and_bridges_are_few(
         factors=_path(track) + [closure_factor(c) for c in spanning], poses=_poses(track), attempts=spanning
     )
     failures = {first: _carried(reason="the odometry jumped", kind=FailureKind.NO_MATCH)} if has_failed else {}
-    relocalise(closer, track, estimate, failures, config)
+    relocalise(closer, track, estimate, failures)
     assert asked == [expected]
 
 
@@ -366,7 +368,7 @@ def test_a_part_that_only_a_later_one_is_tied_to_moves_with_it(track: Track, mon
         for key in (before, third)
     }
     estimate = Estimate(factors=_path(track), poses=poses, attempts=[])
-    found = relocalise(_Closer(track, places), track, estimate, failures, LoopClosureConfig())
+    found = relocalise(_Closer(track, places), track, estimate, failures)
     assert [(at.key, at.outcome) for at in found.breaks] == [(before, "joined"), (third, "joined")]
     np.testing.assert_allclose(found.poses[second], T_map_second, atol=0.05)
     np.testing.assert_allclose(found.poses[120], T_map_third[120], atol=0.05)
@@ -388,7 +390,7 @@ def test_what_spans_one_suspect_step_is_heard_before_what_spans_two(
         _BREAK: _carried(reason="scripted", kind=FailureKind.NO_MATCH),
     }
     estimate = Estimate(factors=_path(track), poses=poses, attempts=[])
-    found = relocalise(_Closer(track, places | within), track, estimate, failures, LoopClosureConfig())
+    found = relocalise(_Closer(track, places | within), track, estimate, failures)
     assert [(at.key, at.outcome) for at in found.breaks] == [(second, "joined"), (_BREAK, "joined")]
     assert sum(attempt.accepted for attempt in found.attempts) == len(pairs)
     np.testing.assert_allclose(found.poses[80], T_second[80], atol=0.05)
@@ -517,10 +519,7 @@ def test_two_key_poses_are_joined_by_one_closure_only(track: Track) -> None:
     factors = [*_path(track), closure_factor(before)]
     assert before.match is not None
     fresh = replace(before, key_new=new, match=replace(before.match, T_ref_cur=between(poses[0], poses[new])))
-    now = ChangingEstimate(
-        Estimate(factors=factors, poses=poses, attempts=[before]), LoopClosureConfig().verification.near
-    )
-    now.close([before, fresh])
+    now = Estimate(factors=factors, poses=poses, attempts=[before]).closed([before, fresh])
     closures = [(factor.i, factor.j) for factor in now.factors if factor.kind == "closure"]
     assert closures == [(before.key_old, before.key_new), (0, new)]
     assert [(a.key_old, a.key_new) for a in now.attempts] == closures

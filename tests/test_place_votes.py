@@ -17,7 +17,7 @@ from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, describe_vote, u
 from iceg.slam.closure_config import PlaceVotesConfig, VerificationConfig
 from iceg.slam.closures.attempt import Attempt, Place
 from iceg.slam.closures.candidates import Candidate
-from iceg.slam.closures.rival import best_rival
+from iceg.slam.closures.closure import best_rival
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.finish import matched_again
@@ -237,7 +237,7 @@ def test_what_no_closure_holds_goes_on_drifting(track: Track, is_weak: bool) -> 
     back_end = _solved(track, {key: replace(near, match=replace(near.match, weak_directions=weak))})
     assert _closures(back_end.solution()) == 1
     poses = _poses(track)
-    before, after = (back_end._drift.between(old, len(poses) - 1, poses)[0] for old in (key, 0))
+    before, after = (back_end._drift.spread(len(poses) - 1, poses).since(old)[0] for old in (key, 0))
     assert (after > before) == is_weak
 
 

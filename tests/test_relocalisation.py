@@ -228,12 +228,12 @@ def test_neighbours_are_not_sought_across_parts_that_nothing_ties(log: Log) -> N
     parted = LoopCloser(IceMatcher(), track, LoopClosureConfig(), parts=[newest - 100])
 
     def earliest(closer: LoopCloser) -> int:
-        found = [c.key_old for key in range(200, newest, 5) for c in closer.neighbours(key, poses, deviations)]
+        found = [c.key_old for key in range(200, newest, 5) for c in closer.passes.within(key, poses, deviations)]
         return min(found, default=newest)
 
     assert earliest(whole) < newest - 100
     keys = range(newest - 99, newest + 1)
-    across = [c for key in keys for c in parted.neighbours(key, poses, deviations) if c.key_old < newest - 100]
+    across = [c for key in keys for c in parted.passes.within(key, poses, deviations) if c.key_old < newest - 100]
     assert not across
 
 

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass, field, replace
-from typing import cast
+from typing import Self, cast
 
 import numpy as np
 import pytest
@@ -52,7 +52,11 @@ class Closer:
     config: LoopClosureConfig = field(default_factory=LoopClosureConfig)
     matched: list[tuple[int, int]] = field(default_factory=list)
 
-    def neighbours(self, key_new: int, poses: F64, deviations: F64) -> list[Candidate]:
+    @property
+    def passes(self) -> Self:
+        return self
+
+    def within(self, key_new: int, poses: F64, deviations: F64) -> list[Candidate]:
         old = key_new - self.back
         return [Candidate.of(old, key_new, poses, deviations)] if old >= 0 else []
 

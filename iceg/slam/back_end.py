@@ -1,7 +1,7 @@
 """The back end: key poses, odometry, matches and loop closures in one graph, solved as it grows."""
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +22,7 @@ from iceg.slam.broken_path.path_break import Break, FailureKind, TrackingFailure
 from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, unsettled
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.broken_path.view_change import ViewChanges, judged_by_view
-from iceg.slam.closures.attempt import Attempt, are_consistent, is_near
+from iceg.slam.closures.attempt import Attempt, are_consistent
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import Forbids, LoopCloser
@@ -149,7 +149,7 @@ class BackEnd:
             graph=self.graph,
             poses=self.graph.all_poses(),
             attempts=attempts,
-            searchable=self._closer.searchable,
+            searchable=self._closer.passes.searchable,
             odometry_jumps=tuple(self.odometry_jumps),
             ambiguous=unsettled(self._unclear, attempts),
         )
@@ -193,7 +193,7 @@ class BackEnd:
         confirmed = self._config.confirmed
         self._is_confirmed = sum(is_small(offset, confirmed.confirming) for offset in offsets) >= confirmed.passes
         if self._is_confirmed:
-            self._closer.searchable[self._searched_to + 1 : key + 1] = False
+            self._closer.passes.searchable[self._searched_to + 1 : key + 1] = False
         if closed:
             self._correct(key, np.mean(offsets, axis=0))
             if any(attempt.match is not None and attempt.match.is_fully_observed for attempt in closed):
@@ -251,16 +251,13 @@ class BackEnd:
         """
         attempt = self.attempts[index]
         vote = self._votes.of(attempt, poses) if attempt.places else None
-        is_clear = vote is None or (self._is_strong(vote) if attempt.is_ambiguous else vote.is_clear)
-        if is_near(attempt, poses, self._config.verification.near) and is_clear:
+        is_strong = vote is not None and vote.is_strong(self._config.votes)
+        is_clear = vote is None or (is_strong if attempt.is_ambiguous else vote.is_clear)
+        if attempt.is_near(poses, self._config.verification.near) and is_clear:
             self._close(index)
             return True
-        partners = self._consistent(
-            [other for other in self._pending if self._are_consistent(self.attempts[other], attempt, poses)], poses
-        )
-        partners = [
-            other for other in partners if self.attempts[other].accepted or (vote is not None and self._is_strong(vote))
-        ]
+        waiting = [other for other in self._pending if self._agree(self.attempts[other], attempt, poses)]
+        partners = [other for other in self._consistent(waiting, poses) if self.attempts[other].accepted or is_strong]
         if len(partners) + 1 < self._config.confirmations or not is_clear:
             self._pending.append(index)
             if vote is not None and not vote.is_clear and vote.count >= self._config.confirmations:
@@ -282,15 +279,12 @@ class BackEnd:
     def _consistent(self, waiting: list[int], poses: NDArray[np.float64]) -> list[int]:
         """The most attempts of which each agrees with every other; those of one key scan do not contradict."""
         attempts = [self.attempts[index] for index in waiting]
-        agree = [[a.key_new == b.key_new or self._are_consistent(a, b, poses) for a in attempts] for b in attempts]
+        agree = [[a.key_new == b.key_new or self._agree(a, b, poses) for a in attempts] for b in attempts]
         members = maximum_clique(np.array(agree, dtype=np.bool_).reshape(len(waiting), len(waiting)))
         return [index for index, is_member in zip(waiting, members, strict=True) if is_member]
 
-    def _are_consistent(self, a: Attempt, b: Attempt, poses: NDArray[np.float64]) -> bool:
+    def _agree(self, a: Attempt, b: Attempt, poses: NDArray[np.float64]) -> bool:
         return are_consistent(a, b, poses, self._config.verification)
-
-    def _is_strong(self, vote: Vote) -> bool:
-        return vote.is_strong(self._config.votes)
 
     def _close(self, index: int) -> None:
         """Let an attempt into the graph; one that fitted elsewhere, too, if its neighbours did not."""
@@ -315,7 +309,6 @@ def solve_track(
     matcher: MapMatcher,
     graph_config: PoseGraphConfig,
     closures: LoopClosureConfig,
-    progress: Callable[[int], None] | None = None,
     is_forbidden: Forbids | None = None,
     stages: Stages = IN_HOUSE,
     log: Log | None = None,
@@ -328,7 +321,6 @@ def solve_track(
         matcher: for loop closures.
         graph_config: how the graph is solved.
         closures: how loops are found.
-        progress: called with the number of scans whose key poses are in the graph.
         is_forbidden: see `LoopCloser`.
         stages: see `LoopCloser`.
         log: all scans, which tell whether the robot was carried where tracking fails; None where they are not at hand.
@@ -340,32 +332,22 @@ def solve_track(
     back_end = BackEnd(track, closer, graph_config)
     for key, motion in enumerate(motions, start=1):
         back_end.add(key, motion)
-        if progress is not None:
-            progress(track.keys[key].index + 1)
     failures = back_end.failures
     if log is not None:
         failures = judged_by_view(failures, ViewChanges(log, track, closer.judge, closures.view), closures.failures)
-    return _relocalised(back_end.solution(), failures, closer, track, graph_config)
-
-
-def _relocalised(
-    solution: Solution,
-    failures: dict[int, TrackingFailure],
-    closer: LoopCloser,
-    track: Track,
-    graph_config: PoseGraphConfig,
-) -> Solution:
-    """The same with the parts of the path joined that no loop closure on the way joins."""
-    before = Estimate(factors=list(solution.graph.factors), poses=solution.poses, attempts=solution.attempts)
-    after = relocalise(closer, track, before, failures, closer.config)
-    if after is before:
-        return solution
-    graph = solution.graph
+    on_the_way = back_end.solution()
+    before = Estimate(factors=list(on_the_way.graph.factors), poses=on_the_way.poses, attempts=on_the_way.attempts)
+    after = relocalise(closer, track, before, failures)
+    graph = on_the_way.graph
     if after.factors is not before.factors:
         graph = PoseGraph.from_factors(after.factors, after.poses, graph_config)
-    ambiguous = (*unsettled(solution.ambiguous, after.attempts), *after.ambiguous)
     return replace(
-        solution, graph=graph, poses=after.poses, attempts=after.attempts, breaks=after.breaks, ambiguous=ambiguous
+        on_the_way,
+        graph=graph,
+        poses=after.poses,
+        attempts=after.attempts,
+        breaks=after.breaks,
+        ambiguous=(*unsettled(on_the_way.ambiguous, after.attempts), *after.ambiguous),
     )
 
 

@@ -24,7 +24,7 @@ class Spread(NamedTuple):
     deviations: NDArray[np.float64]
 
     def since(self, key_old: int) -> NDArray[np.float64]:
-        """(2,) relative to one of them."""
+        """(2,) relative to one of those before it."""
         return np.asarray(self.deviations[max(key_old, self.last) - self.last], dtype=np.float64)
 
 
@@ -53,18 +53,13 @@ class Drift:
         """A closure at `key` ends the drift of everything before it."""
         self._last_closure = key
 
-    def between(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(2,) standard deviations of position [m] and heading [rad] of a pose relative to an earlier one.
+    def spread(self, key_new: int, poses: NDArray[np.float64]) -> Spread:
+        """How uncertain a pose is relative to any earlier one.
 
         Args:
-            key_old: the earlier.
-            key_new: the later.
+            key_new: the pose.
             poses: (k, 3) of all up to it.
         """
-        return self.spread(key_new, poses).since(key_old)
-
-    def spread(self, key_new: int, poses: NDArray[np.float64]) -> "Spread":
-        """The same relative to any earlier one of (k, 3) poses."""
         self._fuse()
         last = self._last_closure
         steps = slice(last + 1, key_new + 1)

@@ -130,7 +130,7 @@ def matched_again(
     """
     limits = replace(closures, max_passes=config.max_passes)
     closer = LoopCloser(matcher, track, limits, _parts(solution), is_forbidden, stages)
-    closer.searchable = solution.searchable
+    closer.passes.searchable[:] = solution.searchable
     clock = _Clock()
     graph, done = _solved("solve", _Graph.of(solution, kept, config), clock, stages)
     rounds = [done]

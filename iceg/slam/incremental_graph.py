@@ -53,7 +53,7 @@ class IncrementalGraph:
     def extend(self, motion: OdometryMotion | None) -> None:
         """Add the newest key scan, the next one, with the odometry since the one before."""
         key = len(self._keys) - 1
-        self._closer.extend()
+        self._closer.passes.extend()
         self._back_end.extend(key, motion)
         self._waiting.append(key)
         self.newest = self._solved()

@@ -9,8 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from iceg.ice.matcher import IceMatcher
-from iceg.slam.closures.attempt import Attempt, forbidden_attempt
+from iceg.slam.closures.attempt import FORBIDDEN, Attempt, unmatched
 from iceg.slam.closures.candidates import Candidate, EarlierPasses
 from iceg.slam.closures.verification import ClosureVerifier
 from iceg.slam.config import LoopClosureConfig
@@ -49,27 +48,12 @@ class LoopCloser:
         self.config = config
         self._keys = track.keys
         self._stages = stages
-        self._passes = EarlierPasses(track, config, parts)
+        self.judge = matcher.judge
+        """The matcher that verifies."""
+        self.passes = EarlierPasses(track, config, parts)
+        """Where to look."""
         self._verifier = ClosureVerifier(matcher, track, config)
         self._is_forbidden = is_forbidden
-
-    def extend(self) -> None:
-        """Take in the key scans that the track has gained since."""
-        self._passes.extend()
-
-    @property
-    def searchable(self) -> NDArray[np.bool_]:
-        """(n_keys,) which key scans later ones are matched against: not those that only confirm an area."""
-        return self._passes.searchable
-
-    @searchable.setter
-    def searchable(self, searchable: NDArray[np.bool_]) -> None:
-        self._passes.searchable = searchable
-
-    @property
-    def judge(self) -> IceMatcher:
-        """The matcher that verifies."""
-        return self._verifier.judge
 
     def candidates(self, key_new: int, poses: NDArray[np.float64], drift: Drift) -> list[Candidate]:
         """Earlier passes whose view overlaps that of `key_new`, nearest first.
@@ -86,32 +70,7 @@ class LoopCloser:
         if self._stages.candidates is not None:
             own = self._stages.candidates(key_new, self._keys[: key_new + 1], poses)
             return checked_candidates(own, key_new)
-        return self._passes.within_drift(key_new, poses, drift)
-
-    def neighbours(self, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> list[Candidate]:
-        """The same among (n, 3) optimised poses, all known to within `deviations`, (3,) [m, m, rad]."""
-        return self._passes.within(key_new, poses, deviations)
-
-    def seen_from(
-        self,
-        key_new: int,
-        T_map_new: NDArray[np.float64],
-        poses: NDArray[np.float64],
-        before: int,
-        deviations: NDArray[np.float64],
-    ) -> list[Candidate]:
-        """Earlier passes around where a key scan is supposed to be.
-
-        Args:
-            key_new: of the key scan.
-            T_map_new: (3,) where it is supposed to be …
-            poses: (n, 3) among these.
-            before: only passes before this key pose.
-            deviations: (3,) … to within so much [m, m, rad].
-        """
-        supposed = poses[: key_new + 1].copy()
-        supposed[key_new] = T_map_new
-        return self._passes.within(key_new, supposed, deviations, before)
+        return self.passes.within_drift(key_new, poses, drift)
 
     def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
         """Match a key scan against the local map of a candidate's pass and verify it with its neighbours.
@@ -123,8 +82,8 @@ class LoopCloser:
             candidate: the two key poses.
             poses: (n, 3) T_map_robot of all up to the later, good between neighbours.
         """
-        if self._is_forbidden is not None and self._is_forbidden(candidate.key_old, candidate.key_new):
-            return forbidden_attempt(candidate.key_old, candidate.key_new)
+        if self._is_forbidden is not None and self._is_forbidden(*candidate.pair):
+            return unmatched(*candidate.pair, FORBIDDEN)
         return self._verified(self._verifier.match(candidate, poses), poses)
 
     def match_anywhere(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> Attempt:
@@ -138,7 +97,7 @@ class LoopCloser:
             poses: (n, 3) T_map_robot, good between neighbours.
         """
         if self._is_forbidden is not None and self._is_forbidden(key_old, key_new):
-            return forbidden_attempt(key_old, key_new)
+            return unmatched(key_old, key_new, FORBIDDEN)
         return self._verified(self._verifier.match_anywhere(key_old, key_new, poses), poses)
 
     def _verified(self, attempt: Attempt, poses: NDArray[np.float64]) -> Attempt:

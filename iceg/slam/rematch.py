@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.factors import Factor
+from graph.growing_rows import GrowingRows
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.config import FinishConfig
@@ -40,44 +41,25 @@ def match_again(
     """
     deviations = np.array([config.search_distance, config.search_distance, config.search_angle])
     again = [Candidate.of(factor.i, factor.j, poses, deviations) for factor in outliers if factor.i is not None]
-    known = {(candidate.key_old, candidate.key_new) for candidate in again}
+    known = {candidate.pair for candidate in again}
     around = [
         candidate
-        for key in _spaced_keys(track, config, closer.searchable, closer.config.confirmed.spacing)
-        for candidate in closer.neighbours(key, poses, deviations)
-        if (candidate.key_old, candidate.key_new) not in known
+        for key in _spaced_keys(track, config, closer.passes.searchable, closer.config.confirmed.spacing)
+        for candidate in closer.passes.within(key, poses, deviations)
+        if candidate.pair not in known
     ]
     attempts = [closer.match(candidate, poses) for candidate in again]
-    ties = _Ties(max(1, closer.config.reference_half))
-    for i, j in [(factor.i, factor.j) for factor in sure] + [(a.key_old, a.key_new) for a in attempts if a.accepted]:
-        ties.add(i or 0, j)
+    reach = max(1, closer.config.reference_half)
+    ties: GrowingRows[np.int64] = GrowingRows((2,), np.int64)
+    for pair in [*((factor.i, factor.j) for factor in sure), *(a.pair for a in attempts if a.accepted)]:
+        ties.append(pair)
     # By reference, so that each is built once; then back into the order of the path.
     for candidate in sorted(around, key=lambda c: c.key_old):
-        if not ties.join(candidate.key_old, candidate.key_new):
+        if not (np.abs(ties.rows - candidate.pair) <= reach).all(axis=1).any():
             attempts.append(closer.match(candidate, poses))
             if attempts[-1].accepted:
-                ties.add(candidate.key_old, candidate.key_new)
+                ties.append(candidate.pair)
     return sorted(attempts, key=lambda attempt: (attempt.key_new, attempt.key_old))
-
-
-class _Ties:
-    """Which passes closures tie, to within some key poses at both ends."""
-
-    def __init__(self, within: int) -> None:
-        self._within = within
-        self._at: dict[tuple[int, int], list[tuple[int, int]]] = {}
-
-    def add(self, i: int, j: int) -> None:
-        self._at.setdefault((i // self._within, j // self._within), []).append((i, j))
-
-    def join(self, i: int, j: int) -> bool:
-        reach = self._within
-        return any(
-            abs(i - other_i) <= reach and abs(j - other_j) <= reach
-            for a in range(i // reach - 1, i // reach + 2)
-            for b in range(j // reach - 1, j // reach + 2)
-            for other_i, other_j in self._at.get((a, b), ())
-        )
 
 
 def _spaced_keys(track: Track, config: FinishConfig, searchable: NDArray[np.bool_], seldom: float) -> list[int]:

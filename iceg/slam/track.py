@@ -65,6 +65,16 @@ class Track:
     dead: list[tuple[int, int]] = field(default_factory=list)
     match_covariance_scale: float = 1.0
 
+    @property
+    def T_track_keys(self) -> NDArray[np.float64]:
+        """(k, 3) poses of the key scans in the front end's own frame."""
+        return np.array([key.T_track_robot for key in self.keys])
+
+    @property
+    def path(self) -> NDArray[np.float64]:
+        """(k,) how far the robot had driven by odometry at each key scan [m]."""
+        return np.cumsum([key.motion.distance for key in self.keys])
+
     def trajectory(self, key_poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n_scans, 3) pose of every scan, given the (k, 3) poses of the key scans."""
         return compose(key_poses[self.key_of_scan], self.T_key_scan)

@@ -24,7 +24,6 @@ from iceg.slam.broken_path.path_break import TrackingFailure
 from iceg.slam.broken_path.place_votes import Vote
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.closure_config import ConfirmedAreaConfig
-from iceg.slam.config import LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 
@@ -84,11 +83,10 @@ def _only_after_a_loss(
     track: Track,
     estimate: Estimate,
     failures: Mapping[int, TrackingFailure],
-    config: LoopClosureConfig,
 ) -> Estimate:
     if not any(failure.is_lost for failure in failures.values()):
         return estimate
-    return relocalise(closer, track, estimate, failures, config)
+    return relocalise(closer, track, estimate, failures)
 
 
 def _with_loops(**settings: Any) -> Change:  # noqa: ANN401

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from graph.factors import Factor
 from graph.measurement import NoMatch
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
+from iceg.slam.closures.attempt import Attempt
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.track import KeyScan, Track
 
@@ -32,9 +33,8 @@ class BridgeEdges:
         """
         self._keys = track.keys
         self._config = config
-        self.most_share = config.relocalisation.most_share
-        """See `RelocalisationConfig`."""
-        inner = amid_the_path(track, config.failures.log_end)
+        path, end = track.path, config.failures.log_end
+        inner = (path > end) & (path < path[-1] - end)
         spanned = closures_across(factors, len(track.keys), config)
         settling = config.failures.settling_closures
         self.failures = {
@@ -45,9 +45,9 @@ class BridgeEdges:
         """Those that closures have not settled."""
         scores = np.array([_score(key) for key in track.keys])
         self._weak = inner & (scores < config.failures.min_inlier_ratio) & (spanned < settling)
-        self.is_bridge = inner & (spanned == 0) | self._weak
+        self.is_bridge = inner
         """(k,) whether the step that leads to a key pose is a bridge."""
-        self.is_bridge[list(self.failures)] = True
+        self.update(factors)
 
     def failure(self, key: int) -> TrackingFailure:
         """What speaks against the step to a key pose; where nothing does, how little its match explained."""
@@ -62,7 +62,21 @@ class BridgeEdges:
         """The key poses before which odometry and match contradict each other, or the robot was lost."""
         return [key for key, failure in self.failures.items() if failure.is_beyond_chance(self._config.failures)]
 
-    def rank(self, key: int) -> float:
+    def spanned_by_most(self, closures: Sequence[Attempt]) -> int | None:
+        """The least certain of the bridges that most closures span, by its later key pose; None where they span none.
+
+        A step at which odometry and match contradict each other is meant where a share of them spans it.
+        """
+        pairs = np.array([closure.pair for closure in closures], dtype=np.int64).reshape(-1, 2)
+        spanning = np.where(self.is_bridge, _spanning(pairs, len(self.is_bridge)), 0)
+        most = spanning.max()
+        if most == 0:
+            return None
+        share = self._config.relocalisation.most_share
+        refuted = [key for key in self.refuted() if spanning[key] >= share * most]
+        return max([*np.flatnonzero(spanning == most).tolist(), *refuted], key=lambda key: (self._rank(key), key))
+
+    def _rank(self, key: int) -> float:
         """Compares the steps that may be broken: the highest is where a break is put.
 
         A match that explains all of a scan knows better than an odometry that jumped or slipped.
@@ -77,23 +91,18 @@ class BridgeEdges:
         self.is_bridge[list(self.failures)] = True
 
 
-def amid_the_path(track: Track, end: float) -> NDArray[np.bool_]:
-    """(k,) which key poses lie neither near the beginning nor near the end of the path."""
-    path = np.cumsum([key.motion.distance for key in track.keys])
-    return np.asarray((path > end) & (path < path[-1] - end), dtype=np.bool_)
-
-
 def closures_across(factors: Sequence[Factor], n_keys: int, config: LoopClosureConfig) -> NDArray[np.int64]:
     """(n_keys,) how many closures span the step that leads to each key pose, with all the key scans they rest on."""
-    change = np.zeros(n_keys + 1, dtype=np.int64)
-    before, after = config.reference_half, min(config.support_offsets)
-    for factor in factors:
-        if factor.kind == "closure" and factor.i is not None:
-            first, last = min(factor.i, factor.j) + before, max(factor.i, factor.j) + after
-            if first < last:
-                change[first + 1] += 1
-                change[last + 1] -= 1
-    return np.cumsum(change)[:-1]
+    closures = [(factor.i, factor.j) for factor in factors if factor.kind == "closure"]
+    ends = np.sort(np.array(closures, dtype=np.int64).reshape(-1, 2), axis=1)
+    return _spanning(ends + np.array([config.reference_half, min(config.support_offsets)]), n_keys)
+
+
+def _spanning(ends: NDArray[np.int64], n_keys: int) -> NDArray[np.int64]:
+    """(n_keys,) how many of (n, 2) pairs of key poses the step to each one lies between."""
+    first, last = ends[ends[:, 0] < ends[:, 1]].T
+    change = np.bincount(first + 1, minlength=n_keys + 1) - np.bincount(last + 1, minlength=n_keys + 1)
+    return np.cumsum(change)[:n_keys]
 
 
 def _score(key: KeyScan) -> float:

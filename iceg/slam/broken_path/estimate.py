@@ -1,4 +1,4 @@
-"""A graph with its closures and the breaks of its path, and how what is found out changes it."""
+"""A graph with its closures and the breaks of its path, and what becomes of it as more is found out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +12,7 @@ from graph.se2 import compose
 from iceg.slam.agreement import Tolerance
 from iceg.slam.broken_path.path_break import Break
 from iceg.slam.broken_path.place_votes import Vote
-from iceg.slam.closures.attempt import Attempt, closure_factor, is_near
+from iceg.slam.closures.attempt import Attempt, closure_factor
 from iceg.slam.track import UNKNOWN_STEP
 
 BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_tolerance=1e-4)
@@ -37,63 +37,53 @@ class Estimate:
     breaks: tuple[Break, ...] = ()
     ambiguous: tuple[Vote, ...] = ()
 
-
-class ChangingEstimate:
-    """The same while closures enter and leave, and parts of the path move."""
-
-    def __init__(self, start: Estimate, near: Tolerance) -> None:
-        """Start with an estimate; closures that agree with it to within `near` stay when parts move."""
-        self._near = near
-        self.factors, self.poses = start.factors, start.poses
-        self.attempts = list(start.attempts)
-
-    def close(self, closures: Sequence[Attempt]) -> None:
-        """Let closures into the graph, but those between key poses that one joins already, and solve it."""
+    def closed(self, closures: Sequence[Attempt]) -> "Estimate":
+        """With more closures, but those between key poses that one joins already, and solved."""
         joined = {(factor.i, factor.j) for factor in self.factors if factor.kind == "closure"}
-        fresh = [c for c in closures if (c.key_old, c.key_new) not in joined]
-        self.attempts += [
-            replace(c, reason=f"place recognition, with {len(closures) - 1} others; {c.reason}") for c in fresh
-        ]
-        self.factors = [*self.factors, *(closure_factor(closure) for closure in fresh)]
-        self._solve()
+        fresh = [closure for closure in closures if closure.pair not in joined]
+        why = f"place recognition, with {len(closures) - 1} others"
+        factors = [*self.factors, *map(closure_factor, fresh)]
+        return replace(
+            self,
+            factors=factors,
+            poses=optimize(factors, self.poses, BATCH).poses,
+            attempts=[*self.attempts, *(replace(c, reason=f"{why}; {c.reason}") for c in fresh)],
+        )
 
-    def move(
-        self, key: int, closures: Sequence[Attempt], correction: NDArray[np.float64], moving: NDArray[np.bool_]
-    ) -> None:
-        """Remove an edge of the path, move what follows to where closures put it, and take out what contradicts them.
+    def moved(
+        self,
+        key: int,
+        closures: Sequence[Attempt],
+        correction: NDArray[np.float64],
+        moving: NDArray[np.bool_],
+        near: Tolerance,
+    ) -> "Estimate":
+        """Without an edge of the path and the closures that contradict others, what follows moved to where these say.
 
         Args:
             key: the key pose that the step leads to.
-            closures: they.
+            closures: that say so.
             correction: (3,) in the map.
             moving: (k,) the key poses that it moves.
+            near: closures between what moves and what does not stay if they agree with the poses then.
         """
-        self.poses = self.poses.copy()
-        self.poses[moving] = compose(correction, self.poses[moving])
-        self.factors = [
-            replace(factor, covariance=UNKNOWN_STEP) if _spans(factor, key) and factor.kind != "closure" else factor
-            for factor in self.factors
-        ]
-        torn = [
-            attempt
+        poses = self.poses.copy()
+        poses[moving] = compose(correction, poses[moving])
+        torn = {
+            attempt.pair
             for attempt in self.attempts
-            if moving[attempt.key_old] != moving[attempt.key_new]
-            and attempt.accepted
-            and not is_near(attempt, self.poses, self._near)
+            if attempt.accepted
+            and moving[attempt.key_old] != moving[attempt.key_new]
+            and not attempt.is_near(poses, near)
+        }
+        why = f"contradicted by {len(closures)} closures that agree"
+        attempts = [a.taken_out(why) if a.accepted and a.pair in torn else a for a in self.attempts]
+        factors = [
+            factor if factor.kind == "closure" or not _spans(factor, key) else replace(factor, covariance=UNKNOWN_STEP)
+            for factor in self.factors
+            if factor.kind != "closure" or (factor.i, factor.j) not in torn
         ]
-        self._take_out(torn, f"contradicted by {len(closures)} closures that agree")
-        self.close(closures)
-
-    def _take_out(self, closures: Sequence[Attempt], why: str) -> None:
-        """Remove closures that were accepted."""
-        gone = {(closure.key_old, closure.key_new) for closure in closures}
-        for index, attempt in enumerate(self.attempts):
-            if attempt.accepted and (attempt.key_old, attempt.key_new) in gone:
-                self.attempts[index] = replace(attempt, accepted=False, removed=True, reason=f"{why}; {attempt.reason}")
-        self.factors = [f for f in self.factors if f.kind != "closure" or (f.i, f.j) not in gone]
-
-    def _solve(self) -> None:
-        self.poses = optimize(self.factors, self.poses, BATCH).poses
+        return replace(self, factors=factors, poses=poses, attempts=attempts).closed(closures)
 
 
 def _spans(factor: Factor, key: int) -> bool:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.se2 import between, compose
-from iceg.slam.agreement import agree
 from iceg.slam.broken_path.place_hypothesis import Hypothesis
 from iceg.slam.closure_config import RelocalisationConfig
 from iceg.slam.closures.attempt import Attempt, closed_pose
@@ -73,9 +72,8 @@ class HypothesisVerifier:
         self._config = closer.config.relocalisation
         self._near = closer.config.verification.near
         self._keys = track.keys
-        steps = np.array([key.motion.distance for key in track.keys])
-        self._path = np.cumsum(steps)
-        usual = max(float(np.median(steps)), 1e-3)
+        self._path = track.path
+        usual = max(float(np.median([key.motion.distance for key in track.keys])), 1e-3)
         self._spacing = int(np.clip(round(self._config.spacing / usual), 1, ANCHOR_SPACING))
 
     def of_hypothesis(self, hypothesis: Hypothesis, poses: NDArray[np.float64]) -> FitCount:
@@ -129,17 +127,17 @@ class HypothesisVerifier:
     def _around(
         self, key: int, T_map_key: NDArray[np.float64], poses: NDArray[np.float64], hypothesis: Hypothesis
     ) -> list[Candidate]:
-        return self._closer.seen_from(key, T_map_key, poses, hypothesis.key, self._config.scan.deviations)
+        """Passes before the break around where a key scan is supposed to be, (3,) among (k, 3) poses."""
+        supposed = poses[: key + 1].copy()
+        supposed[key] = T_map_key
+        return self._closer.passes.within(key, supposed, self._config.scan.deviations, hypothesis.key)
 
     def _count(self, seen: Iterator[Candidate], poses: NDArray[np.float64]) -> FitCount:
         agreeing, against = [], 0
         for candidate in seen:
             attempt = self._closer.match(candidate, poses)
-            if attempt.accepted and self._is_where_put(attempt, candidate):
+            if attempt.accepted and attempt.is_at(candidate.T_old_new, self._near):
                 agreeing.append(attempt)
             elif attempt.overlap >= self._config.min_overlap:
                 against += 1
         return FitCount(agreeing=agreeing, against=against, config=self._config)
-
-    def _is_where_put(self, attempt: Attempt, candidate: Candidate) -> bool:
-        return attempt.match is not None and agree(candidate.T_old_new, attempt.match.T_ref_cur, self._near)

@@ -9,6 +9,8 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from iceg.slam.closures.attempt import Attempt
+
 
 class PathParts:
     """Parts, and what holds together among them."""
@@ -31,6 +33,10 @@ class PathParts:
             whole = [low if each == high else each for each in whole]
         self.whole = np.array(self.starts)[np.array(whole)[part]]
         """(n_keys,) the first key pose of all that holds together with each."""
+
+    def of(self, closure: Attempt) -> tuple[int, int]:
+        """The first key pose of all that holds together with either end of a closure."""
+        return int(self.whole[closure.key_old]), int(self.whole[closure.key_new])
 
     def end_of(self, key: int) -> int:
         """The key pose after the last of the part that `key` is in."""

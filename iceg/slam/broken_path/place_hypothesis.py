@@ -42,19 +42,9 @@ class Hypothesis:
         """How many places say so, of the side where fewer do: a few scans that fit many places know little."""
         return min(self.support, len({closure.key_old for closure in self.closures}))
 
-    @property
-    def ends(self) -> set[tuple[int, int]]:
-        """The pairs of key poses that its closures join."""
-        return {(closure.key_old, closure.key_new) for closure in self.closures}
-
-    def spanning(self, key: int) -> int:
-        """How many closures span the step that leads to a key pose."""
-        return sum(closure.key_old < key <= closure.key_new for closure in self.closures)
-
-    def without(self, ends: Collection[tuple[int, int]]) -> "Hypothesis":
+    def without(self, pairs: Collection[tuple[int, int]]) -> "Hypothesis":
         """The same without the closures that join some pairs of key poses."""
-        closures = [closure for closure in self.closures if (closure.key_old, closure.key_new) not in ends]
-        return Hypothesis(key=self.key, closures=closures)
+        return Hypothesis(key=self.key, closures=[c for c in self.closures if c.pair not in pairs])
 
     def correction(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(3,) what moves the poses after the break, in the map: that of the closure nearest to the break."""
@@ -91,13 +81,13 @@ class Hypothesis:
         """Whether the errors of the path explain it, step by step.
 
         Args:
-            factors: of the graph.
+            factors: of the path.
             poses: (k, 3) T_map_robot.
             config: how far chance and a bias go.
             is_bridge: (k,) the steps to key poses that no closure spans, where something else speaks against the path:
                 it drifts along them, hardly elsewhere. If left out, errors may be larger than it claims, and a bias.
         """
-        cumulative = cumulative_covariances(_path(factors), poses)
+        cumulative = cumulative_covariances(factors, poses)
         if is_bridge is not None:
             steps = np.diff(cumulative, axis=0, prepend=np.zeros((1, 3, 3)))
             cumulative = np.cumsum(np.where(is_bridge[:, None, None], 1.0, config.spanned_covariance) * steps, axis=0)
@@ -118,11 +108,11 @@ def agreeing_sets(
 
     Args:
         closures: that matched.
-        factors: of the graph.
+        factors: of the path.
         poses: (k, 3) T_map_robot: the path as the front end saw it, or with what closures said of it since.
         fewest: closures of a set.
     """
-    cumulative = cumulative_covariances(_path(factors), poses)
+    cumulative = cumulative_covariances(factors, poses)
     agree = pairwise_consistency([closure_factor(closure) for closure in closures], poses, cumulative)
     left, sets = np.arange(len(closures)), []
     while len(left) >= fewest:
@@ -135,9 +125,9 @@ def agreeing_sets(
 def about_single_steps(closures: Sequence[Attempt], steps: BridgeEdges) -> list[Hypothesis]:
     """What closures that agree say about single steps, that about the one that most of them span first."""
     found, left = [], list(closures)
-    while (hypothesis := about_one_step(left, steps)) is not None:
-        found.append(hypothesis)
-        left = [closure for closure in left if not closure.key_old < hypothesis.key <= closure.key_new]
+    while (key := steps.spanned_by_most(left)) is not None:
+        found.append(Hypothesis(key=key, closures=[c for c in left if c.spans(key)]))
+        left = [closure for closure in left if not closure.spans(key)]
     return found
 
 
@@ -148,37 +138,16 @@ def about_parts(closures: Sequence[Attempt], parts: PathParts) -> list[Hypothesi
     """
     between_wholes: dict[tuple[int, int], list[Attempt]] = {}
     for closure in closures:
-        ends = int(parts.whole[closure.key_old]), int(parts.whole[closure.key_new])
-        if ends[0] != ends[1]:
-            between_wholes.setdefault(ends, []).append(closure)
+        between_wholes.setdefault(parts.of(closure), []).append(closure)
     found = []
-    for group in between_wholes.values():
-        spanning = {key: [c for c in group if c.key_old < key <= c.key_new] for key in parts.starts}
-        key = max(parts.starts, key=lambda start: (len(spanning[start]), start))
-        found.append(Hypothesis(key=key, closures=spanning[key]))
+    for (whole_old, whole_new), group in between_wholes.items():
+        if whole_old != whole_new:
+            spanning = {key: [c for c in group if c.spans(key)] for key in parts.starts}
+            key = max(parts.starts, key=lambda start: (len(spanning[start]), start))
+            found.append(Hypothesis(key=key, closures=spanning[key]))
     return sorted(found, key=lambda hypothesis: -hypothesis.support)
-
-
-def about_one_step(closures: Sequence[Attempt], steps: BridgeEdges) -> Hypothesis | None:
-    """Those that span the same bridge edge: the least certain of the edges that most of them span."""
-    change = np.zeros(len(steps.is_bridge) + 1, dtype=np.int64)
-    for closure in closures:
-        change[closure.key_old + 1] += 1
-        change[closure.key_new + 1] -= 1
-    spans = np.where(steps.is_bridge, np.cumsum(change)[:-1], 0)
-    if not spans.any():
-        return None
-    most = spans.max()
-    refuted = [key for key in steps.refuted() if spans[key] >= steps.most_share * most]
-    key = max([*np.flatnonzero(spans == most).tolist(), *refuted], key=lambda step: (steps.rank(step), step))
-    return Hypothesis(key=key, closures=[c for c in closures if c.key_old < key <= c.key_new])
 
 
 def _correction(closure: Attempt, poses: NDArray[np.float64]) -> NDArray[np.float64]:
     """(3,) what moves the later key pose, in the map, to where a closure puts it."""
     return compose(closed_pose(closure, poses), inverse(poses[closure.key_new]))
-
-
-def _path(factors: Sequence[Factor]) -> list[Factor]:
-    """Those from key pose to key pose."""
-    return [factor for factor in factors if factor.kind in {"odometry", "ice"}]

@@ -7,12 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.factors import Factor
-from iceg.slam.agreement import agree
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, agreeing_sets
 from iceg.slam.broken_path.similar_places import similar_places
-from iceg.slam.closures.attempt import Attempt, is_near
+from iceg.slam.closures.attempt import Attempt
 from iceg.slam.closures.candidates import Candidate
-from iceg.slam.config import LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 
@@ -20,20 +18,19 @@ from iceg.slam.track import Track
 class PlaceSearch:
     """Looks for places again, and remembers what it tried."""
 
-    def __init__(self, closer: LoopCloser, track: Track, factors: Sequence[Factor], config: LoopClosureConfig) -> None:
+    def __init__(self, closer: LoopCloser, track: Track, factors: Sequence[Factor]) -> None:
         """Start with nothing tried.
 
         Args:
             closer: matches and verifies.
             track: key scans.
             factors: of the graph; places must agree along its path.
-            config: how much is tried, and how much must agree.
         """
         self._closer = closer
         self._track = track
-        self.path = [factor for factor in factors if factor.kind != "closure"]
-        """The factors of the path along which places must agree."""
-        self._config = config
+        self.path = [factor for factor in factors if factor.kind in {"odometry", "ice"}]
+        """The factors from key pose to key pose, along which places must agree."""
+        self._config = closer.config
         self._tried: list[Attempt] = []
 
     def agreeing(
@@ -47,7 +44,7 @@ class PlaceSearch:
             along: (k, 3) the same, of the path along which closures must agree.
             most: pairs of places that are worth a match.
         """
-        known = {(attempt.key_old, attempt.key_new) for attempt in self._tried}
+        known = {attempt.pair for attempt in self._tried}
         config = replace(self._config, places=most)
         pairs = set(similar_places(self._track, self._closer.judge, parts, config)) - known
         if not pairs:
@@ -67,7 +64,7 @@ class PlaceSearch:
         for claim in claims:
             if claim.accepted:
                 settled.append(claim)
-            if claim.accepted or is_near(claim, poses, near):
+            if claim.accepted or claim.is_near(poses, near):
                 continue
             assert claim.match is not None
             there = Candidate(
@@ -77,15 +74,14 @@ class PlaceSearch:
                 deviations=self._config.relocalisation.found.deviations,
             )
             attempt = self._closer.match(there, poses)
-            if attempt.accepted and attempt.match and agree(there.T_old_new, attempt.match.T_ref_cur, near):
+            if attempt.accepted and attempt.is_at(there.T_old_new, near):
                 settled.append(attempt)
         return settled
 
     def sure_support(self, hypothesis: Hypothesis) -> int:
         """How many key scans of a hypothesis fit one place only."""
-        sure = {(attempt.key_old, attempt.key_new) for attempt in self._tried if attempt.accepted}
-        alone = [c for c in hypothesis.closures if (c.key_old, c.key_new) in sure]
-        return Hypothesis(key=hypothesis.key, closures=alone).support
+        sure = {attempt.pair for attempt in self._tried if attempt.accepted}
+        return len({closure.key_new for closure in hypothesis.closures if closure.pair in sure})
 
     def in_vain(self, closed: Collection[tuple[int, int]]) -> list[Attempt]:
         """What was tried and is not among the pairs of key poses that closures tie, with the reason."""
@@ -94,7 +90,7 @@ class PlaceSearch:
                 attempt, accepted=False, reason=f"similar place{', too few agree' * attempt.accepted}; {attempt.reason}"
             )
             for attempt in self._tried
-            if (attempt.key_old, attempt.key_new) not in closed
+            if attempt.pair not in closed
         ]
 
 

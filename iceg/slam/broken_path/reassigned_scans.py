@@ -4,7 +4,6 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Log
 from graph.se2 import between, compose
@@ -62,6 +61,5 @@ def _scans_before(track: Track, key: int, log: Log, matcher: IceMatcher) -> int:
 
 
 def _local_map(track: Track, members: range, base: int, matcher: IceMatcher) -> LocalMap:
-    T_track_members: NDArray[np.float64] = np.array([track.keys[member].T_track_robot for member in members])
-    placed = between(track.keys[base].T_track_robot, T_track_members)
+    placed = between(track.keys[base].T_track_robot, track.T_track_keys[members])
     return matcher.prepare([track.keys[member].scan for member in members], placed)

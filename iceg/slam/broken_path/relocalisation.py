@@ -16,15 +16,14 @@ from numpy.typing import NDArray
 
 from graph.se2 import compose, inverse
 from iceg.slam.broken_path.bridge_edges import BridgeEdges, closures_across
-from iceg.slam.broken_path.estimate import ChangingEstimate, Estimate
+from iceg.slam.broken_path.estimate import Estimate
 from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
 from iceg.slam.broken_path.path_break import Break, FailureKind, Outcome, TrackingFailure
 from iceg.slam.broken_path.path_parts import PathParts
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_parts, about_single_steps
 from iceg.slam.broken_path.place_search import PlaceSearch
 from iceg.slam.broken_path.place_votes import Vote
-from iceg.slam.closures.attempt import Attempt, is_near
-from iceg.slam.config import LoopClosureConfig
+from iceg.slam.closures.attempt import Attempt
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.track import Track
 
@@ -34,12 +33,10 @@ class _Decision(Enum):
 
     OPEN = auto()
     """Nothing yet."""
-    CLOSED = auto()
-    """Its closures are in the graph: drift ended."""
+    SETTLED = auto()
+    """It ended a drift, or contradicts the path, which stays as it is."""
     JOINED = auto()
     """It joined two parts of the path."""
-    CONTRADICTS = auto()
-    """It contradicts the path, which stays as it is."""
 
 
 def relocalise(
@@ -47,23 +44,21 @@ def relocalise(
     track: Track,
     estimate: Estimate,
     failures: Mapping[int, TrackingFailure],
-    config: LoopClosureConfig,
 ) -> Estimate:
     """Join the parts of a path that no loop closure ties together, and say where it is broken.
 
     Args:
-        closer: matches and verifies.
+        closer: matches and verifies; its settings say how much is tried, and how much must agree.
         track: key scans.
         estimate: the graph as the path and the closures on the way made it.
         failures: by key pose, where the path may be broken.
-        config: how much is tried, and how much must agree.
 
     Returns:
         The estimate with more closures and fewer wrong ones.
     """
-    if not (config.enabled and config.relocalise):
+    if not (closer.config.enabled and closer.config.relocalise):
         return estimate
-    search = _Relocalisation(closer, track, estimate, failures, config)
+    search = _Relocalisation(closer, track, estimate, failures)
     search.run()
     return search.estimate()
 
@@ -77,13 +72,12 @@ class _Relocalisation:
         track: Track,
         estimate: Estimate,
         failures: Mapping[int, TrackingFailure],
-        config: LoopClosureConfig,
     ) -> None:
         self._track = track
-        self._config = config
-        self._now = ChangingEstimate(estimate, config.verification.near)
-        self._steps = BridgeEdges(track, estimate.factors, failures, config)
-        self._places = PlaceSearch(closer, track, estimate.factors, config)
+        self._config = closer.config
+        self._now = estimate
+        self._steps = BridgeEdges(track, estimate.factors, failures, closer.config)
+        self._places = PlaceSearch(closer, track, estimate.factors)
         self._verifier = HypothesisVerifier(closer, track)
         self._breaks: dict[int, Break] = {}
         self._ambiguous: dict[int, Vote] = {}
@@ -94,26 +88,23 @@ class _Relocalisation:
         """Try the hypotheses with the most support; what nothing ties after a loss is told apart."""
         if not self._steps.is_bridge.any():
             return
-        T_track_keys = np.array([key.T_track_robot for key in self._track.keys])
-        self._join(self._agreeing(np.cumsum(self._steps.is_bridge, dtype=np.int64), T_track_keys))
+        self._join(self._agreeing(np.cumsum(self._steps.is_bridge, dtype=np.int64), self._track.T_track_keys))
         self._looks_again = True
         while self._lost() and self._join(self._agreeing(self._parts().whole, self._now.poses)):
             pass  # as long as what was found tells more of where to look
         for key in self._lost():
-            self._part(key, self._steps.failures[key])
+            self._part(key)
 
     def estimate(self) -> Estimate:
         """What was found, with a record of the similar places tried in vain."""
-        now = self._now
-        closed = {(attempt.key_old, attempt.key_new) for attempt in now.attempts if attempt.accepted}
-        return Estimate(
-            factors=now.factors,
-            poses=now.poses,
-            attempts=[*now.attempts, *self._places.in_vain(closed)],
+        attempts = self._now.attempts
+        closed = {attempt.pair for attempt in attempts if attempt.accepted}
+        return replace(
+            self._now,
+            attempts=[*attempts, *self._places.in_vain(closed)],
             breaks=tuple(self._breaks[key] for key in sorted(self._breaks)),
-            ambiguous=tuple(
-                self._ambiguous.values()
-            ),  # closures that tie the path as it is settle nothing: both beat it
+            # closures that tie the path as it is settle nothing: both beat it
+            ambiguous=tuple(self._ambiguous.values()),
         )
 
     # What is looked for, and in which order it is tried.
@@ -153,10 +144,10 @@ class _Relocalisation:
             hypothesis = claimed.without(gone)
             if hypothesis.key in self._ambiguous or not self._is_supported(hypothesis):
                 continue  # where stronger ones are ambiguous none decides
-            decision = self._try(hypothesis, self._others(hypothesis, sets))
+            decision = self._try(hypothesis, sets)
             if decision is not _Decision.OPEN:
-                gone |= hypothesis.ends
-                sets[:] = [[c for c in closures if (c.key_old, c.key_new) not in gone] for closures in sets]
+                gone |= {closure.pair for closure in hypothesis.closures}
+                sets[:] = [[closure for closure in closures if closure.pair not in gone] for closures in sets]
             if decision is _Decision.JOINED:
                 return True
         return False
@@ -165,24 +156,14 @@ class _Relocalisation:
         """What each set says about parts that a loss divides, and about single steps within what holds together."""
         parts, found = self._parts(), []
         for closures in sets:
-            inside = [c for c in closures if parts.whole[c.key_old] == parts.whole[c.key_new]]
+            inside = [c for c in closures if len(set(parts.of(c))) == 1]
             found += [*about_parts(closures, parts), *about_single_steps(inside, self._steps)]
         return found
 
     def _refuted_within(self, hypothesis: Hypothesis) -> int:
         """How many steps at which odometry and match contradict each other most closures of a hypothesis span."""
-        return sum(hypothesis.spanning(key) > 0.5 * len(hypothesis.closures) for key in self._steps.refuted())
-
-    def _others(self, hypothesis: Hypothesis, sets: Sequence[Sequence[Attempt]]) -> list[Hypothesis]:
-        """What other sets say of the same parts: how others lie to them is another question."""
-        whole = self._parts().whole
-
-        def ends(closure: Attempt) -> tuple[int, int]:
-            return int(whole[closure.key_old]), int(whole[closure.key_new])
-
-        asked = ends(hypothesis.closures[0])
-        same = [[closure for closure in closures if ends(closure) == asked] for closures in sets]
-        return [Hypothesis(key=hypothesis.key, closures=closures) for closures in same if closures]
+        closures = hypothesis.closures
+        return sum(sum(c.spans(key) for c in closures) > 0.5 * len(closures) for key in self._steps.refuted())
 
     def _is_supported(self, hypothesis: Hypothesis) -> bool:
         """Whether enough key scans fit one place only, or where the robot was lost anyway, this one among others."""
@@ -193,8 +174,8 @@ class _Relocalisation:
 
     # What is believed.
 
-    def _try(self, hypothesis: Hypothesis, others: Sequence[Hypothesis]) -> _Decision:
-        """Verify a hypothesis, and where they differ the present estimate and others; act on what holds."""
+    def _try(self, hypothesis: Hypothesis, sets: Sequence[Sequence[Attempt]]) -> _Decision:
+        """Verify a hypothesis, and where they differ the present estimate and other sets; act on what holds."""
         poses = self._now.poses
         fit = self._verifier.of_hypothesis(hypothesis, poses)
         closures = _distinct([*fit.agreeing, *hypothesis.closures])
@@ -206,7 +187,7 @@ class _Relocalisation:
         estimate = self._verifier.of_estimate(hypothesis, poses, among)
         if not (is_confirmed or fit.beats(estimate, self._log_prior_of_path(hypothesis))):
             return _Decision.OPEN
-        if not is_confirmed and (rival := self._rival(hypothesis, fit, others)) is not None:
+        if not is_confirmed and (rival := self._rival(hypothesis, fit, sets)) is not None:
             self._ambiguous[hypothesis.key] = rival
             return _Decision.OPEN
         key = hypothesis.key if among[first.key_new] else int(max(whole[first.key_old], whole[first.key_new]))
@@ -216,15 +197,15 @@ class _Relocalisation:
             if not is_confirmed and not hypothesis.is_chance(path, poses, config):
                 self._note(key, Outcome.DRIFTED, closures, hypothesis.correction(poses))
             self._steps.failures.pop(key, None)
-            self._now.close(closures)
+            self._now = self._now.closed(closures)
             self._steps.update(self._now.factors)
-            return _Decision.CLOSED
+            return _Decision.SETTLED
         return self._break(key, hypothesis, fit, closures)
 
     def _is_confirmed(self, closures: Sequence[Attempt]) -> bool:
         """Whether most of them say what the present estimate says."""
         near = self._config.verification.near
-        return sum(is_near(closure, self._now.poses, near) for closure in closures) > 0.5 * len(closures)
+        return sum(closure.is_near(self._now.poses, near) for closure in closures) > 0.5 * len(closures)
 
     def _log_prior_of_path(self, hypothesis: Hypothesis) -> float:
         """How many times as probable as a hypothesis the path is before scans verify either, the logarithm.
@@ -244,10 +225,17 @@ class _Relocalisation:
         """The key poses before which the robot was lost, and nothing says yet how they lie to what was before."""
         return [key for key, failure in self._steps.failures.items() if failure.is_lost]
 
-    def _rival(self, hypothesis: Hypothesis, fit: FitCount, others: Sequence[Hypothesis]) -> Vote | None:
-        """What speaks for another place of the same scans, if a hypothesis does not clearly beat it."""
-        poses, config = self._now.poses, self._config.relocalisation
-        for other in others:
+    def _rival(self, hypothesis: Hypothesis, fit: FitCount, sets: Sequence[Sequence[Attempt]]) -> Vote | None:
+        """What speaks for another place of the same scans, if a hypothesis does not clearly beat it.
+
+        How other parts of the path lie to each other is another question.
+        """
+        poses, config, parts = self._now.poses, self._config.relocalisation, self._parts()
+        asked = parts.of(hypothesis.closures[0])
+        for closures in sets:
+            other = Hypothesis(key=hypothesis.key, closures=[c for c in closures if parts.of(c) == asked])
+            if not other.closures:
+                continue
             apart = hypothesis.apart_from(other, poses)
             if apart < config.rival_distance or other.support < config.rival_support * hypothesis.support:
                 continue
@@ -310,23 +298,23 @@ class _Relocalisation:
         self._steps.failures.pop(key, None)
         self._steps.is_bridge[key] = False
         if not is_known:
-            return _Decision.CONTRADICTS
+            return _Decision.SETTLED
         first = hypothesis.closures[0]
         self._ties[key] = first.key_old if moving[first.key_new] else first.key_new
-        self._now.move(key, closures, correction, moving)
+        self._now = self._now.moved(key, closures, correction, moving, self._config.verification.near)
         self._steps.update(self._now.factors)
         return _Decision.JOINED
 
     def _note(self, key: int, outcome: Outcome, closures: Sequence[Attempt], correction: NDArray[np.float64]) -> None:
         """Record a break, and by how much closures that agree move what follows."""
-        pose = self._now.poses[key]
+        pose, failure = self._now.poses[key], self._steps.failure(key)
         self._breaks[key] = Break(
             key=key,
             outcome=outcome,
-            reason=self._steps.failure(key).reason,
+            reason=failure.reason,
             closures=len({closure.key_new for closure in closures}),
             moved=float(np.hypot(*(compose(correction, pose) - pose)[:2])),
-            scan=self._steps.failure(key).scan,
+            scan=failure.scan,
         )
 
     def _parts(self) -> PathParts:
@@ -345,14 +333,15 @@ class _Relocalisation:
                     moving[start : parts.end_of(start)] = True
         return parts.moving_with(moving)
 
-    def _part(self, key: int, failure: TrackingFailure) -> None:
+    def _part(self, key: int) -> None:
         """Nothing sure ties what follows a break to what was before, unless the closures across pass verification.
 
         Where odometry told the way it speaks, too: a robot that was carried does not happen to come where
         several closures agree with the odometry that knows nothing of it.
         """
+        failure = self._steps.failures[key]
         end = min((other for other in self._breaks if other > key), default=len(self._now.poses))
-        across = [a for a in self._now.attempts if a.accepted and a.key_old < key <= a.key_new < end]
+        across = [a for a in self._now.attempts if a.accepted and a.spans(key) and a.key_new < end]
         claimed, agreeing = Hypothesis(key=key, closures=across), 0
         if claimed.support >= self._config.confirmations:
             fit = self._verifier.of_estimate(claimed, self._now.poses)
@@ -377,4 +366,4 @@ class _Relocalisation:
 
 def _distinct(closures: Sequence[Attempt]) -> list[Attempt]:
     """One for each pair of key poses, the first."""
-    return list({(c.key_old, c.key_new): c for c in reversed(closures)}.values())[::-1]
+    return list({closure.pair: closure for closure in reversed(closures)}.values())[::-1]

@@ -34,7 +34,7 @@ def similar_places(
     """
     signatures = place_signatures(track.keys, judge, ANCHOR_SPACING, config.signatures)
     places = signatures.keys
-    path = np.cumsum([key.motion.distance for key in track.keys])[places]
+    path = track.path[places]
     likeness_of, pairs = _most_similar(signatures, path, parts[places], config)
     if not len(pairs):
         return []

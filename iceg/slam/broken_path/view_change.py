@@ -214,7 +214,7 @@ class ViewChanges:
     @cached_property
     def _T_track_robot(self) -> NDArray[np.float64]:
         """(n_scans, 3) where tracking has the robot."""
-        return self.track.trajectory(np.array([key.T_track_robot for key in self.track.keys]))
+        return self.track.trajectory(self.track.T_track_keys)
 
 
 def judged_by_view(

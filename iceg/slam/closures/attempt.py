@@ -1,7 +1,7 @@
 """A loop closure that was tried: what it says, and whether that agrees with an estimate or with another closure."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
@@ -14,6 +14,7 @@ from iceg.slam.agreement import Tolerance, agree
 from iceg.slam.closure_config import VerificationConfig
 
 FORBIDDEN = "forbidden by hand"
+"""Why a closure that a person forbids is not even matched."""
 
 
 class Verdict(StrEnum):
@@ -76,14 +77,35 @@ class Attempt:
         return Verdict.REMOVED if self.removed else Verdict.REJECTED
 
     @property
+    def pair(self) -> tuple[int, int]:
+        """The two key poses that it joins, the earlier first."""
+        return self.key_old, self.key_new
+
+    def spans(self, key: int) -> bool:
+        """Whether it joins both sides of the step that leads to a key pose."""
+        return self.key_old < key <= self.key_new
+
+    @property
     def is_ambiguous(self) -> bool:
         """Whether it would be accepted if it did not fit elsewhere, too."""
         return self.match is not None and not self.accepted and len(self.places) > 1
 
+    def is_at(self, T_old_new: NDArray[np.float64], tolerance: Tolerance) -> bool:
+        """Whether its match agrees with where something else puts the later key pose, (3,) seen from the earlier."""
+        return self.match is not None and agree(T_old_new, self.match.T_ref_cur, tolerance)
 
-def forbidden_attempt(key_old: int, key_new: int) -> Attempt:
-    """The record of a closure that a person forbids, so that it is not even matched."""
-    return Attempt(key_old=key_old, key_new=key_new, match=None, accepted=False, reason=FORBIDDEN)
+    def is_near(self, poses: NDArray[np.float64], tolerance: Tolerance) -> bool:
+        """Whether its match agrees with the estimate given by (n, 3) poses."""
+        return self.is_at(between(poses[self.key_old], poses[self.key_new]), tolerance)
+
+    def taken_out(self, why: str) -> "Attempt":
+        """The same after it was found to be wrong, and left the graph."""
+        return replace(self, accepted=False, removed=True, reason=f"{why}; {self.reason}")
+
+
+def unmatched(key_old: int, key_new: int, reason: str) -> Attempt:
+    """The record of a closure for which there is no match, and why."""
+    return Attempt(key_old=key_old, key_new=key_new, match=None, accepted=False, reason=reason)
 
 
 def closure_factor(attempt: Attempt, kernel: RobustKernel | None = None) -> Factor:
@@ -103,12 +125,6 @@ def closed_pose(attempt: Attempt, poses: NDArray[np.float64]) -> NDArray[np.floa
     """(3,) T_map_robot of the later key pose as a closure says, the earlier one being where (n, 3) poses put it."""
     assert attempt.match is not None
     return compose(poses[attempt.key_old], attempt.match.T_ref_cur)
-
-
-def is_near(attempt: Attempt, poses: NDArray[np.float64], tolerance: Tolerance) -> bool:
-    """Whether a closure agrees with the estimate given by (n, 3) poses."""
-    assert attempt.match is not None
-    return agree(between(poses[attempt.key_old], poses[attempt.key_new]), attempt.match.T_ref_cur, tolerance)
 
 
 def are_consistent(a: Attempt, b: Attempt, poses: NDArray[np.float64], config: VerificationConfig) -> bool:

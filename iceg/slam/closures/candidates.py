@@ -38,6 +38,11 @@ class Candidate:
     T_old_new: NDArray[np.float64]
     deviations: NDArray[np.float64]
 
+    @property
+    def pair(self) -> tuple[int, int]:
+        """The two key poses, the earlier first."""
+        return self.key_old, self.key_new
+
     @classmethod
     def of(cls, key_old: int, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> "Candidate":
         """Two of (n, 3) key poses, known to within `deviations`, (3,) [m, m, rad], of each other."""
@@ -74,23 +79,11 @@ class EarlierPasses:
 
     @property
     def searchable(self) -> NDArray[np.bool_]:
-        """(n_keys,) which key scans later ones are matched against: not those that only confirm an area."""
+        """(n_keys,) which key scans later ones are matched against, to be written to: not those in confirmed areas."""
         return self._searchable.rows
 
-    @searchable.setter
-    def searchable(self, searchable: NDArray[np.bool_]) -> None:
-        self._searchable.rows[:] = searchable
-
     def within_drift(self, key_new: int, poses: NDArray[np.float64], drift: Drift) -> list[Candidate]:
-        """Those that the drift since the last closure leaves possible, nearest first.
-
-        After much drift the nearest need not be the right one, so that each piece of every pass is proposed.
-
-        Args:
-            key_new: of the key scan.
-            poses: (n, 3) T_map_robot of all key poses up to it.
-            drift: how uncertain paths are.
-        """
+        """Those that the drift since the last closure leaves possible; see `LoopCloser.candidates`."""
         config = self._config
         if not (config.enabled or config.revisits):
             return []
@@ -109,7 +102,7 @@ class EarlierPasses:
     def within(
         self, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64], before: int | None = None
     ) -> list[Candidate]:
-        """Those around where poses, all known to within `deviations` [m, m, rad], put a key scan.
+        """Those around where poses, all known to within `deviations` [m, m, rad], put a key scan; nearest first.
 
         Args:
             key_new: of the key scan.

@@ -7,11 +7,27 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from iceg.slam.closures.attempt import Verdict
-from iceg.slam.closures.rival import Rival
+from graph.se2 import between
+from iceg.slam.agreement import Tolerance, is_small
+from iceg.slam.closures.attempt import Attempt, Verdict
 
 CLOSURE_COLUMNS = ("scan_i", "scan_j", "x_m", "y_m", "theta_rad", "score", "inliers", "overlap", "verdict", "reason")
 """Of `closures.csv`."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rival:
+    """The best of the other places that a wide search found.
+
+    Attributes:
+        misfit: of the other place, see `Place` …
+        own: … and of the one that the closure says, by the same search.
+        apart: how far one is from the other [m].
+    """
+
+    misfit: float
+    own: float
+    apart: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,3 +64,20 @@ def joined_scans(closures: Iterable[Closure]) -> NDArray[np.int64]:
     """(c, 2) earlier and later scan of each closure that was accepted."""
     accepted = [(closure.scan_i, closure.scan_j) for closure in closures if closure.verdict is Verdict.ACCEPTED]
     return np.array(accepted, dtype=np.int64).reshape(-1, 2)
+
+
+def best_rival(attempt: Attempt, one_place: Tolerance) -> Rival | None:
+    """The other place that a closure's later key scan fits best; None where no search found one."""
+    if attempt.match is None:
+        return None
+    T_match_place = [between(attempt.match.T_ref_cur, place.T_old_new) for place in attempt.places]
+    own = [p.misfit for p, T in zip(attempt.places, T_match_place, strict=True) if is_small(T, one_place)]
+    others = [
+        (p.misfit, float(np.hypot(T[0], T[1])))
+        for p, T in zip(attempt.places, T_match_place, strict=True)
+        if not is_small(T, one_place)
+    ]
+    if not own or not others:
+        return None
+    misfit, apart = min(others)
+    return Rival(misfit=misfit, own=min(own), apart=apart)

@@ -34,9 +34,7 @@ def without_contradicted(
         if weight < outlier_weight
     }
     judged = [
-        replace(attempt, accepted=False, removed=True, reason=f"{why}; {attempt.reason}")
-        if attempt.accepted and (why := gone.get((attempt.key_old, attempt.key_new))) is not None
-        else attempt
+        attempt.taken_out(why) if attempt.accepted and (why := gone.get(attempt.pair)) is not None else attempt
         for attempt in attempts
     ]
     return judged, [loop for loop in loops if (loop.i, loop.j) not in gone]
@@ -47,14 +45,12 @@ def with_earlier(last: Sequence[Attempt], earlier: Sequence[Attempt]) -> list[At
 
     What the search on the way has found of the path and of other places stays told.
     """
-    before = {(attempt.key_old, attempt.key_new): attempt for attempt in earlier}
-    known = {(attempt.key_old, attempt.key_new) for attempt in last}
-    others = [attempt for attempt in earlier if (attempt.key_old, attempt.key_new) not in known]
-    renewed = [_told(attempt, before.get((attempt.key_old, attempt.key_new))) for attempt in last]
+    before, known = {attempt.pair: attempt for attempt in earlier}, {attempt.pair for attempt in last}
+    others = [attempt for attempt in earlier if attempt.pair not in known]
+    renewed = [
+        replace(attempt, places=attempt.places or found.places, off_path=found.off_path)
+        if (found := before.get(attempt.pair)) is not None
+        else attempt
+        for attempt in last
+    ]
     return sorted([*others, *renewed], key=lambda attempt: (attempt.key_new, attempt.key_old))
-
-
-def _told(attempt: Attempt, before: Attempt | None) -> Attempt:
-    if before is None:
-        return attempt
-    return replace(attempt, places=attempt.places or before.places, off_path=before.off_path)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from graph.measurement import NoMatch
 from graph.se2 import between, compose
 from iceg.ice.verification import Agreement, JoinedScans
-from iceg.slam.closures.attempt import Attempt, Place
+from iceg.slam.closures.attempt import Attempt, Place, unmatched
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.closures.reference import Reference, References
 from iceg.slam.config import LoopClosureConfig
@@ -54,10 +54,9 @@ class ClosureVerifier:
         self._track = track
         self._keys = track.keys
         self._config = config
-        self.judge = matcher.judge
-        """The matcher that verifies."""
+        self._judge = matcher.judge
         self._neighbours: dict[int, _Neighbours | None] = {}
-        self.references = References(matcher, track, config.reference_half)
+        self._references = References(matcher, track, config.reference_half)
 
     def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
         """Match a candidate close to the estimate; if nothing fits there, and the drift allows more, widely.
@@ -69,7 +68,7 @@ class ClosureVerifier:
             candidate: the two key poses.
             poses: (n, 3) T_map_robot, good between neighbours.
         """
-        reference = self.references.around(candidate.key_old, poses)
+        reference = self._references.around(candidate.key_old, poses)
         trusted = self._config.verification.trusted
         if candidate.deviations[0] > self._config.verification.uncertain_distance:
             return self._nearest(reference, candidate, self._match_wide(reference, candidate))
@@ -96,7 +95,7 @@ class ClosureVerifier:
         """Match two key scans metres off and at any heading; neighbours lie to each other as (n, 3) poses say."""
         deviations = self._config.verification.anywhere.deviations
         here = Candidate(key_old=key_old, key_new=key_new, T_old_new=np.zeros(3), deviations=deviations)
-        return self._match_wide(self.references.around(key_old, poses), here)
+        return self._match_wide(self._references.around(key_old, poses), here)
 
     def _match_at(
         self,
@@ -106,18 +105,18 @@ class ClosureVerifier:
         deviations: NDArray[np.float64],
     ) -> Attempt:
         """Match once, around a guess."""
-        attempt = Attempt(key_old=candidate.key_old, key_new=candidate.key_new, match=None, accepted=False, reason="")
-        scan = self._keys[candidate.key_new].scan
-        found = self._matcher.match(reference.matched, scan, T_old_guess, np.diag(deviations**2))
+        old, new = candidate.pair
+        found = self._matcher.match(reference.matched, self._keys[new].scan, T_old_guess, np.diag(deviations**2))
         if isinstance(found, NoMatch):
-            return replace(attempt, reason=found.reason)
-        support = self._supports(reference, candidate.key_new, found.T_ref_cur[None])[0]
-        placement = placement_covariance(self._track, candidate.key_old)
-        return replace(
-            attempt,
+            return unmatched(old, new, found.reason)
+        (support,) = self._supports(reference, new, found.T_ref_cur[None])
+        placement = placement_covariance(self._track, old)
+        return Attempt(
+            key_old=old,
+            key_new=new,
             match=replace(found, covariance=closure_covariance(found, placement, self._track.match_covariance_scale)),
             accepted=self._is_supported(support),
-            reason=_describe(support),
+            reason=f"overlap {support.overlap:.2f}, fit {support.fit:.2f}, view {support.view:.2f}",
             overlap=support.overlap,
         )
 
@@ -129,7 +128,7 @@ class ClosureVerifier:
         )
         fitting = self._places(reference, candidate.key_new, found)
         if not fitting:
-            return _nothing_at(candidate)
+            return unmatched(*candidate.pair, "nothing fits")
         refined = self._config.verification.refined.deviations
         attempt = self._match_at(reference, candidate, fitting[0].T_old_new, refined)
         attempt = replace(attempt, places=tuple(fitting))
@@ -171,19 +170,21 @@ class ClosureVerifier:
         if neighbours is None:
             return [Agreement()] * len(T_ref_news)
         placements = compose(T_ref_news[:, None], neighbours.T_new_scans)
-        return self.judge.agreements(reference.judged, neighbours.scans, placements, least_overlap, least_fit)
+        return self._judge.agreements(reference.judged, neighbours.scans, placements, least_overlap, least_fit)
 
     def _neighbours_of(self, key_new: int) -> _Neighbours | None:
         """A key scan and its neighbours, None where none is asked; joined once, since several passes are tried."""
         if key_new in self._neighbours:
             return self._neighbours[key_new]
         asked = [key_new + offset for offset in self._config.support_offsets]
-        asked = [key for key in asked if 0 <= key < len(self._keys) and self.references.is_one_pass(key, key_new)]
+        asked = [key for key in asked if 0 <= key < len(self._keys) and self._references.is_one_pass(key, key_new)]
         found = None
         if asked:
             T_track_asked = np.array([self._keys[key].T_track_robot for key in asked])
             T_new_scans = between(self._keys[key_new].T_track_robot, T_track_asked)
-            found = _Neighbours(scans=self.judge.join([self._keys[key].scan for key in asked]), T_new_scans=T_new_scans)
+            found = _Neighbours(
+                scans=self._judge.join([self._keys[key].scan for key in asked]), T_new_scans=T_new_scans
+            )
         if len(self._neighbours) >= _REMEMBERED:
             del self._neighbours[next(iter(self._neighbours))]
         self._neighbours[key_new] = found
@@ -194,13 +195,3 @@ class ClosureVerifier:
         return (
             support.overlap >= config.min_overlap and support.fit >= config.min_fit and support.view >= config.min_view
         )
-
-
-def _nothing_at(candidate: Candidate) -> Attempt:
-    return Attempt(
-        key_old=candidate.key_old, key_new=candidate.key_new, match=None, accepted=False, reason="nothing fits"
-    )
-
-
-def _describe(support: Agreement) -> str:
-    return f"overlap {support.overlap:.2f}, fit {support.fit:.2f}, view {support.view:.2f}"
