@@ -104,7 +104,8 @@ def joint_information(
     steps = _steps(factors, k)
     anchors = _anchors(steps)
     starts = np.append(key_starts[anchors], key_starts[-1])
-    _, information = _of_points(poses[anchors], starts, walls, precision, filled=True)
+    scale, walls = precision / _SHARP, replace(walls, weights=_SHARP * walls.weights)
+    information = scale * _information(walls.normal_equations(poses[anchors], starts), len(anchors))
     _add_links(information, poses, steps, anchors)
     information[:3, :3] += np.eye(3) / _HELD
     known = diagonal_of_inverse(information)
@@ -113,7 +114,7 @@ def joint_information(
             matrix=information, anchors=anchors, anchor_of=anchors, placements=np.zeros((k, 3, 3)), covariances=known
         )
     # The points of a group hold it as a whole; where each of its key poses lies in it, its own points and steps say.
-    own, _ = _of_points(poses, key_starts, walls, precision)
+    own = scale * walls.normal_equations(poses, key_starts).diagonal
     placement = dense.inv(own + dense.inv(steps[np.maximum(np.arange(k) - 1, 0)]))
     members = np.diff(np.append(anchors, k))
     of = np.repeat(np.arange(len(anchors)), members)
@@ -165,27 +166,15 @@ def _add_links(
     blocks[last, :, last] += links
 
 
-def _of_points(
-    poses: NDArray[np.float64], starts: NDArray[np.int64], walls: Walls, precision: float, *, filled: bool = False
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Information of the points on the poses they hang on.
-
-    Returns:
-        (k, 3, 3) of each pose with the walls known, and, if filled, (3k, 3k) of all with the walls eliminated.
-    """
-    system = replace(walls, weights=_SHARP * walls.weights).normal_equations(poses, starts)
-    if filled:
-        order = np.argsort(system.line_of, kind="stable")
-        system = JointSystem(
-            system.diagonal, system.gradient, system.pose_of[order], system.line_of[order], system.blocks[order]
-        )
-    k = len(poses) if filled else 0
+def _information(system: JointSystem, k: int) -> NDArray[np.float64]:
+    """(3k, 3k) of k poses with the walls eliminated."""
+    order = np.argsort(system.line_of, kind="stable")
     information = np.zeros((3 * k, 3 * k))
-    if filled:
-        fill(system, information)
-    scale = precision / _SHARP
-    information *= scale
-    return scale * system.diagonal, information
+    fill(
+        system._replace(pose_of=system.pose_of[order], line_of=system.line_of[order], blocks=system.blocks[order]),
+        information,
+    )
+    return information
 
 
 def _steps(factors: Sequence[Factor], k: int) -> NDArray[np.float64]:

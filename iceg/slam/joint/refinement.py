@@ -8,7 +8,6 @@ every scan that sees a piece holds its line, and the line holds them together, a
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,14 +44,10 @@ class JointRefinement:
 
     Attributes:
         poses: (k, 3) T_map_robot of the key poses.
-        pieces: of wall.
-        steps: taken.
         error_before: half the sum of squared whitened residuals of the graph's factors at the start …
         error: … and in the end.
         residual_before: weighted root mean square distance of the points from the walls at the start [m] …
         residual: … and in the end [m].
-        on_walls_before: share of the points on their piece of wall (mean Cauchy weight) at the start …
-        on_walls: … and in the end.
         share: how much of the way from the graph's optimum to that of the points the steps went, 0 to 1: the least that
             one of them did.
         variance_factor: by which walls and factors contradict each other; in the covariances.
@@ -62,14 +57,10 @@ class JointRefinement:
     """
 
     poses: NDArray[np.float64]
-    pieces: int
-    steps: int
     error_before: float
     error: float
     residual_before: float
     residual: float
-    on_walls_before: float
-    on_walls: float
     walls: WallPieces
     share: float
     variance_factor: float = 1.0
@@ -138,18 +129,17 @@ def refine_jointly(
     """
     problem = Problem.of(factors, len(poses))
     part_of = np.searchsorted(np.asarray(parts, dtype=np.int64), np.arange(len(poses)), side="right")
-    room = _Room.of(len(clouds.points))
-    walls = _walls(clouds, poses, config, part_of, room)
-    pieces, on_walls, residual = (walls.piece_of, len(walls.lines)), walls.on_walls, walls.residual
-    refined, walls, shares = _descended(problem, poses, clouds, walls, config, part_of, room)
+    sight = _Sight(clouds, config, part_of)
+    first = sight.walls(poses)
+    refined, walls, shares = _descended(problem, poses, first, sight)
     # Judged on the pieces of the start: grouping anew changes the figures by chance.
-    last = walls if walls.piece_of is pieces[0] else _walls(clouds, refined, config, part_of, room, pieces)
+    last = walls if walls.piece_of is first.piece_of else sight.walls(refined, first)
     share = min(shares, default=0.0)
-    if last.on_walls < on_walls:
+    if last.on_walls < first.on_walls:
         refined, share = poses, 0.0
-        last = _walls(clouds, poses, config, part_of, room, pieces)
-    known = factors if believed is None else believed
-    del walls, room  # the covariances of a long run need more memory than any other stage
+        last = sight.walls(poses, first)
+    known, residual_before = factors if believed is None else believed, first.residual
+    del first, walls, sight  # the covariances of a long run need more memory than any other stage
     release_freed_memory()
     # As a whole the map may move, held by the prior alone: put the first pose back.
     back = compose(poses[0], inverse(refined[0]))
@@ -157,14 +147,10 @@ def refine_jointly(
     refined = compose(back, refined) if shares else poses
     return JointRefinement(
         poses=refined,
-        pieces=pieces[1],
-        steps=len(shares),
         error_before=float(problem.evaluate(poses).losses.sum()),
         error=float(problem.evaluate(refined).losses.sum()),
-        residual_before=residual,
+        residual_before=residual_before,
         residual=last.residual,
-        on_walls_before=on_walls,
-        on_walls=last.on_walls,
         walls=WallPieces.of(last, clouds.spreads, clouds.key_starts, back, config.on_wall_weight),
         share=share,
         variance_factor=factor,
@@ -174,23 +160,17 @@ def refine_jointly(
 
 
 def _descended(
-    problem: Problem,
-    poses: NDArray[np.float64],
-    clouds: Clouds,
-    walls: Walls,
-    config: JointRefinementConfig,
-    part_of: NDArray[np.int64],
-    room: "_Room",
+    problem: Problem, poses: NDArray[np.float64], walls: Walls, sight: "_Sight"
 ) -> tuple[NDArray[np.float64], Walls, list[float]]:
     """Steps from (k, 3) poses until they move no more: poses and walls there, and the points' share in each step."""
+    clouds, config = sight.clouds, sight.config
     shares: list[float] = []
     pull = _Pull.of(clouds, walls, poses, config)
     while len(shares) < config.steps and len(walls.lines):
         step = config.over_relaxation * _step(pull, problem.linearized(poses))
         poses = compose(poses, expmap(step))
         moved = np.hypot(step[:, 0], step[:, 1]).mean()
-        grouped = (walls.piece_of, len(walls.lines)) if moved < config.regroup_cells * config.cell else None
-        walls = _walls(clouds, poses, config, part_of, room, grouped)
+        walls = sight.walls(poses, walls if moved < config.regroup_cells * config.cell else None)
         before, pull = pull, _Pull.of(clouds, walls, poses, config)
         shares.append(_share(step, before, pull, config.over_relaxation))
         if moved < config.tolerance:
@@ -299,96 +279,73 @@ def _spread(n: int, most: int) -> tuple[int, ...]:
     return tuple(np.linspace(0, n - 1, min(most, n)).round().astype(int).tolist())
 
 
-class _Room(NamedTuple):
-    """Arrays of one row a point, which every look at the walls overwrites: new ones cost more than what they hold.
+class _Sight:
+    """Looks for the walls that scans at given poses see.
 
-    Attributes:
-        placed: (n, 2) points in the map [m] …
-        turned: … and their normals.
-        member: (n,) surfel of each.
-        residuals: (n,) distance from its line [m].
-        weights: (n,) Cauchy weights.
+    Every look overwrites the points, residuals and weights of the last: new arrays cost more than what they hold.
     """
 
-    placed: NDArray[np.float64]
-    turned: NDArray[np.float64]
-    member: NDArray[np.int64]
-    residuals: NDArray[np.float64]
-    weights: NDArray[np.float64]
-
-    @classmethod
-    def of(cls, n: int) -> "_Room":
-        """For so many points."""
-        return cls(np.empty((n, 2)), np.empty((n, 2)), np.empty(n, np.int64), np.empty(n), np.empty(n))
-
-
-def _walls(
-    clouds: Clouds,
-    poses: NDArray[np.float64],
-    config: JointRefinementConfig,
-    part_of: NDArray[np.int64],
-    room: _Room,
-    pieces: tuple[NDArray[np.int64], int] | None = None,
-) -> Walls:
-    """Pieces of wall with the scans at (k, 3) poses of (k,) parts; grouped anew unless given; overwrites the last."""
-    placed, turned, _, residuals, weights = room
-    T_map_scans = compose(poses[clouds.key_of_scan], clouds.T_key_scan)
-    kernels.place(T_map_scans, clouds.starts, clouds.points, clouds.normals, placed, turned)
-    if pieces is None:
+    def __init__(self, clouds: Clouds, config: JointRefinementConfig, part_of: NDArray[np.int64]) -> None:
+        """Of scans of (k,) parts, which share no walls."""
+        self.clouds, self.config = clouds, config
         # Far apart, parts share nothing.
-        apart = np.repeat(_APART * part_of, np.diff(clouds.key_starts)) if part_of.any() else None
-        pieces = _pieces(room, apart, config)
-    piece_of, n_pieces = pieces
-    lines = np.empty((n_pieces, 4))
-    total, squares = kernels.fit_lines(
-        placed,
-        turned,
-        clouds.spreads,
-        piece_of,
-        kernels.LineFit(config.scale, _LINE_ROUNDS, config.elongation, config.facing),
-        lines,
-        residuals,
-        weights,
-    )
-    return Walls(
-        placed=placed,
-        piece_of=piece_of,
-        lines=lines,
-        residuals=residuals,
-        weights=weights,
-        on_walls=total / max(1, int(np.count_nonzero(piece_of >= 0))),
-        residual=float(np.sqrt(squares / max(total, 1e-9))),
-    )
+        self._apart = np.repeat(_APART * part_of, np.diff(clouds.key_starts)) if part_of.any() else None
+        n = len(clouds.points)
+        self._placed, self._turned, self._surfel_of = np.empty((n, 2)), np.empty((n, 2)), np.empty(n, np.int64)
+        self._residuals, self._weights = np.empty(n), np.empty(n)
 
+    def walls(self, poses: NDArray[np.float64], grouped: Walls | None = None) -> Walls:
+        """Pieces of wall with the scans at (k, 3) poses; the points are grouped anew unless by walls seen before."""
+        clouds, config = self.clouds, self.config
+        T_map_scans = compose(poses[clouds.key_of_scan], clouds.T_key_scan)
+        kernels.place(T_map_scans, clouds.starts, clouds.points, clouds.normals, self._placed, self._turned)
+        piece_of, n_pieces = self._pieces() if grouped is None else (grouped.piece_of, len(grouped.lines))
+        lines = np.empty((n_pieces, 4))
+        total, squares = kernels.fit_lines(
+            self._placed,
+            self._turned,
+            clouds.spreads,
+            piece_of,
+            kernels.LineFit(config.scale, _LINE_ROUNDS, config.elongation, config.facing),
+            lines,
+            self._residuals,
+            self._weights,
+        )
+        return Walls(
+            placed=self._placed,
+            piece_of=piece_of,
+            lines=lines,
+            residuals=self._residuals,
+            weights=self._weights,
+            on_walls=total / max(1, int(np.count_nonzero(piece_of >= 0))),
+            residual=float(np.sqrt(squares / max(total, 1e-9))),
+        )
 
-def _pieces(
-    room: _Room, apart: NDArray[np.float64] | None, config: JointRefinementConfig
-) -> tuple[NDArray[np.int64], int]:
-    """(n,) piece of each point, -1 without a normal, and their number; the surfel with most points begins the first.
-
-    Points are taken as if they lay (n,) `apart` along x [m].
-    """
-    placed, turned, member, _, _ = room
-    if len(placed) == 0:
-        return np.empty(0, np.int64), 0
-    if apart is not None:
-        placed = placed + np.column_stack([apart, np.zeros(len(placed))])
-    surfels, keys, surfel_at = kernels.surfels(placed, turned, config.cell, config.cell_facing, member)
-    order = np.argsort(-surfels[:, 4], kind="stable")
-    piece = np.empty(len(surfels) + 1, np.int64)
-    n_pieces = kernels.group(
-        surfels,
-        order,
-        config.cell,
-        config.half_length,
-        config.half_width,
-        config.facing,
-        keys,
-        surfel_at,
-        piece[:-1],
-    )
-    piece[-1] = -1
-    return piece[member], n_pieces
+    def _pieces(self) -> tuple[NDArray[np.int64], int]:
+        """(n,) piece of each point, -1 without a normal, and how many; the surfel with most points begins the first."""
+        placed, config = self._placed, self.config
+        if len(placed) == 0:
+            return np.empty(0, np.int64), 0
+        if self._apart is not None:
+            placed = placed + np.column_stack([self._apart, np.zeros(len(placed))])
+        surfels, keys, surfel_at = kernels.surfels(
+            placed, self._turned, config.cell, config.cell_facing, self._surfel_of
+        )
+        order = np.argsort(-surfels[:, 4], kind="stable")
+        piece = np.empty(len(surfels) + 1, np.int64)
+        n_pieces = kernels.group(
+            surfels,
+            order,
+            config.cell,
+            config.half_length,
+            config.half_width,
+            config.facing,
+            keys,
+            surfel_at,
+            piece[:-1],
+        )
+        piece[-1] = -1
+        return piece[self._surfel_of], n_pieces
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
