@@ -50,12 +50,8 @@ class CompletedMatcher:
     def __init__(self, matcher: Matcher, judge: IceMatcher | None = None) -> None:
         """Complete a matcher; ICE with its defaults judges unless another is given."""
         self._matcher = matcher
-        self._judge = judge or IceMatcher()
-
-    @property
-    def judge(self) -> IceMatcher:
+        self.judge = judge or IceMatcher()
         """See `MapMatcher`."""
-        return self._judge
 
     def judged(self, reference: JudgedReference) -> LocalMap:
         """See `MapMatcher`."""
@@ -67,7 +63,7 @@ class CompletedMatcher:
             scans=list(scans),
             T_ref_scans=list(T_ref_scans),
             matched=self._matcher.prepare(scans, T_ref_scans),
-            local_map=self._judge.prepare(scans, T_ref_scans),
+            local_map=self.judge.prepare(scans, T_ref_scans),
         )
 
     def match(
@@ -96,11 +92,11 @@ class CompletedMatcher:
         reference.scans.append(scan)
         reference.T_ref_scans.append(T_ref_scan)
         reference.matched = self._matcher.prepare(list(reference.scans), np.array(reference.T_ref_scans))
-        self._judge.extend(reference.local_map, scan, T_ref_scan)
+        self.judge.extend(reference.local_map, scan, T_ref_scan)
 
     def agreement(self, reference: JudgedReference, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
         """What the judge says."""
-        return self._judge.agreement(reference.local_map, scan, T_ref_cur)
+        return self.judge.agreement(reference.local_map, scan, T_ref_cur)
 
     def match_near(
         self, reference: JudgedReference, scan: Scan, T_ref_guess: NDArray[np.float64]
@@ -110,7 +106,7 @@ class CompletedMatcher:
         Most matchers take no prior: along what is weak they do not stay at the guess but slide. The judge's pose is
         known to centimetres only: it keeps the scan from where it is not, and leaves the rest to odometry.
         """
-        held = self._judge.match_near(reference.local_map, scan, T_ref_guess)
+        held = self.judge.match_near(reference.local_map, scan, T_ref_guess)
         if isinstance(held, NoMatch):
             return held
         match = self.match(reference, scan, held.T_ref_cur, NEAR)
@@ -126,7 +122,7 @@ class CompletedMatcher:
         covariance_guess: NDArray[np.float64],
     ) -> list[NDArray[np.float64]]:
         """Where the judge finds that it fits."""
-        return self._judge.alternatives(reference.local_map, scan, T_ref_guess, covariance_guess)
+        return self.judge.alternatives(reference.local_map, scan, T_ref_guess, covariance_guess)
 
     def follow(
         self,

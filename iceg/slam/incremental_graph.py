@@ -18,6 +18,8 @@ from iceg.slam.track import KeyScan, Track
 
 _BEHIND = 8
 """Key scans that wait for their search for loops; for each so many more, one more match is made with every scan."""
+_ENDED = object()
+"""Instead of a pause, from a search that has come to its end."""
 
 
 class IncrementalGraph:
@@ -87,12 +89,7 @@ class IncrementalGraph:
 
     def _one_match(self) -> None:
         """Go on with the search that runs, or begin the next that is due."""
-        while True:
-            try:
-                next(self._search)
-            except StopIteration:
-                if not self._waiting or self._waiting[0] + self._lookahead >= len(self._keys):
-                    return
-                self._search = self._back_end.search(self._waiting.popleft())
-            else:
+        while next(self._search, _ENDED) is _ENDED:
+            if not self._waiting or self._waiting[0] + self._lookahead >= len(self._keys):
                 return
+            self._search = self._back_end.search(self._waiting.popleft())

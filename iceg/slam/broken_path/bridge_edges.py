@@ -35,7 +35,7 @@ class BridgeEdges:
         self._config = config
         path, end = track.path, config.failures.log_end
         inner = (path > end) & (path < path[-1] - end)
-        spanned = closures_across(factors, len(track.keys), config)
+        spanned = self.closures_across(factors)
         settling = config.failures.settling_closures
         self.failures = {
             key: failure
@@ -84,18 +84,18 @@ class BridgeEdges:
         unexplained = 1.0 - _score(self._keys[key])
         return self.failures[key].rank + unexplained if key in self.failures else unexplained
 
+    def closures_across(self, factors: Sequence[Factor]) -> NDArray[np.int64]:
+        """(k,) how many closures span the step that leads to each key pose, with all the key scans they rest on."""
+        closures = [(factor.i, factor.j) for factor in factors if factor.kind == "closure"]
+        ends = np.sort(np.array(closures, dtype=np.int64).reshape(-1, 2), axis=1)
+        rest_on = np.array([self._config.reference_half, min(self._config.support_offsets)])
+        return _spanning(ends + rest_on, len(self._keys))
+
     def update(self, factors: Sequence[Factor]) -> None:
         """Leave out the steps that the closures of a graph span by now."""
-        spanned = closures_across(factors, len(self._keys), self._config)
+        spanned = self.closures_across(factors)
         self.is_bridge &= (spanned == 0) | (self._weak & (spanned < self._config.failures.settling_closures))
         self.is_bridge[list(self.failures)] = True
-
-
-def closures_across(factors: Sequence[Factor], n_keys: int, config: LoopClosureConfig) -> NDArray[np.int64]:
-    """(n_keys,) how many closures span the step that leads to each key pose, with all the key scans they rest on."""
-    closures = [(factor.i, factor.j) for factor in factors if factor.kind == "closure"]
-    ends = np.sort(np.array(closures, dtype=np.int64).reshape(-1, 2), axis=1)
-    return _spanning(ends + np.array([config.reference_half, min(config.support_offsets)]), n_keys)
 
 
 def _spanning(ends: NDArray[np.int64], n_keys: int) -> NDArray[np.int64]:

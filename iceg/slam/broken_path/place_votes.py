@@ -78,17 +78,11 @@ class PlaceVotes:
     def __init__(self, config: LoopClosureConfig) -> None:
         self._config = config.votes
         self._tolerances = config.verification
-        self._keys = np.empty((0, 2), dtype=np.int64)
-        self._places = np.empty((0, 4))
-        self._searched: set[int] = set()
+        self._recent: list[Attempt] = []
 
     def add(self, attempt: Attempt) -> None:
-        """Keep the places where the newest key scan fits, if any."""
-        self._searched.add(attempt.key_new)
-        if attempt.places:
-            rows = np.array([[*place.T_old_new, place.misfit] for place in attempt.places])
-            ends = np.tile([attempt.key_old, attempt.key_new], (len(rows), 1))
-            self._keys, self._places = np.vstack([self._keys, ends]), np.vstack([self._places, rows])
+        """Keep an attempt of the newest key scan, with the places where it fits, if any."""
+        self._recent.append(attempt)
 
     def of(self, attempt: Attempt, poses: NDArray[np.float64]) -> Vote:
         """What speaks for the place where an attempt puts the newest key scan.
@@ -111,18 +105,19 @@ class PlaceVotes:
             count=len(here.misfits),
             rival=0 if rival is None else len(rival.misfits),
             apart=0.0 if rival is None else float(np.hypot(*(rival.T_map_key - here.T_map_key)[:2])),
-            searched=sum(key >= min(here.misfits) for key in self._searched),
+            searched=len({a.key_new for a in self._recent if a.key_new >= min(here.misfits)}),
             misfit=sum(here.misfits.values()) / len(here.misfits),
         )
 
     def _voted(self, key: int, poses: NDArray[np.float64]) -> Sequence[_Voted]:
         """The distinct places of the newest key scan, those it fits best first."""
         first = key - self._tolerances.partner_keys
-        recent = self._keys[:, 1] >= first
-        self._keys, self._places = self._keys[recent], self._places[recent]
-        self._searched = {searched for searched in self._searched if searched >= first}
-        (old, new), misfits = self._keys.T, self._places[:, 3]
-        T_map_new = compose(poses[old], self._places[:, :3])
+        self._recent = [attempt for attempt in self._recent if attempt.key_new >= first]
+        fits = [(attempt, place) for attempt in self._recent for place in attempt.places]
+        old, new = np.array([attempt.pair for attempt, _ in fits], dtype=np.int64).reshape(-1, 2).T
+        T_old_new = np.array([place.T_old_new for _, place in fits]).reshape(-1, 3)
+        misfits = np.array([place.misfit for _, place in fits])
+        T_map_new = compose(poses[old], T_old_new)
         T_map_key = compose(T_map_new, between(poses[new], poses[key]))
         found: list[_Voted] = []
         own = np.flatnonzero(new == key)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.se2 import compose, inverse
-from iceg.slam.broken_path.bridge_edges import BridgeEdges, closures_across
+from iceg.slam.broken_path.bridge_edges import BridgeEdges
 from iceg.slam.broken_path.estimate import Estimate
 from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
 from iceg.slam.broken_path.path_break import Break, FailureKind, Outcome, TrackingFailure
@@ -253,8 +253,7 @@ class _Relocalisation:
 
     def _against_the_path(self, key: int, fit: FitCount) -> FitCount:
         """The same count, the closures that span the step to a key pose speaking against it, too."""
-        spanning = closures_across(self._now.factors, len(self._now.poses), self._config)[key]
-        return replace(fit, against=fit.against + int(spanning))
+        return replace(fit, against=fit.against + int(self._steps.closures_across(self._now.factors)[key]))
 
     def _tell(self, hypothesis: Hypothesis) -> None:
         """Say what is too little to act on, where odometry and match contradict each other and nothing else agrees."""

@@ -132,8 +132,6 @@ class EarlierPasses:
         offsets = poses[:n_old, :2] - poses[key_new, :2]
         may_see &= (offsets * offsets).sum(axis=1) < (reach + 2.0 * self._config.view_distance) ** 2
         old = np.flatnonzero(may_see)
-        if not len(old):
-            return []
         views = self._views(poses[np.append(old, key_new)])
         far = np.hypot(*(views[:-1] - views[-1]).T)
         near = np.flatnonzero(far < reach)

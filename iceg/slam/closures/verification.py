@@ -73,9 +73,8 @@ class ClosureVerifier:
         if candidate.deviations[0] > self._config.verification.uncertain_distance:
             return self._nearest(reference, candidate, self._match_wide(reference, candidate))
         near = np.minimum(candidate.deviations, trusted.deviations)
-        is_near = candidate.deviations[0] <= trusted.distance
-        attempt = self._match_at(reference, candidate, candidate.T_old_new, near)
-        if is_near or attempt.accepted:
+        attempt = self._match_at(reference, replace(candidate, deviations=near))
+        if candidate.deviations[0] <= trusted.distance or attempt.accepted:
             return attempt
         wide = self._match_wide(reference, candidate)
         return attempt if wide.match is None else wide
@@ -85,7 +84,7 @@ class ClosureVerifier:
         if not wide.is_ambiguous:
             return wide
         trusted = self._config.verification.trusted.deviations
-        attempt = self._match_at(reference, candidate, candidate.T_old_new, trusted)
+        attempt = self._match_at(reference, replace(candidate, deviations=trusted))
         if attempt.match is None or not attempt.accepted:
             return wide
         here = self._places(reference, candidate.key_new, [attempt.match.T_ref_cur])
@@ -97,16 +96,11 @@ class ClosureVerifier:
         here = Candidate(key_old=key_old, key_new=key_new, T_old_new=np.zeros(3), deviations=deviations)
         return self._match_wide(self._references.around(key_old, poses), here)
 
-    def _match_at(
-        self,
-        reference: Reference,
-        candidate: Candidate,
-        T_old_guess: NDArray[np.float64],
-        deviations: NDArray[np.float64],
-    ) -> Attempt:
+    def _match_at(self, reference: Reference, candidate: Candidate) -> Attempt:
         """Match once, around a guess."""
         old, new = candidate.pair
-        found = self._matcher.match(reference.matched, self._keys[new].scan, T_old_guess, np.diag(deviations**2))
+        guess, covariance = candidate.T_old_new, np.diag(candidate.deviations**2)
+        found = self._matcher.match(reference.matched, self._keys[new].scan, guess, covariance)
         if isinstance(found, NoMatch):
             return unmatched(old, new, found.reason)
         (support,) = self._supports(reference, new, found.T_ref_cur[None])
@@ -130,7 +124,8 @@ class ClosureVerifier:
         if not fitting:
             return unmatched(*candidate.pair, "nothing fits")
         refined = self._config.verification.refined.deviations
-        attempt = self._match_at(reference, candidate, fitting[0].T_old_new, refined)
+        there = replace(candidate, T_old_new=fitting[0].T_old_new, deviations=refined)
+        attempt = self._match_at(reference, there)
         attempt = replace(attempt, places=tuple(fitting))
         if len(fitting) > 1:
             return replace(attempt, accepted=False, reason=f"{len(fitting)} places fit; {attempt.reason}")
