@@ -49,8 +49,8 @@ def test_drift_of_a_straight_path_has_the_closed_form() -> None:
     # n·p + q·Σ (distance left)², the distances being n-1 … 0.
     n, p, q = 20, 1e-4, 1e-5
     drift = Drift()
-    for key in range(1, n + 1):
-        drift.add(key, (np.diag([p, p, q]),), (np.diag([p, p, q]),))
+    for _ in range(n):
+        drift.add((np.diag([p, p, q]),), (np.diag([p, p, q]),))
     poses = np.column_stack([np.arange(n + 1.0), np.zeros(n + 1), np.zeros(n + 1)])
     position, heading = drift.spread(n, poses).since(0)
     assert position == pytest.approx((n * p + q * sum(k * k for k in range(n))) ** 0.5)
@@ -59,8 +59,8 @@ def test_drift_of_a_straight_path_has_the_closed_form() -> None:
 
 def test_a_closure_ends_the_drift_before_it() -> None:
     drift = Drift()
-    for key in range(1, 11):
-        drift.add(key, (np.eye(3),), (np.diag([1e-4, 1e-4, 0.0]),))
+    for _ in range(10):
+        drift.add((np.eye(3),), (np.diag([1e-4, 1e-4, 0.0]),))
     poses = np.zeros((11, 3))
     drift.close(6)
     assert drift.spread(10, poses).since(0)[0] == pytest.approx((4 * 1e-4) ** 0.5)
@@ -70,7 +70,7 @@ def test_a_closure_ends_the_drift_before_it() -> None:
 def test_several_measurements_of_a_step_are_fused_and_the_wider_direction_counts() -> None:
     drift = Drift()
     measured = (np.diag([4e-4, 1e-4, 2e-4]), np.diag([4e-4, 3e-4, 2e-4]))
-    drift.add(1, measured, measured)
+    drift.add(measured, measured)
     position, heading = drift.spread(1, np.zeros((2, 3))).since(0)
     assert position == pytest.approx(np.sqrt(2e-4))
     assert heading == pytest.approx(np.sqrt(1e-4))
@@ -80,8 +80,8 @@ def test_the_covariance_of_a_path_is_that_of_its_steps_seen_from_its_end() -> No
     # A step that may turn by q, then 3 m straight on: the end is off by 3 m times the turn, across; a turn on the spot
     # before it has no part in it.
     drift = Drift()
-    for key, step in enumerate((np.diag([0.0, 0.0, 1.0]), np.diag([1e-4, 2e-4, 1e-4]), np.zeros((3, 3))), 1):
-        drift.add(key, (step,), (np.eye(3),))
+    for step in (np.diag([0.0, 0.0, 1.0]), np.diag([1e-4, 2e-4, 1e-4]), np.zeros((3, 3))):
+        drift.add((step,), (np.eye(3),))
     poses = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [4.0, 0.0, 0.0]])
     expected = [[1e-4, 0.0, 0.0], [0.0, 2e-4 + 9e-4, 3e-4], [0.0, 3e-4, 1e-4]]
     np.testing.assert_allclose(drift.covariance(1, 3, poses), expected, atol=1e-9)

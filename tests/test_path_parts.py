@@ -34,10 +34,10 @@ def test_what_is_tied_to_what_is_tied_holds_together_whatever_came_first() -> No
 
 def test_a_part_of_which_nothing_else_is_known_moves_with_the_one_before() -> None:
     parts = PathParts(50, [10, 20, 40], {30: 25})  # what begins at 20 and at 30 is one
-    moving = parts.moving_with(parts.whole == 10)
+    moving = parts.moved_by(_claim(0, 12), 10)
     assert set(np.flatnonzero(moving)) == _keys((10, 50))
     tied = PathParts(50, [10, 40], {20: 5, 30: 12})
-    assert set(np.flatnonzero(tied.moving_with(tied.whole == 10))) == _keys((10, 20), (30, 50))
+    assert set(np.flatnonzero(tied.moved_by(_claim(0, 12), 10))) == _keys((10, 20), (30, 50))
 
 
 def test_a_set_is_a_hypothesis_for_each_two_parts_it_speaks_of() -> None:

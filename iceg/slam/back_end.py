@@ -22,7 +22,7 @@ from iceg.slam.broken_path.path_break import Break, FailureKind, TrackingFailure
 from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, unsettled
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.broken_path.view_change import ViewChanges, judged_by_view
-from iceg.slam.closures.attempt import Attempt, are_consistent
+from iceg.slam.closures.attempt import Attempt, are_consistent, closure_factor
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import Forbids, LoopCloser
@@ -113,7 +113,7 @@ class BackEnd:
             unknown = self._config.failures.unknown.covariance
             self.graph.add_odometry(key - 1, key, step, unknown)
             known, searched = [unknown], [unknown]
-        self._drift.add(key, tuple(known), tuple(searched))
+        self._drift.add(tuple(known), tuple(searched))
 
     @property
     def poses(self) -> NDArray[np.float64]:
@@ -161,20 +161,15 @@ class BackEnd:
             return "alone and far off"
         return f"perceptual aliasing, {unclear[0].count} key scans fit one place and {unclear[0].rival} another"
 
-    def _is_search_due(self) -> bool:
-        config = self._config
-        seldom = config.confirmed.spacing if self._is_confirmed else 1.0
-        distance, turn = (self._since_search / seldom).tolist()
-        return bool(distance > config.spacing or turn > config.spacing_angle)
-
     def search(self, key: int) -> Iterator[None]:
         """Look for loops at the key pose next to the last one asked for, if that is due; pauses after each match.
 
         Later key poses may be in the graph already: they move along.
         """
-        motion = self._track.keys[key].motion
+        motion, config = self._track.keys[key].motion, self._config
         self._since_search += (motion.distance, motion.turn)
-        if self._is_search_due():
+        seldom = config.confirmed.spacing if self._is_confirmed else 1.0
+        if (self._since_search / seldom > (config.spacing, config.spacing_angle)).any():
             yield from self._search(key)
 
     def _search(self, key: int) -> Iterator[None]:
@@ -292,9 +287,8 @@ class BackEnd:
         if not attempt.accepted:
             attempt = replace(attempt, accepted=True, reason=f"here its neighbours fit best; {attempt.reason}")
             self.attempts[index] = attempt
-        assert attempt.match is not None
         self.n_closed += 1
-        self.graph.add_closure(attempt.key_old, attempt.key_new, attempt.match, None)
+        self.graph.add(closure_factor(attempt))
 
 
 def _offset(attempt: Attempt, poses: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """How uncertain the path is since the last loop closure: how wide to search for the next, and what to believe."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -37,17 +38,16 @@ class Drift:
         for steps in (self._steps, self._searched):
             steps.append(np.zeros((3, 3)))  # no step leads to the first key pose
         self._last_closure = 0
-        self._new: list[tuple[int, Covariances, Covariances]] = []
+        self._new: list[tuple[Covariances, Covariances]] = []
 
-    def add(self, key: int, covariances: Covariances, searched: Covariances) -> None:
-        """Add the step that leads to a key pose.
+    def add(self, covariances: Covariances, searched: Covariances) -> None:
+        """Add the step that leads to the next key pose.
 
         Args:
-            key: the key pose, the next one.
             covariances: (3, 3) of each independent measurement of the step …
             searched: … and those that a search relies on, which may be wider.
         """
-        self._new.append((key, covariances, searched))
+        self._new.append((covariances, searched))
 
     def close(self, key: int) -> None:
         """A closure at `key` ends the drift of everything before it."""
@@ -90,15 +90,13 @@ class Drift:
         """Take in the new steps, all at once."""
         if not self._new:
             return
-        assert self._new[0][0] == len(self._steps), "steps come in order"
-        for covariance in _fused([covariances for _, covariances, _ in self._new]):
-            self._steps.append(covariance)
-        for covariance in _fused([searched for _, _, searched in self._new]):
-            self._searched.append(covariance)
+        for steps, measured in zip((self._steps, self._searched), zip(*self._new, strict=True), strict=True):
+            for covariance in _fused(measured):
+                steps.append(covariance)
         self._new.clear()
 
 
-def _fused(steps: list[Covariances]) -> NDArray[np.float64]:
+def _fused(steps: Sequence[Covariances]) -> NDArray[np.float64]:
     """(n, 3, 3) what the measurements of each step know together."""
     measured = np.array([each for covariances in steps for each in covariances])
     if len(measured) == len(steps):

@@ -4,7 +4,7 @@ Put as it says, do the scans after the break agree with what was seen there befo
 chance one after the other, and where they do at both places, nothing is decided.
 """
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from math import log
 
@@ -83,13 +83,14 @@ class HypothesisVerifier:
             hypothesis: what is claimed.
             poses: (k, 3) T_map_robot; those before the break are believed.
         """
-        seen = (
-            candidate
-            for key, nearest in self._to_verify(hypothesis)
-            for candidate in self._around(key, self._put_by(nearest, key, poses), poses, hypothesis)
+        seen = []
+        for key, nearest in self._to_verify(hypothesis):
+            # Key scans lie to the later end of the closure as the front end saw them.
+            T_near_key = between(self._keys[nearest.key_new].T_track_robot, self._keys[key].T_track_robot)
+            around = self._around(key, compose(closed_pose(nearest, poses), T_near_key), poses, hypothesis)
             # other passes may have drifted away from this one
-            if abs(self._path[candidate.key_old] - self._path[nearest.key_old]) <= self._config.pass_length
-        )
+            most, at = self._config.pass_length, self._path[nearest.key_old]
+            seen += [candidate for candidate in around if abs(self._path[candidate.key_old] - at) <= most]
         return self._count(seen, poses)
 
     def of_estimate(
@@ -102,12 +103,12 @@ class HypothesisVerifier:
             poses: (k, 3) T_map_robot.
             among: (k,) the key poses that the scans are compared with; all before the break if left out.
         """
-        seen = (
+        seen = [
             candidate
             for key, _ in self._to_verify(hypothesis)
             for candidate in self._around(key, poses[key], poses, hypothesis)
             if among is None or among[candidate.key_old]
-        )
+        ]
         return self._count(seen, poses)
 
     def _to_verify(self, hypothesis: Hypothesis) -> list[tuple[int, Attempt]]:
@@ -119,11 +120,6 @@ class HypothesisVerifier:
         near = near[:: max(1, -(-len(near) // self._config.max_keys))]
         return [(int(keys[k]), hypothesis.closures[int(far[k].argmin())]) for k in near]
 
-    def _put_by(self, closure: Attempt, key: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(3,) T_map_robot of a key pose that lies to the later end of a closure as the front end saw it."""
-        T_near_key = between(self._keys[closure.key_new].T_track_robot, self._keys[key].T_track_robot)
-        return compose(closed_pose(closure, poses), T_near_key)
-
     def _around(
         self, key: int, T_map_key: NDArray[np.float64], poses: NDArray[np.float64], hypothesis: Hypothesis
     ) -> list[Candidate]:
@@ -132,7 +128,7 @@ class HypothesisVerifier:
         supposed[key] = T_map_key
         return self._closer.passes.within(key, supposed, self._config.scan.deviations, hypothesis.key)
 
-    def _count(self, seen: Iterator[Candidate], poses: NDArray[np.float64]) -> FitCount:
+    def _count(self, seen: Sequence[Candidate], poses: NDArray[np.float64]) -> FitCount:
         agreeing, against = [], 0
         for candidate in seen:
             attempt = self._closer.match(candidate, poses)

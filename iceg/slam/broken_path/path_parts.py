@@ -23,7 +23,7 @@ class PathParts:
             open_steps: key poses whose step from the one before is not known.
             ties: the same where the step is known not to hold, each with another key pose that closures tie it to.
         """
-        self._open = sorted(open_steps)
+        self._open, self._ties = sorted(open_steps), ties
         self.starts = sorted({0, *self._open, *ties})
         """The first key pose of every part."""
         part = np.searchsorted(self.starts, np.arange(n_keys), side="right") - 1
@@ -42,13 +42,24 @@ class PathParts:
         """The key pose after the last of the part that `key` is in."""
         return min((start for start in self.starts if start > key), default=len(self.whole))
 
-    def moving_with(self, keys: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """(n_keys,) what moves when some key poses do: parts of which nothing else is known follow the one before.
+    def moved_by(self, closure: Attempt, key: int) -> NDArray[np.bool_]:
+        """(n_keys,) what a closure moves: the part that begins at a key pose, and what holds together with it.
+
+        Parts of which nothing else is known follow the one before.
 
         Args:
-            keys: (n_keys,) which do.
+            closure: between two parts; between key poses of one, what is tied to the part at `key` goes with it.
+            key: the first key pose of a part.
         """
-        moving = keys.copy()
+        whole_old, whole_new = self.of(closure)
+        moving = np.zeros(len(self.whole), dtype=np.bool_)
+        if whole_old != whole_new:
+            moving |= self.whole == key
+        else:
+            moving[key : self.end_of(key)] = True
+            for start, other in sorted(self._ties.items()):
+                if moving[other] and not moving[start]:
+                    moving[start : self.end_of(start)] = True
         for start in self._open:
             if moving[start - 1] and self.whole[start] == start:
                 moving |= self.whole == start

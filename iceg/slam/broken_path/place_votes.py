@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from graph.se2 import between, compose
 from iceg.slam.agreement import agree, are_small
 from iceg.slam.closure_config import PlaceVotesConfig
-from iceg.slam.closures.attempt import Attempt
+from iceg.slam.closures.attempt import Attempt, closed_pose
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.track import Track
@@ -91,9 +91,7 @@ class PlaceVotes:
             attempt: one that matched, its places among those added.
             poses: (n, 3) estimates, good between neighbouring key poses.
         """
-        assert attempt.match is not None
-        places = self._voted(attempt.key_new, poses)
-        claimed = compose(poses[attempt.key_old], attempt.match.T_ref_cur)
+        places, claimed = self._voted(attempt.key_new, poses), closed_pose(attempt, poses)
         here = next((place for place in places if self._is_one_place(claimed, place)), None)
         if here is None:
             return Vote(first=attempt.key_new, last=attempt.key_new, count=1)

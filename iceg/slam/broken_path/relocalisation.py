@@ -289,8 +289,8 @@ class _Relocalisation:
         is_broad = hypothesis.breadth >= self._config.place_confirmations
         if not (fit.is_sure or (is_known and is_broad and not self._looks_again)):
             return _Decision.OPEN
-        correction = hypothesis.correction(self._now.poses)
-        moving = self._moving(key, hypothesis)
+        first, correction = hypothesis.closures[0], hypothesis.correction(self._now.poses)
+        moving = self._parts().moved_by(first, key)
         if not moving[min(closure.key_new for closure in hypothesis.closures)]:
             correction = inverse(correction)
         self._note(key, Outcome.JOINED if is_known else Outcome.CONTRADICTED, closures, correction)
@@ -298,7 +298,6 @@ class _Relocalisation:
         self._steps.is_bridge[key] = False
         if not is_known:
             return _Decision.SETTLED
-        first = hypothesis.closures[0]
         self._ties[key] = first.key_old if moving[first.key_new] else first.key_new
         self._now = self._now.moved(key, closures, correction, moving, self._config.verification.near)
         self._steps.update(self._now.factors)
@@ -319,18 +318,6 @@ class _Relocalisation:
     def _parts(self) -> PathParts:
         """The parts of the path as far as they are known."""
         return PathParts(len(self._now.poses), self._lost(), self._ties)
-
-    def _moving(self, key: int, hypothesis: Hypothesis) -> NDArray[np.bool_]:
-        """(k,) which key poses a hypothesis moves: the part that begins at `key`, and what holds together with it."""
-        parts, first = self._parts(), hypothesis.closures[0]
-        moving = parts.whole == key
-        if parts.whole[first.key_old] == parts.whole[first.key_new]:
-            moving = np.zeros(len(moving), dtype=np.bool_)
-            moving[key : parts.end_of(key)] = True
-            for start, other in sorted(self._ties.items()):
-                if moving[other] and not moving[start]:
-                    moving[start : parts.end_of(start)] = True
-        return parts.moving_with(moving)
 
     def _part(self, key: int) -> None:
         """Nothing sure ties what follows a break to what was before, unless the closures across pass verification.

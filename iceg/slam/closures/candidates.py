@@ -63,8 +63,7 @@ class EarlierPasses:
         """
         self._config = config
         self._keys = track.keys
-        self._parts = np.sort(np.asarray(parts, dtype=np.int64))
-        self._part: GrowingRows[np.int64] = GrowingRows((), np.int64)
+        self._parts = parts
         self._path: GrowingRows[np.float64] = GrowingRows((), np.float64)
         self._searchable: GrowingRows[np.bool_] = GrowingRows((), np.bool_)
         self.extend()
@@ -74,7 +73,6 @@ class EarlierPasses:
         for index in range(len(self._path), len(self._keys)):
             before = self._path.rows[-1] if index else 0.0
             self._path.append(before + self._keys[index].motion.distance)
-            self._part.append(np.searchsorted(self._parts, index, side="right"))
             self._searchable.append(True)
 
     @property
@@ -125,9 +123,10 @@ class EarlierPasses:
 
     def _nearest(self, key_new: int, poses: NDArray[np.float64], reach: float, piece: int) -> list[tuple[float, int]]:
         """Distance of the views and key pose of each piece of an earlier pass within reach, nearest first."""
-        path, part = self._path.rows, self._part.rows
+        path = self._path.rows
         n_old = int(np.searchsorted(path, path[key_new] - self._config.min_path))
-        may_see = self.searchable[:n_old] & (part[:n_old] == part[key_new])
+        may_see = self.searchable[:n_old].copy()
+        may_see[: max((start for start in self._parts if start <= key_new), default=0)] = False
         # No view is nearer than its robot, less twice the distance of a view.
         offsets = poses[:n_old, :2] - poses[key_new, :2]
         may_see &= (offsets * offsets).sum(axis=1) < (reach + 2.0 * self._config.view_distance) ** 2
