@@ -378,7 +378,7 @@ def solution(office: Simulation, matcher: IceMatcher, track: Track) -> Solution:
 
 
 def test_points_of_key_scans_and_of_scans_between(office: Simulation, track: Track) -> None:
-    alone = key_clouds(track, None, JointRefinementConfig())
+    alone = key_clouds(track, office.log.scan, JointRefinementConfig(scans_per_key=1))
     assert alone.key_of_scan.tolist() == list(range(len(track.keys)))
     whole = key_clouds(track, office.log.scan, JointRefinementConfig(scans_per_key=100))
     assert len(whole.key_of_scan) == len(office.log)
@@ -392,9 +392,9 @@ def test_points_of_key_scans_and_of_scans_between(office: Simulation, track: Tra
     assert third.stand_for == pytest.approx(3.0, rel=0.4)
 
 
-def test_points_that_stand_for_many_tell_more(solution: Solution, track: Track) -> None:
-    config = JointRefinementConfig(max_points=20_000)
-    clouds, factors = key_clouds(track, None, config), solution.graph.factors
+def test_points_that_stand_for_many_tell_more(solution: Solution, track: Track, office: Simulation) -> None:
+    config = JointRefinementConfig(max_points=20_000, scans_per_key=1)
+    clouds, factors = key_clouds(track, office.log.scan, config), solution.graph.factors
     few, some, many = (
         refine_jointly(factors, solution.poses, replace(clouds, stand_for=n), config) for n in (1.0, 4.0, 32.0)
     )
@@ -407,9 +407,9 @@ def test_points_that_stand_for_many_tell_more(solution: Solution, track: Track) 
     assert 0.25**3 < np.median(ratio) < 0.5**3
 
 
-def test_points_whose_variances_are_larger_tell_less(solution: Solution, track: Track) -> None:
-    config = JointRefinementConfig(max_points=20_000)
-    clouds, factors = key_clouds(track, None, config), solution.graph.factors
+def test_points_whose_variances_are_larger_tell_less(solution: Solution, track: Track, office: Simulation) -> None:
+    config = JointRefinementConfig(max_points=20_000, scans_per_key=1)
+    clouds, factors = key_clouds(track, office.log.scan, config), solution.graph.factors
     usual, doubted = (
         refine_jointly(factors, solution.poses, replace(clouds, variance_scale=scale), config).information
         for scale in (1.0, 4.0)

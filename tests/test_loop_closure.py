@@ -380,7 +380,8 @@ def test_loops_and_finish_bring_the_office_back_together(
         track, motions_of(track, office.log.odometry, OdometryModel()), matcher, PoseGraphConfig(), LoopClosureConfig()
     )
     found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), FinishConfig(), PoseGraphConfig())
-    finished = refined(found, rounds, track, matcher, LoopClosureConfig(), FinishConfig())
+    config = FinishConfig()
+    finished = refined(found, rounds, track, matcher, LoopClosureConfig(), config, scan_of=office.log.scan)
 
     def worst(poses: NDArray[np.float64]) -> float:
         error = between(true_poses, compose(true_poses[0], poses))

@@ -7,7 +7,6 @@ import pytest
 
 from graph.se2 import compose, expmap
 from iceg.slam.config import JointRefinementConfig
-from iceg.slam.joint import wall_pieces
 from iceg.slam.joint.covariance import Walls
 from iceg.slam.joint.refinement import refine_jointly
 from iceg.slam.joint.wall_pieces import WallPieces
@@ -29,9 +28,7 @@ def walls() -> Walls:
     )
 
 
-@pytest.mark.parametrize("marks", [1, 4, 1000])  # key poses marked at a time: one, two, all
-def test_pieces_reach_as_far_as_their_points(monkeypatch: pytest.MonkeyPatch, marks: int) -> None:
-    monkeypatch.setattr(wall_pieces, "_MARKS", marks)
+def test_pieces_reach_as_far_as_their_points() -> None:
     pieces = WallPieces.of(walls(), np.ones(7), np.array([0, 2, 4, 7]), np.zeros(3), 0.5)
     np.testing.assert_allclose(pieces.ends[FLOOR], [[0.0, 0.0], [0.4, 0.0]])  # what was seen lies to the left
     np.testing.assert_allclose(pieces.ends[POST], [[1.0, 0.3], [1.0, 0.0]])

@@ -153,7 +153,7 @@ def refined(
     closures: LoopClosureConfig,
     config: FinishConfig,
     *,
-    scan_of: Callable[[int], Scan] | None = None,
+    scan_of: Callable[[int], Scan],
     noise: RangeNoise = PLAIN,
     distrusted: Collection[int] = (),
 ) -> Finished:

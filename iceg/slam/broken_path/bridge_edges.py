@@ -23,14 +23,7 @@ class BridgeEdges:
         failures: Mapping[int, TrackingFailure],
         config: LoopClosureConfig,
     ) -> None:
-        """Start with the closures found on the way.
-
-        Args:
-            track: key scans.
-            factors: of the graph.
-            failures: by key pose, where the path may be broken.
-            config: on which key scans closures rest.
-        """
+        """Start with the closures found on the way, and, by key pose, where the path may be broken."""
         self._keys = track.keys
         self._config = config
         path, end = track.path, config.failures.log_end

@@ -19,13 +19,6 @@ class PlaceSearch:
     """Looks for places again, and remembers what it tried."""
 
     def __init__(self, closer: LoopCloser, track: Track, factors: Sequence[Factor]) -> None:
-        """Start with nothing tried.
-
-        Args:
-            closer: matches and verifies.
-            track: key scans.
-            factors: of the graph; places must agree along its path.
-        """
         self._closer = closer
         self._track = track
         self.path = [factor for factor in factors if factor.kind in {"odometry", "ice"}]

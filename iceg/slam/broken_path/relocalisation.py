@@ -40,10 +40,7 @@ class _Decision(Enum):
 
 
 def relocalise(
-    closer: LoopCloser,
-    track: Track,
-    estimate: Estimate,
-    failures: Mapping[int, TrackingFailure],
+    closer: LoopCloser, track: Track, estimate: Estimate, failures: Mapping[int, TrackingFailure]
 ) -> Estimate:
     """Join the parts of a path that no loop closure ties together, and say where it is broken.
 
@@ -67,11 +64,7 @@ class _Relocalisation:
     """State of the search: the estimate as it changes, what was tried, what was found out about the path."""
 
     def __init__(
-        self,
-        closer: LoopCloser,
-        track: Track,
-        estimate: Estimate,
-        failures: Mapping[int, TrackingFailure],
+        self, closer: LoopCloser, track: Track, estimate: Estimate, failures: Mapping[int, TrackingFailure]
     ) -> None:
         self._track = track
         self._config = closer.config
@@ -212,14 +205,10 @@ class _Relocalisation:
 
         What errors of the path explain takes no robot that was carried, and so no prior against one.
         """
-        log_odds, config = self._log_odds_of_view(hypothesis.key), self._config.relocalisation
+        failure, config = self._steps.failures.get(hypothesis.key), self._config.relocalisation
+        log_odds = 0.0 if failure is None else failure.log_odds_of_view(self._config.view)
         is_explained = log_odds > 0.0 and hypothesis.is_chance(self._places.path, self._now.poses, config)
         return 0.0 if is_explained else log_odds
-
-    def _log_odds_of_view(self, key: int) -> float:
-        """See `TrackingFailure.log_odds_of_view`; 0 where nothing failed."""
-        failure = self._steps.failures.get(key)
-        return 0.0 if failure is None else failure.log_odds_of_view(self._config.view)
 
     def _lost(self) -> list[int]:
         """The key poses before which the robot was lost, and nothing says yet how they lie to what was before."""
@@ -242,13 +231,8 @@ class _Relocalisation:
             there = self._verifier.of_hypothesis(other, poses)
             if there.is_passed and not fit.beats(there):
                 ends = [closure.key_new for closure in hypothesis.closures]
-                return Vote(
-                    first=min(ends),
-                    last=max(ends),
-                    count=len(fit.agreeing),
-                    rival=len(there.agreeing),
-                    apart=apart,
-                )
+                count, rival = len(fit.agreeing), len(there.agreeing)
+                return Vote(first=min(ends), last=max(ends), count=count, rival=rival, apart=apart)
         return None
 
     def _against_the_path(self, key: int, fit: FitCount) -> FitCount:
@@ -335,19 +319,13 @@ class _Relocalisation:
                 return
             if failure.kind < FailureKind.UNKNOWN_MOTION:
                 agreeing = len(fit.agreeing)
-                if fit.is_credible and (failure.scan is None or fit.log_odds + self._log_odds_of_view(key) > 0.0):
-                    self._breaks[key] = Break(
-                        key=key, outcome=Outcome.CREDIBLE, reason=failure.reason, closures=agreeing
-                    )
+                view = failure.log_odds_of_view(self._config.view)
+                if fit.is_credible and (failure.scan is None or fit.log_odds + view > 0.0):
+                    found = Break(key=key, outcome=Outcome.CREDIBLE, reason=failure.reason, closures=agreeing)
+                    self._breaks[key] = found
                     return
-        self._breaks[key] = Break(
-            key=key,
-            outcome=Outcome.APART,
-            reason=failure.reason,
-            closures=agreeing,
-            across=len(across),
-            scan=failure.scan,
-        )
+        found = Break(key=key, outcome=Outcome.APART, reason=failure.reason, closures=agreeing, scan=failure.scan)
+        self._breaks[key] = replace(found, across=len(across))
 
 
 def _distinct(closures: Sequence[Attempt]) -> list[Attempt]:

@@ -37,13 +37,7 @@ class References:
     """Builds references; keeps the last few, since consecutive searches look at the same passes."""
 
     def __init__(self, matcher: MapMatcher, track: Track, half: int) -> None:
-        """Start with none.
-
-        Args:
-            matcher: matches against them.
-            track: key scans.
-            half: how many key scans on either side of a key pose its reference holds.
-        """
+        """Of so many key scans on either side of a key pose."""
         self._matcher = matcher
         self._keys = track.keys
         self._half = half
@@ -52,8 +46,7 @@ class References:
 
     def is_one_pass(self, key: int, other: int) -> bool:
         """Whether the robot was never lost between two key poses, so that the track says how they lie."""
-        one, another = self._parts([key, other]).tolist()
-        return bool(one == another)
+        return len(set(self._parts([key, other]).tolist())) == 1
 
     def around(self, base: int, poses: NDArray[np.float64]) -> Reference:
         """Local map of the key scans of one part of the path at `base`, in its frame, placed as (n, 3) poses say."""

@@ -43,13 +43,6 @@ class ClosureVerifier:
     """Matches key scans against earlier passes and says which matches are believed."""
 
     def __init__(self, matcher: MapMatcher, track: Track, config: LoopClosureConfig) -> None:
-        """Start with nothing matched.
-
-        Args:
-            matcher: ICE or any other, completed.
-            track: key scans.
-            config: what is believed.
-        """
         self._matcher = matcher
         self._track = track
         self._keys = track.keys
@@ -59,15 +52,7 @@ class ClosureVerifier:
         self._references = References(matcher, track, config.reference_half)
 
     def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
-        """Match a candidate close to the estimate; if nothing fits there, and the drift allows more, widely.
-
-        After much drift first widely, for the estimate is seldom close; what fits close to it is preferred, though what
-        else fits is told.
-
-        Args:
-            candidate: the two key poses.
-            poses: (n, 3) T_map_robot, good between neighbours.
-        """
+        """See `LoopCloser.match`; after much drift what fits close to the estimate is preferred, if not alone."""
         reference = self._references.around(candidate.key_old, poses)
         trusted = self._config.verification.trusted
         if candidate.deviations[0] > self._config.verification.uncertain_distance:

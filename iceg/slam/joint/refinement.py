@@ -215,7 +215,7 @@ def _precision(clouds: Clouds, walls: Walls, config: JointRefinementConfig) -> f
 
 def key_clouds(
     track: Track,
-    scan_of: Callable[[int], Scan] | None,
+    scan_of: Callable[[int], Scan],
     config: JointRefinementConfig,
     noise: RangeNoise = PLAIN,
 ) -> Clouds:
@@ -223,7 +223,7 @@ def key_clouds(
 
     Args:
         track: what the front end found.
-        scan_of: the scans of the log by index; None leaves key scans alone.
+        scan_of: the scans of the log by index.
         config: how many scans and points.
         noise: of the ranges beyond what the settings allow for.
 
@@ -232,12 +232,11 @@ def key_clouds(
     """
     n_keys, n_beams = len(track.keys), track.keys[0].scan.geometry.n_beams
     affordable = max(1, config.max_thinning * config.max_points // (n_keys * n_beams))
-    per_key = min(config.scans_per_key, affordable) if scan_of else 1
-    members = _members(track, per_key)
+    members = _members(track, min(config.scans_per_key, affordable))
     scans = [index for some in members for index in some]
     every = max(1, -(-len(scans) * n_beams // config.max_points))
     taken = [
-        key.scan if scan_of is None or index == key.index else scan_of(index)
+        key.scan if index == key.index else scan_of(index)
         for key, some in zip(track.keys, members, strict=True)
         for index in some
     ]
@@ -249,8 +248,7 @@ def key_clouds(
     normals[spreads * (noise.allowed + noise.typical) > config.half_width**2] = 0.0
     T_key_scan = track.T_key_scan[scans]
     T_key_scan[np.diff(key_of_scan, prepend=-1) > 0] = 0.0
-    most = config.scans_per_key if scan_of else 1
-    available = int(np.minimum(np.bincount(track.key_of_scan, minlength=n_keys), most).sum())
+    available = int(np.minimum(np.bincount(track.key_of_scan, minlength=n_keys), config.scans_per_key).sum())
     return Clouds(
         points=points,
         normals=normals,

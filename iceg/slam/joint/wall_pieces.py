@@ -9,9 +9,6 @@ from numpy.typing import NDArray
 from graph.se2 import transform_points
 from iceg.slam.joint.covariance import Walls
 
-_MARKS = 4_000_000
-"""So many pairs of a piece and a key pose are marked at a time."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WallPieces:
@@ -89,12 +86,5 @@ def _key_poses(
 ) -> NDArray[np.int64]:
     """(n,) from how many key poses the points on each of n pieces were seen; points come key pose by key pose."""
     keys = len(key_starts) - 1
-    borders = np.searchsorted(points, key_starts)
-    key = np.repeat(np.arange(keys), np.diff(borders))
-    counts, at_once = np.zeros(n, np.int64), max(1, _MARKS // max(n, 1))
-    for first in range(0, keys, at_once):
-        part = slice(borders[first], borders[min(first + at_once, keys)])
-        seen = np.zeros((n, at_once), np.bool_)
-        seen[piece[part], key[part] - first] = True
-        counts += np.count_nonzero(seen, axis=1)
-    return counts
+    key = np.repeat(np.arange(keys), np.diff(np.searchsorted(points, key_starts)))
+    return np.bincount(np.unique(piece * keys + key) // keys, minlength=n)
