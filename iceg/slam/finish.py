@@ -317,8 +317,7 @@ def _joint(
     clock: _Clock,
 ) -> tuple[JointRefinement, Round]:
     """Refine poses and map together."""
-    believed = None if factors.are_all_believed else factors.measured
-    refined = refine_jointly(factors.solved, poses, clouds, config.joint, parts, believed)
+    refined = refine_jointly(factors.solved, poses, clouds, config.joint, parts, factors.measured)
     largest, mean = _moves(poses, refined.poses)
     return (
         refined,

@@ -38,6 +38,10 @@ class PathParts:
         """The first key pose of all that holds together with either end of a closure."""
         return int(self.whole[closure.key_old]), int(self.whole[closure.key_new])
 
+    def is_within(self, closure: Attempt) -> bool:
+        """Whether both ends of a closure hold together already."""
+        return bool(self.whole[closure.key_old] == self.whole[closure.key_new])
+
     def end_of(self, key: int) -> int:
         """The key pose after the last of the part that `key` is in."""
         return min((start for start in self.starts if start > key), default=len(self.whole))
@@ -51,9 +55,8 @@ class PathParts:
             closure: between two parts; between key poses of one, what is tied to the part at `key` goes with it.
             key: the first key pose of a part.
         """
-        whole_old, whole_new = self.of(closure)
         moving = np.zeros(len(self.whole), dtype=np.bool_)
-        if whole_old != whole_new:
+        if not self.is_within(closure):
             moving |= self.whole == key
         else:
             moving[key : self.end_of(key)] = True

@@ -138,13 +138,13 @@ def about_parts(closures: Sequence[Attempt], parts: PathParts) -> list[Hypothesi
     """
     between_wholes: dict[tuple[int, int], list[Attempt]] = {}
     for closure in closures:
-        between_wholes.setdefault(parts.of(closure), []).append(closure)
+        if not parts.is_within(closure):
+            between_wholes.setdefault(parts.of(closure), []).append(closure)
     found = []
-    for (whole_old, whole_new), group in between_wholes.items():
-        if whole_old != whole_new:
-            spanning = {key: [c for c in group if c.spans(key)] for key in parts.starts}
-            key = max(parts.starts, key=lambda start: (len(spanning[start]), start))
-            found.append(Hypothesis(key=key, closures=spanning[key]))
+    for group in between_wholes.values():
+        spanning = {key: [c for c in group if c.spans(key)] for key in parts.starts}
+        key = max(parts.starts, key=lambda start: (len(spanning[start]), start))
+        found.append(Hypothesis(key=key, closures=spanning[key]))
     return sorted(found, key=lambda hypothesis: -hypothesis.support)
 
 

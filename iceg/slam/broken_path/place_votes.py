@@ -135,8 +135,8 @@ class PlaceVotes:
 
 def unsettled(votes: Iterable[Vote], attempts: Iterable[Attempt]) -> tuple[Vote, ...]:
     """The votes whose key scans no closure ties to what was before them, after all."""
-    ends = [(attempt.key_old, attempt.key_new) for attempt in attempts if attempt.accepted]
-    return tuple(vote for vote in votes if not any(old < vote.first <= new for old, new in ends))
+    accepted = [attempt for attempt in attempts if attempt.accepted]
+    return tuple(vote for vote in votes if not any(attempt.spans(vote.first) for attempt in accepted))
 
 
 def describe_vote(vote: Vote, track: Track) -> RunWarning:

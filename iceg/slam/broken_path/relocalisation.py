@@ -149,7 +149,7 @@ class _Relocalisation:
         """What each set says about parts that a loss divides, and about single steps within what holds together."""
         parts, found = self._parts(), []
         for closures in sets:
-            inside = [c for c in closures if len(set(parts.of(c))) == 1]
+            inside = [closure for closure in closures if parts.is_within(closure)]
             found += [*about_parts(closures, parts), *about_single_steps(inside, self._steps)]
         return found
 

@@ -6,7 +6,7 @@ only.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,19 +26,6 @@ _REMEMBERED = 50
 """Key scans whose neighbours are kept joined."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Neighbours:
-    """The key scans that are asked whether they agree with a closure.
-
-    Attributes:
-        scans: the one that is matched, and its neighbours.
-        T_new_scans: (m, 3) their poses in its frame.
-    """
-
-    scans: JoinedScans
-    T_new_scans: NDArray[np.float64]
-
-
 class ClosureVerifier:
     """Matches key scans against earlier passes and says which matches are believed."""
 
@@ -48,7 +35,7 @@ class ClosureVerifier:
         self._keys = track.keys
         self._config = config
         self._judge = matcher.judge
-        self._neighbours: dict[int, _Neighbours | None] = {}
+        self._neighbours: dict[int, tuple[JoinedScans, NDArray[np.float64]] | None] = {}
         self._references = References(matcher, track, config.reference_half)
 
     def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
@@ -149,11 +136,15 @@ class ClosureVerifier:
         neighbours = self._neighbours_of(key_new)
         if neighbours is None:
             return [Agreement()] * len(T_ref_news)
-        placements = compose(T_ref_news[:, None], neighbours.T_new_scans)
-        return self._judge.agreements(reference.judged, neighbours.scans, placements, least_overlap, least_fit)
+        scans, T_new_scans = neighbours
+        placements = compose(T_ref_news[:, None], T_new_scans)
+        return self._judge.agreements(reference.judged, scans, placements, least_overlap, least_fit)
 
-    def _neighbours_of(self, key_new: int) -> _Neighbours | None:
-        """A key scan and its neighbours, None where none is asked; joined once, since several passes are tried."""
+    def _neighbours_of(self, key_new: int) -> tuple[JoinedScans, NDArray[np.float64]] | None:
+        """A key scan and its neighbours, and their (m, 3) poses in its frame; None where none is asked.
+
+        Joined once, since several passes are tried.
+        """
         if key_new in self._neighbours:
             return self._neighbours[key_new]
         asked = [key_new + offset for offset in self._config.support_offsets]
@@ -162,9 +153,7 @@ class ClosureVerifier:
         if asked:
             T_track_asked = np.array([self._keys[key].T_track_robot for key in asked])
             T_new_scans = between(self._keys[key_new].T_track_robot, T_track_asked)
-            found = _Neighbours(
-                scans=self._judge.join([self._keys[key].scan for key in asked]), T_new_scans=T_new_scans
-            )
+            found = self._judge.join([self._keys[key].scan for key in asked]), T_new_scans
         if len(self._neighbours) >= _REMEMBERED:
             del self._neighbours[next(iter(self._neighbours))]
         self._neighbours[key_new] = found
