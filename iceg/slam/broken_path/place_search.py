@@ -57,18 +57,13 @@ class PlaceSearch:
         for claim in claims:
             if claim.accepted:
                 settled.append(claim)
-            if claim.accepted or claim.is_near(poses, near):
-                continue
-            assert claim.match is not None
-            there = Candidate(
-                key_old=claim.key_old,
-                key_new=claim.key_new,
-                T_old_new=claim.match.T_ref_cur,
-                deviations=self._config.relocalisation.found.deviations,
-            )
-            attempt = self._closer.match(there, poses)
-            if attempt.accepted and attempt.is_at(there.T_old_new, near):
-                settled.append(attempt)
+            elif claim.match is not None and not claim.is_near(poses, near):
+                there, deviations = claim.match.T_ref_cur, self._config.relocalisation.found.deviations
+                old, new = claim.pair
+                found = Candidate(key_old=old, key_new=new, T_old_new=there, deviations=deviations)
+                attempt = self._closer.match(found, poses)
+                if attempt.accepted and attempt.is_at(there, near):
+                    settled.append(attempt)
         return settled
 
     def sure_support(self, hypothesis: Hypothesis) -> int:

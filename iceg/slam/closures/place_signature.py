@@ -42,21 +42,14 @@ class PlaceSignatures:
 
     def likeness_along(self, ones: NDArray[np.int64], others: NDArray[np.int64], half: int) -> NDArray[np.float32]:
         """(n,) how similar pairs are with `half` places on either side, driven the same or the opposite way."""
-        last = len(self.rows) - 1
-        steps = np.arange(-half, half + 1)
-        means = [
-            np.mean(
-                [
-                    np.sum(
-                        self.rows[np.clip(ones + step, 0, last)] * self.rows[np.clip(others + way * step, 0, last)],
-                        axis=1,
-                    )
-                    for step in steps
-                ],
-                axis=0,
-            )
-            for way in (1, -1)
-        ]
+
+        def likeness(step: int, way: int) -> NDArray[np.float32]:
+            last = len(self.rows) - 1
+            one, other = np.clip(ones + step, 0, last), np.clip(others + way * step, 0, last)
+            return np.asarray((self.rows[one] * self.rows[other]).sum(axis=1))
+
+        steps = range(-half, half + 1)
+        means = [np.mean([likeness(step, way) for step in steps], axis=0) for way in (1, -1)]
         return np.asarray(np.maximum(*means), dtype=np.float32)
 
 

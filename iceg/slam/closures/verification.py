@@ -124,14 +124,9 @@ class ClosureVerifier:
         least_overlap: float = 0.0,
         least_fit: float = 0.0,
     ) -> list[Agreement]:
-        """How a key scan and its neighbours agree with the reference where each of several closures puts them.
+        """How a key scan and its neighbours agree with the reference where each of (p, 3) poses of it puts them.
 
-        Args:
-            reference: the earlier pass.
-            key_new: the key scan.
-            T_ref_news: (p, 3) where the closures put it.
-            least_overlap: see `IceMatcher.agreements` …
-            least_fit: ….
+        The view is looked at only of those that reach the least overlap and fit.
         """
         neighbours = self._neighbours_of(key_new)
         if neighbours is None:
