@@ -11,7 +11,6 @@ from graph.se2 import between, compose, expmap, logmap
 from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.odometry.noise import (
     Differences,
-    LastingErrors,
     _best_of_all_sets,
     _non_negative_fit,
     _Paths,
@@ -147,7 +146,7 @@ def test_what_variances_are_made_of_is_what_the_model_makes_of_them() -> None:
 
 
 def test_errors_that_persist_widen_their_axis_alone() -> None:
-    noise = lasting_noise(_TRUE, np.array([1.0, 4.0, 1.0]), LastingErrors())
+    noise = lasting_noise(_TRUE, np.array([1.0, 4.0, 1.0]))
     assert noise.across_per_metre == pytest.approx(2.0 * _TRUE.across_per_metre)
     assert noise.along_per_metre == pytest.approx(_TRUE.along_per_metre)
     assert noise.heading_per_radian == _TRUE.heading_per_radian
@@ -165,7 +164,7 @@ def test_what_is_the_same_all_the_way_counts_as_much_in_the_mean_over_all_ways(
     name: str, error: float, path: tuple[float, float, float], axis: int
 ) -> None:
     steps = 300
-    noise = lasting_noise(_TRUE, np.ones(3), LastingErrors(**{name: error * np.sqrt(0.1 * steps)}))
+    noise = lasting_noise(_TRUE, np.ones(3), **{name: error * np.sqrt(0.1 * steps)})
     lengths = np.arange(1, steps + 1)
     ways = steps + 1 - lengths  # so many parts of the path are so long
     claimed = [float((model.covariance(np.tile(path, (steps, 1))) / steps)[axis, axis]) for model in (noise, _TRUE)]

@@ -133,22 +133,14 @@ def _deviations(variances: dict[str, float], least: OdometryModel) -> dict[str, 
     return {name: max(getattr(least, name), math.sqrt(variance)) for name, variance in variances.items()}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LastingErrors:
-    """What the calibration leaves, the same all the way: s√L, s a standard deviation, L the longest way alone.
-
-    Attributes:
-        along: scale of the translation [m/√m].
-        drift: drift of the heading [rad/√m].
-        turn: scale of turns [rad/√rad].
-    """
-
-    along: float = 0.0
-    drift: float = 0.0
-    turn: float = 0.0
-
-
-def lasting_noise(noise: OdometryModel, persistence: NDArray[np.float64], left: LastingErrors) -> OdometryModel:
+def lasting_noise(
+    noise: OdometryModel,
+    persistence: NDArray[np.float64],
+    *,
+    along: float = 0.0,
+    drift: float = 0.0,
+    turn: float = 0.0,
+) -> OdometryModel:
     """Noise for a graph, which takes the errors of successive motions for independent.
 
     Each axis is widened by its persistence. A scale error s is off by (sl)² after l metres: in the mean over all ways
@@ -158,18 +150,21 @@ def lasting_noise(noise: OdometryModel, persistence: NDArray[np.float64], left: 
     Args:
         noise: of single motions.
         persistence: (3,) factors on the variances in x, y and heading.
-        left: what else is left: the s√L of each.
+        along: what else the calibration leaves, the same all the way: s√L, s the standard deviation of the scale of
+            the translation, L the longest way alone [m/√m];
+        drift: of the drift of the heading [rad/√m];
+        turn: of the scale of turns [rad/√rad].
     """
-    along, across, heading = np.sqrt(persistence).tolist()
+    x, y, heading = np.sqrt(persistence).tolist()
     return replace(
         noise,
-        along_per_metre=math.hypot(along * noise.along_per_metre, math.sqrt(0.5) * left.along),
-        across_per_metre=across * noise.across_per_metre,
-        position_per_radian=max(along, across) * noise.position_per_radian,
-        heading_per_metre=math.hypot(heading * noise.heading_per_metre, math.sqrt(0.5) * left.drift),
-        heading_per_radian=math.hypot(heading * noise.heading_per_radian, math.sqrt(0.5) * left.turn),
-        along_floor=along * noise.along_floor,
-        across_floor=across * noise.across_floor,
+        along_per_metre=math.hypot(x * noise.along_per_metre, math.sqrt(0.5) * along),
+        across_per_metre=y * noise.across_per_metre,
+        position_per_radian=max(x, y) * noise.position_per_radian,
+        heading_per_metre=math.hypot(heading * noise.heading_per_metre, math.sqrt(0.5) * drift),
+        heading_per_radian=math.hypot(heading * noise.heading_per_radian, math.sqrt(0.5) * turn),
+        along_floor=x * noise.along_floor,
+        across_floor=y * noise.across_floor,
         heading_floor=heading * noise.heading_floor,
     )
 
