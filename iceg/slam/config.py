@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 from graph.ranges import RATES, between, check_marked, positive
 from graph.units import Radians
+from iceg.slam.agreement import Tolerance
 from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.checked_settings import SlamConfigError, SlamSettings
 from iceg.slam.closure_config import (
@@ -97,6 +98,19 @@ class FrontEndConfig(SlamSettings):
     its scans tell. Off takes all beams of a scan as measured at once."""
     gyro: bool = True
     """In a log without odometry, take the turn rate of a gyro for odometry of the heading if the matches confirm it."""
+
+    @property
+    def tracked(self) -> Tolerance:
+        """Standard deviations of a pose between two key scans."""
+        return Tolerance(self.tracking_distance, self.tracking_angle)
+
+    @property
+    def one_optimum(self) -> Tolerance:
+        """How far apart two tracked poses of one scan may be that do not contradict each other."""
+        return Tolerance(
+            self.tracking.same_optimum_distance * self.tracking_distance,
+            self.tracking.same_optimum_turn * self.tracking_angle,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -227,7 +227,7 @@ def _at_best_delay(
 
 def _unforeseen_turns(track: Track, turns: _Turns, scans: int) -> NDArray[np.float64]:
     """(m,) turns less those of the velocity over so many scans before them [rad]."""
-    headings = track.trajectory(np.array([key.T_track_robot for key in track.keys]))[:, 2]
+    headings = track.T_track_scans[:, 2]
     late = turns.starts >= scans
     starts, ends = turns.starts[late], turns.ends[late]
     velocity = wrap_angle(headings[starts] - headings[starts - scans]) / scans

@@ -123,7 +123,7 @@ def motions_without_odometry(
     """
     track = replace(track, dead=[])
     if heading is None:
-        poses, turns = track.trajectory(np.array([key.T_track_robot for key in track.keys])), OdometryModel()
+        poses, turns = track.T_track_scans, OdometryModel()
     else:
         poses, turns = with_headings(track, heading.headings), heading.lasting_noise.within(OdometryModel())
     pauses = pauses_along(stamps, poses)

@@ -12,7 +12,7 @@ from graph.measurement import NoMatch, RelativePose
 from graph.noise import chi2_gate, squared_norm
 from graph.odometry import OdometryMotion
 from graph.se2 import between, compose
-from iceg.slam.agreement import Tolerance, agree, apart
+from iceg.slam.agreement import agree, apart
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE
@@ -48,26 +48,16 @@ class Expectation:
 class OdometryCheck:
     """Judges matched poses by what odometry expects, and by what else explains the scan."""
 
-    def __init__(self, matcher: MapMatcher, config: FrontEndConfig, one_optimum: Tolerance) -> None:
-        """Take what is asked and what counts as one optimum.
-
-        Args:
-            matcher: says what a pose explains.
-            config: what contradicts odometry, and what is believed all the same.
-            one_optimum: poses that agree to within this do not contradict each other.
-        """
+    def __init__(self, matcher: MapMatcher, config: FrontEndConfig) -> None:
+        """Take what says what a pose explains, and what contradicts odometry and is believed all the same."""
         self._matcher = matcher
         self._config = config.odometry_check
         self._sight = config.sight
-        self._one_optimum = one_optimum
+        self._one_optimum = config.one_optimum
         self._gate = chi2_gate(self._config.false_alarm)
         self._log_jump_odds = math.log(self._config.jump_odds)
         self._log_refused_odds = math.log(self._config.refused_odds)
         self._jump_sigmas = math.sqrt(chi2_gate(self._config.jump_false_alarm, freedom=1))
-
-    def contradicts(self, expected: Expectation, found: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
-        """Whether a pose, (3,), known with a (3, 3) covariance, is not what odometry says."""
-        return expected.distance2(found, covariance) >= self._gate
 
     def judge(
         self,
@@ -94,13 +84,12 @@ class OdometryCheck:
         Returns:
             Another match, why there is none, or None where the match is believed.
         """
-        nearer = self._nearer(reference, scan, found, covariance, expected)
-        if nearer is not None:
-            return nearer
-        too_little = self._sees_too_little(scan, found, covariance, expected, is_degenerate=is_degenerate)
-        if too_little is not None:
-            return too_little
-        return None if self._is_plausible(reference, scan, guess, found, expected) else _IMPLAUSIBLE
+        instead = self._nearer(reference, scan, found, covariance, expected) or self._sees_too_little(
+            scan, found, covariance, expected, is_degenerate=is_degenerate
+        )
+        if instead is None and not self._is_plausible(reference, scan, guess, found, expected):
+            return _IMPLAUSIBLE
+        return instead
 
     def _sees_too_little(
         self,
@@ -116,9 +105,10 @@ class OdometryCheck:
         Where hardly anything else is in reach, people close by pass for walls, and take the robot with them.
         """
         few_see = sees_little(scan, self._sight)
-        if not (expected.is_known and (few_see or is_degenerate) and self.contradicts(expected, found, covariance)):
-            return None
-        return FEW_SEE if few_see else SEES_TOO_LITTLE
+        is_weak = expected.is_known and (few_see or is_degenerate)
+        if is_weak and expected.distance2(found, covariance) >= self._gate:
+            return FEW_SEE if few_see else SEES_TOO_LITTLE
+        return None
 
     def _nearer(
         self,
@@ -133,20 +123,17 @@ class OdometryCheck:
         What moves, and what is similar a little farther on, draws a match along where walls do not hold it.
         """
         pose = expected.T_track_robot
-        if self._are_one_optimum(found, pose):
+        if agree(found, pose, self._one_optimum):
             return None
         distance2 = expected.distance2(found, covariance)
         if distance2 < self._gate:
             return None
         nearer = self._matcher.match_near(reference, scan, pose)
-        if isinstance(nearer, NoMatch) or self._are_one_optimum(found, nearer.T_ref_cur):
+        if isinstance(nearer, NoMatch) or agree(found, nearer.T_ref_cur, self._one_optimum):
             return None
         share = max(self._config.min_evidence, 1.0 - distance2 * self._config.evidence_slope)
         free, near = (self._matcher.agreement(reference, scan, T).evidence for T in (found, nearer.T_ref_cur))
         return nearer if near >= share * free else None
-
-    def _are_one_optimum(self, T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> bool:
-        return agree(T_a_b, T_a_c, self._one_optimum)
 
     def _is_plausible(
         self,
