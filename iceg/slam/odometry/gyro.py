@@ -121,17 +121,14 @@ class _Turns:
 
     @classmethod
     def of(cls, track: Track) -> "_Turns":
-        pairs = [
-            (before, after, after.match)
-            for k, (before, after) in enumerate(zip(track.keys, track.keys[1:], strict=False))
-            if not isinstance(after.match, NoMatch) and (k == 0 or not isinstance(before.match, NoMatch))
-        ]
-        seen = [after.T_track_robot[2] - before.T_track_robot[2] for before, after, _ in pairs]
+        matches = {k: key.match for k, key in enumerate(track.keys) if k and not isinstance(key.match, NoMatch)}
+        after = np.array([k for k in matches if k == 1 or k - 1 in matches], dtype=np.int64)
+        headings = track.T_track_keys[:, 2]
         return cls(
-            seen=np.asarray(wrap_angle(np.array(seen, dtype=np.float64))),
-            claimed=np.array([match.covariance[2, 2] for _, _, match in pairs]),
-            starts=np.array([before.index for before, _, _ in pairs], dtype=np.int64),
-            ends=np.array([after.index for _, after, _ in pairs], dtype=np.int64),
+            seen=wrap_angle(headings[after] - headings[after - 1]),
+            claimed=np.array([matches[k].covariance[2, 2] for k in after.tolist()]),
+            starts=track.key_scans[after - 1],
+            ends=track.key_scans[after],
         )
 
 

@@ -87,13 +87,8 @@ def held_readings(
     for row, k in enumerate(after_standstill.tolist()):
         before = velocities[max(k - 2, 0) : k].mean(axis=0)
         after = velocities[k + 1 : k + 3].mean(axis=0) if k + 1 < len(moves) else before
-        h = np.arange(1, since[k] + 1)
-        during = steps[k] / (clock[moves[k] + 1] - clock[moves[k] + 1 - h])[:, None]
-        costs = _cost(_length(before)) + _cost(_length(during) + _length(after - during))
-        costs[-1] = _cost(_length(during[-1] - before)) + _cost(_length(after - during[-1]))
-        costs[1:] += log(h[1:])
-        costs[1:][(np.abs(during[1:]) > fastest).any(axis=1)] = np.inf
-        gains[row], spans[row] = costs[0] - costs[1:].min(), 2 + costs[1:].argmin()
+        since_each = clock[moves[k] + 1] - clock[moves[k] + 1 - since[k] : moves[k] + 1]
+        gains[row], spans[row] = _likeliest_span(before, steps[k] / since_each[::-1, None], after, fastest)
     most = 1.0 - config.held_prior
     started = config.stops * len(moves) / len(after_standstill)
     share = least = min(max(1.0 - started, config.held_prior), most)
@@ -102,6 +97,24 @@ def held_readings(
         share = min(max(float(np.mean(is_held)), least), most)
     spread[after_standstill[is_held]] = spans[is_held]
     return moves, spread
+
+
+def _likeliest_span(
+    before: NDArray[np.float64], during: NDArray[np.float64], after: NDArray[np.float64], fastest: NDArray[np.float64]
+) -> tuple[float, int]:
+    """By how much it is more probable that a step took several scans than one, and over how many that is so.
+
+    Args:
+        before: (2,) speed and turn rate before the standstill.
+        during: (h, 2) those of the step if it took 1, 2, … scans, as many as there are since the reading before.
+        after: (2,) those after it.
+        fastest: (2,) that a robot may have.
+    """
+    costs = _cost(_length(before)) + _cost(_length(during) + _length(after - during))
+    costs[-1] = _cost(_length(during[-1] - before)) + _cost(_length(after - during[-1]))
+    several = costs[1:] + log(np.arange(2, len(costs) + 1))
+    several[(np.abs(during[1:]) > fastest).any(axis=1)] = np.inf
+    return costs[0] - several.min(), 2 + int(several.argmin())
 
 
 def _are_confirmed(
