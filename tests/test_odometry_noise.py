@@ -124,7 +124,7 @@ def test_a_floor_is_not_found_where_there_is_none() -> None:
 
 def test_what_variances_are_made_of_is_what_the_model_makes_of_them() -> None:
     differences, odometry, _ = _observed(400, _TRUE, 0.001, seed=6)
-    paths = _Paths.of(differences, odometry)
+    paths = _Paths.of(differences.starts, differences.ends, odometry)
     steps = between(odometry[:-1], odometry[1:]).reshape(-1, _EVERY, 3)
     tiny = dict.fromkeys((f.name for f in fields(OdometryModel)), 0.0) | dict.fromkeys(
         ("along_floor", "across_floor", "heading_floor"), 1e-9

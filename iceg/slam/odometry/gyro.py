@@ -16,8 +16,9 @@ from frontends.scan import Log
 from graph.measurement import NoMatch
 from graph.se2 import between, wrap_angle
 from iceg.slam.calibration_config import CalibrationConfig
+from iceg.slam.config import FrontEndConfig
 from iceg.slam.odometry.heading_odometry import HeadingNoise, HeadingOdometry, with_headings
-from iceg.slam.odometry.noise import Differences, heading_noise, robust_deviation
+from iceg.slam.odometry.noise import heading_noise, robust_deviation
 from iceg.slam.odometry.student_fit import StudentFit, chance_of, student_fit
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.track import Track
@@ -73,20 +74,21 @@ class GyroFinding:
         return RunWarning(kind="gyro", sentence=f"the turn rates of the gyro are not used: {self.rejection}")
 
 
-def learn_gyro(track: Track, log: Log, config: CalibrationConfig) -> tuple[HeadingOdometry | None, GyroFinding | None]:
+def learn_gyro(track: Track, log: Log, settings: FrontEndConfig) -> tuple[HeadingOdometry | None, GyroFinding | None]:
     """Calibrate a log's gyro by the matches of a track.
 
     Args:
         track: the front end's matches, made with the gyro or without.
         log: with or without gyro.
-        config: what it takes for a gyro to count.
+        settings: whether a gyro is asked, and what it takes for it to count.
 
     Returns:
         The headings, None where they are not to be used; and what was found, None where the log has no gyro or need not
         ask it, since it has odometry.
     """
-    if log.gyro is None or log.has_odometry:
+    if log.gyro is None or log.has_odometry or not settings.gyro:
         return None, None
+    config = settings.calibration
     turns = _Turns.of(track)
     if len(turns.seen) < config.gyro_min_turns:
         return None, GyroFinding(
@@ -236,12 +238,7 @@ def _noise(
 ) -> tuple[HeadingNoise, HeadingNoise]:
     """From one key scan to the next, and for a graph."""
     claims = with_headings(track, headings)
-    motions = between(claims[turns.starts], claims[turns.ends])
-    errors = np.zeros((len(turns.seen), 3))
-    errors[:, 2] = wrap_angle(turns.seen - motions[:, 2])
-    claimed = np.zeros_like(errors)
-    claimed[:, 2] = turns.claimed
-    differences = Differences(errors=errors, claimed=claimed, turns=turns.seen, starts=turns.starts, ends=turns.ends)
-    deviations, persistence = heading_noise(differences, claims, config)
+    errors = wrap_angle(turns.seen - between(claims[turns.starts], claims[turns.ends])[:, 2])
+    deviations, persistence = heading_noise(errors, turns.claimed, turns.starts, turns.ends, claims, config)
     widened = {name: math.sqrt(persistence) * deviation for name, deviation in deviations.items()}
     return HeadingNoise(**deviations), HeadingNoise(**widened)

@@ -61,10 +61,10 @@ def odometry_noise(
         The noise of single motions, and (3,) by how much the variance of a chain of them exceeds the sum of theirs, in
         x, y and heading, because errors persist.
     """
-    paths = _Paths.of(differences, odometry)
+    paths = _Paths.of(differences.starts, differences.ends, odometry)
     errors, claimed = differences.errors, differences.claimed
     persistence = np.empty(3)
-    heading, persistence[2] = _heading_fit(differences, paths, config)
+    heading, persistence[2] = _heading_fit(errors[:, 2], claimed[:, 2], paths, config)
     lever, left = paths.carried_by(heading)
     own = errors[:, :2] - lever * errors[:, 2:]
     known, following = np.empty_like(own), _turned(own[1:], differences.turns[1:])
@@ -85,28 +85,35 @@ def odometry_noise(
 
 
 def heading_noise(
-    differences: Differences, odometry: NDArray[np.float64], config: CalibrationConfig
+    errors: NDArray[np.float64],
+    claimed: NDArray[np.float64],
+    starts: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    odometry: NDArray[np.float64],
+    config: CalibrationConfig,
 ) -> tuple[dict[str, float], float]:
     """Fit the noise of the heading alone.
 
     Args:
-        differences: between matches and odometry; those of the position do not count.
+        errors: (n,) turns by matches minus those of odometry [rad].
+        claimed: (n,) variances the matches claim [rad²].
+        starts: (n,) scan at which each turn starts …
+        ends: … and at which it ends.
         odometry: (n_scans, 3).
         config: what is an outlier, a floor, persistence.
 
     Returns:
         The standard deviations of the heading under their names in `OdometryModel`, and the persistence of its errors.
     """
-    paths = _Paths.of(differences, odometry)
-    heading, persistence = _heading_fit(differences, paths, config)
+    paths = _Paths.of(starts, ends, odometry)
+    heading, persistence = _heading_fit(errors, claimed, paths, config)
     return _heading_deviations(paths, heading, config), persistence
 
 
 def _heading_fit(
-    differences: Differences, paths: "_Paths", config: CalibrationConfig
+    errors: NDArray[np.float64], claimed: NDArray[np.float64], paths: "_Paths", config: CalibrationConfig
 ) -> tuple[NDArray[np.float64], float]:
     """(3,) variances of the heading: floor, per metre, per radian; and the persistence of its errors."""
-    errors, claimed = differences.errors[:, 2], differences.claimed[:, 2]
     by_match, persistence = _shares(errors, errors[1:], claimed, config)
     return _variance_fit([errors], [by_match], [paths.rows_heading], config, n_floors=1), persistence
 
@@ -193,8 +200,7 @@ class _Paths:
     whole: NDArray[np.float64]
 
     @classmethod
-    def of(cls, differences: Differences, odometry: NDArray[np.float64]) -> "_Paths":
-        starts, ends = differences.starts, differences.ends
+    def of(cls, starts: NDArray[np.int64], ends: NDArray[np.int64], odometry: NDArray[np.float64]) -> "_Paths":
         n, lengths = len(starts), ends - starts
         motion_of = np.repeat(np.arange(n), lengths)
         scan = np.arange(len(motion_of)) + np.repeat(ends - np.cumsum(lengths), lengths)

@@ -1,7 +1,6 @@
 """The front end over a whole log; what its odometry does wrong is learnt on the way."""
 
 from bisect import bisect_left
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +13,7 @@ from iceg.slam.config import FrontEndConfig
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
+from iceg.slam.progress import Progress, ProgressCallback
 from iceg.slam.recording.standstill import dead_intervals
 from iceg.slam.recording.steps import sudden_steps
 from iceg.slam.track import Track
@@ -45,7 +45,7 @@ def track_log(
     matcher: MapMatcher,
     noise: OdometryModel,
     config: FrontEndConfig,
-    progress: Callable[[int, int], None] | None = None,
+    progress: ProgressCallback | None = None,
     n_scans: int | None = None,
 ) -> Track:
     """Run the front end over a log with its odometry as it is.
@@ -55,7 +55,7 @@ def track_log(
         matcher: ICE or any other.
         noise: of the odometry.
         config: key scans and local reference.
-        progress: called with the number of scans done and of failures so far.
+        progress: called as scans are followed.
         n_scans: stop after so many.
 
     Returns:
@@ -71,7 +71,7 @@ def track_calibrating(
     matcher: MapMatcher,
     noise: OdometryModel,
     config: FrontEndConfig,
-    progress: Callable[[int, int], None] | None = None,
+    progress: ProgressCallback | None = None,
     foreknown: Foreknown = NOTHING_FOREKNOWN,
 ) -> tuple[Track, OdometryCalibration]:
     """Run the front end over a log; what its first part tells about the odometry helps with the rest.
@@ -83,7 +83,7 @@ def track_calibrating(
         matcher: ICE or any other.
         noise: of the odometry, before anything is known.
         config: key scans, local reference and calibration.
-        progress: called with the number of scans done and of failures so far.
+        progress: called as scans are followed.
         foreknown: what an earlier pass tells where there is no odometry.
 
     Returns:
@@ -122,7 +122,7 @@ class _Journey:
         matcher: MapMatcher,
         noise: OdometryModel,
         config: FrontEndConfig,
-        progress: Callable[[int, int], None] | None,
+        progress: ProgressCallback | None,
         foreknown: Foreknown = NOTHING_FOREKNOWN,
     ) -> None:
         self._log = log
@@ -146,7 +146,9 @@ class _Journey:
             if not self._follow(end, steps):
                 self._add(steps)
             if self._progress is not None:
-                self._progress(len(self._key_of_scan), self.front_end.failures)
+                tried = len(self._key_of_scan) - 1
+                accepted = tried - self.front_end.failures
+                self._progress(Progress(scans=tried + 1, tried=tried, accepted=accepted))
 
     def _follow(self, end: int, steps: NDArray[np.float64]) -> bool:
         """Track the next scans before `end` together, by (end, 3) steps, as far as they are plain; whether any was."""
