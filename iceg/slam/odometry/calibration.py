@@ -58,7 +58,7 @@ class OdometryCalibration:
         """Whether odometry is so late, or early, that what it predicted may have misled matches."""
         return abs(self.heading_shift) > config.max_linear_delay
 
-    def apply(self, odometry: NDArray[np.float64], config: SuddenStepConfig) -> NDArray[np.float64]:
+    def apply(self, odometry: Floats, config: SuddenStepConfig) -> Floats:
         """Correct a log's odometry.
 
         Args:
@@ -87,7 +87,7 @@ class OdometryCalibration:
         return chained(odometry[0], corrected)
 
 
-def calibrate_odometry(track: Track, odometry: NDArray[np.float64], config: CalibrationConfig) -> OdometryCalibration:
+def calibrate_odometry(track: Track, odometry: Floats, config: CalibrationConfig) -> OdometryCalibration:
     """Fit bias, time shift, mount and noise to the motions between key scans that were matched.
 
     A robust linear regression (Cauchy weights, priors of what is usual): the match minus the odometry between two
@@ -296,7 +296,7 @@ def _widest(parts: Iterable[Sequence[OdometryMotion]]) -> float:
     return widest
 
 
-def _shifted(values: NDArray[np.float64], shift: float, fixed: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _shifted(values: Floats, shift: float, fixed: NDArray[np.bool_]) -> Floats:
     """A sequence read `shift` places later, interpolated, constant beyond its ends; fixed values stay in place."""
     places = np.arange(len(values), dtype=np.float64)
     moving = places[~fixed]

@@ -6,6 +6,7 @@ counts if that explains more than chance would, and foretells turns better than 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,6 +26,8 @@ from iceg.slam.track import Track
 
 _DELAY_STEPS = (0.5, 0.1, 0.02)
 """Of the search for the delay [scans]: they get finer."""
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -116,8 +119,8 @@ class _Turns:
         ends: … and at which it ends.
     """
 
-    seen: NDArray[np.float64]
-    claimed: NDArray[np.float64]
+    seen: Floats
+    claimed: Floats
     starts: NDArray[np.int64]
     ends: NDArray[np.int64]
 
@@ -148,44 +151,51 @@ def _rejection(finding: GyroFinding, false_alarm: float) -> str:
     return ""
 
 
-def _clock(log: Log) -> tuple[NDArray[np.float64], float | None]:
+def _clock(log: Log) -> tuple[Floats, float | None]:
     """(n,) times of the scans, and the usual one between two [s]; the scans numbered where stamps do not advance."""
     if (np.diff(log.stamps) > 0.0).all():
         return log.stamps - log.stamps[0], float(np.median(np.diff(log.stamps)))
     return np.arange(float(len(log))), None
 
 
-def _over(turns: _Turns, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _over(turns: _Turns, values: Floats) -> Floats:
     """What (n_scans, …) values grow by over each turn."""
     return np.asarray(values[turns.ends] - values[turns.starts], dtype=np.float64)
 
 
-def _read(gyro: NDArray[np.float64], clock: NDArray[np.float64], delay: float) -> NDArray[np.float64]:
+def _read(gyro: Floats, clock: Floats, delay: float) -> Floats:
     """(n_scans, 3) of the gyro so much later."""
     return np.column_stack([np.interp(clock + delay, clock, gyro[:, axis]) for axis in range(3)])
 
 
 def _fitted(
-    turns: _Turns,
-    gyro: NDArray[np.float64],
-    clock: NDArray[np.float64],
-    interval: float | None,
-    config: CalibrationConfig,
-) -> tuple[GyroFinding, NDArray[np.float64]]:
+    turns: _Turns, gyro: Floats, clock: Floats, interval: float | None, config: CalibrationConfig
+) -> tuple[GyroFinding, Floats]:
     """What explains the turns best, and (n_scans,) the headings by that.
 
     The axis that explains most comes first; a further one counts where it explains more than chance would.
     """
-    without = student_fit(_over(turns, clock)[:, None], turns.seen, config.gyro_freedom)
+    passed, unit = _over(turns, clock), interval or 1.0
+
+    def at_best_delay(axes: list[int]) -> tuple[float, StudentFit]:
+        def at(shift: float) -> StudentFit:
+            read = _over(turns, _read(gyro, clock, shift * unit)[:, axes])
+            return student_fit(np.column_stack([passed, read]), turns.seen, config.gyro_freedom)
+
+        return _likeliest(at, config.gyro_max_delay)
+
+    without = student_fit(passed[:, None], turns.seen, config.gyro_freedom)
     telling, tries = np.flatnonzero(gyro.any(axis=0)).tolist(), round(config.gyro_max_delay / _DELAY_STEPS[0]) + 1
-    singles = [([axis], *_at_best_delay(turns, gyro, clock, interval or 1.0, [axis], config)) for axis in telling]
-    axes, delay, fit = max(singles, key=lambda found: found[2].log_likelihood)
+    alone = {axis: at_best_delay([axis]) for axis in telling}
+    best = max(telling, key=lambda axis: alone[axis][1].log_likelihood)
+    axes, (shift, fit) = [best], alone[best]
     chance = chance_of(without, fit, freedom=1, tried=len(telling) * tries, lags=config.persistence_lags)
-    for axis in [axis for axis in telling if axis not in axes]:
-        further_delay, further = _at_best_delay(turns, gyro, clock, interval or 1.0, [*axes, axis], config)
+    for axis in [axis for axis in telling if axis != best]:
+        further_shift, further = at_best_delay([*axes, axis])
         chance_further = chance_of(fit, further, freedom=1, tried=len(telling), lags=config.persistence_lags)
         if chance_further < config.gyro_false_alarm:
-            axes, delay, fit = [*axes, axis], further_delay, further
+            axes, shift, fit = [*axes, axis], further_shift, further
+    delay = shift * unit
     bias, scale = float(fit.coefficients[0]), np.zeros(3)
     scale[axes] = fit.coefficients[1:]
     headings = (_read(gyro, clock, delay) * scale).sum(axis=1) + bias * clock
@@ -200,31 +210,18 @@ def _fitted(
     return finding, headings
 
 
-def _at_best_delay(
-    turns: _Turns,
-    gyro: NDArray[np.float64],
-    clock: NDArray[np.float64],
-    interval: float,
-    axes: list[int],
-    config: CalibrationConfig,
-) -> tuple[float, StudentFit]:
-    """The delay that explains most, and the fit there."""
-
-    def at(shift: float) -> StudentFit:
-        read = _over(turns, _read(gyro, clock, shift * interval)[:, axes])
-        return student_fit(np.column_stack([_over(turns, clock), read]), turns.seen, config.gyro_freedom)
-
-    shift, width = 0.0, config.gyro_max_delay
-    fit = at(shift)
+def _likeliest(fit_at: Callable[[float], StudentFit], most: float) -> tuple[float, StudentFit]:
+    """The shift, up to `most` [scans], whose fit explains most, and that."""
+    shift, width, fit = 0.0, most, fit_at(0.0)
     for step in _DELAY_STEPS:
         n = round(width / step)
-        tries = [(shift + step * k, at(shift + step * k)) for k in range(-n, n + 1) if k]
+        tries = [(shift + step * k, fit_at(shift + step * k)) for k in range(-n, n + 1) if k]
         shift, fit = max([(shift, fit), *tries], key=lambda tried: tried[1].log_likelihood)
         width = step
-    return shift * interval, fit
+    return shift, fit
 
 
-def _unforeseen_turns(track: Track, turns: _Turns, scans: int) -> NDArray[np.float64]:
+def _unforeseen_turns(track: Track, turns: _Turns, scans: int) -> Floats:
     """(m,) turns less those of the velocity over so many scans before them [rad]."""
     headings = track.T_track_scans[:, 2]
     late = turns.starts >= scans
@@ -234,7 +231,7 @@ def _unforeseen_turns(track: Track, turns: _Turns, scans: int) -> NDArray[np.flo
 
 
 def _noise(
-    track: Track, turns: _Turns, headings: NDArray[np.float64], config: CalibrationConfig
+    track: Track, turns: _Turns, headings: Floats, config: CalibrationConfig
 ) -> tuple[HeadingNoise, HeadingNoise]:
     """From one key scan to the next, and for a graph."""
     claims = with_headings(track, headings)

@@ -27,6 +27,8 @@ _FIT_ROUNDS = 10
 _NOTHING = 1e-300
 """Stands for the variance of errors that are all zero: nothing of them persists."""
 
+Floats = NDArray[np.float64]
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Differences:
@@ -40,16 +42,16 @@ class Differences:
         ends: … and at which it ends.
     """
 
-    errors: NDArray[np.float64]
-    claimed: NDArray[np.float64]
-    turns: NDArray[np.float64]
+    errors: Floats
+    claimed: Floats
+    turns: Floats
     starts: NDArray[np.int64]
     ends: NDArray[np.int64]
 
 
 def odometry_noise(
-    differences: Differences, odometry: NDArray[np.float64], config: CalibrationConfig
-) -> tuple[OdometryModel, NDArray[np.float64]]:
+    differences: Differences, odometry: Floats, config: CalibrationConfig
+) -> tuple[OdometryModel, Floats]:
     """Fit the noise of odometry.
 
     Args:
@@ -85,11 +87,11 @@ def odometry_noise(
 
 
 def heading_noise(
-    errors: NDArray[np.float64],
-    claimed: NDArray[np.float64],
+    errors: Floats,
+    claimed: Floats,
     starts: NDArray[np.int64],
     ends: NDArray[np.int64],
-    odometry: NDArray[np.float64],
+    odometry: Floats,
     config: CalibrationConfig,
 ) -> tuple[dict[str, float], float]:
     """Fit the noise of the heading alone.
@@ -110,15 +112,13 @@ def heading_noise(
     return _heading_deviations(paths, heading, config), persistence
 
 
-def _heading_fit(
-    errors: NDArray[np.float64], claimed: NDArray[np.float64], paths: "_Paths", config: CalibrationConfig
-) -> tuple[NDArray[np.float64], float]:
+def _heading_fit(errors: Floats, claimed: Floats, paths: "_Paths", config: CalibrationConfig) -> tuple[Floats, float]:
     """(3,) variances of the heading: floor, per metre, per radian; and the persistence of its errors."""
     by_match, persistence = _shares(errors, errors[1:], claimed, config)
     return _variance_fit([errors], [by_match], [paths.rows_heading], config, n_floors=1), persistence
 
 
-def _heading_deviations(paths: "_Paths", heading: NDArray[np.float64], config: CalibrationConfig) -> dict[str, float]:
+def _heading_deviations(paths: "_Paths", heading: Floats, config: CalibrationConfig) -> dict[str, float]:
     return _deviations(
         {
             "heading_floor": max(heading[0], _least_floor(paths.rows_heading, heading, config)),
@@ -129,7 +129,7 @@ def _heading_deviations(paths: "_Paths", heading: NDArray[np.float64], config: C
     )
 
 
-def _least_floor(rows: NDArray[np.float64], fit: NDArray[np.float64], config: CalibrationConfig) -> float:
+def _least_floor(rows: Floats, fit: Floats, config: CalibrationConfig) -> float:
     """Least variance that a motion of no length is believed to have."""
     return config.min_floor**2 * float(np.median(dense.matvec(rows, fit)))
 
@@ -139,12 +139,7 @@ def _deviations(variances: dict[str, float], least: OdometryModel) -> dict[str, 
 
 
 def lasting_noise(
-    noise: OdometryModel,
-    persistence: NDArray[np.float64],
-    *,
-    along: float = 0.0,
-    drift: float = 0.0,
-    turn: float = 0.0,
+    noise: OdometryModel, persistence: Floats, *, along: float = 0.0, drift: float = 0.0, turn: float = 0.0
 ) -> OdometryModel:
     """Noise for a graph, which takes the errors of successive motions for independent.
 
@@ -190,17 +185,17 @@ class _Paths:
         whole: (n, 2) what one before the first does.
     """
 
-    rows_x: NDArray[np.float64]
-    rows_y: NDArray[np.float64]
-    rows_heading: NDArray[np.float64]
+    rows_x: Floats
+    rows_y: Floats
+    rows_heading: Floats
     motion_of: NDArray[np.int64]
-    distance: NDArray[np.float64]
-    turn: NDArray[np.float64]
-    levers: NDArray[np.float64]
-    whole: NDArray[np.float64]
+    distance: Floats
+    turn: Floats
+    levers: Floats
+    whole: Floats
 
     @classmethod
-    def of(cls, starts: NDArray[np.int64], ends: NDArray[np.int64], odometry: NDArray[np.float64]) -> "_Paths":
+    def of(cls, starts: NDArray[np.int64], ends: NDArray[np.int64], odometry: Floats) -> "_Paths":
         n, lengths = len(starts), ends - starts
         motion_of = np.repeat(np.arange(n), lengths)
         scan = np.arange(len(motion_of)) + np.repeat(ends - np.cumsum(lengths), lengths)
@@ -224,7 +219,7 @@ class _Paths:
             whole=_lever(T_end_start),
         )
 
-    def carried_by(self, heading: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def carried_by(self, heading: Floats) -> tuple[Floats, Floats]:
         """What noise of the heading, its (3,) coefficients, does to the position at the end of each motion.
 
         Returns:
@@ -241,22 +236,17 @@ class _Paths:
         return mean, np.maximum(left, 0.0)
 
 
-def _lever(T_end_pose: NDArray[np.float64]) -> NDArray[np.float64]:
+def _lever(T_end_pose: Floats) -> Floats:
     """(n, 2) what turning at a pose moves the end by, seen from the end [m/rad]."""
     return np.column_stack([T_end_pose[:, 1], -T_end_pose[:, 0]])
 
 
-def _turned(vectors: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
+def _turned(vectors: Floats, angles: Floats) -> Floats:
     c, s = cos_sin(angles)
     return np.column_stack([c * vectors[:, 0] - s * vectors[:, 1], s * vectors[:, 0] + c * vectors[:, 1]])
 
 
-def _shares(
-    errors: NDArray[np.float64],
-    following: NDArray[np.float64],
-    claimed: NDArray[np.float64],
-    config: CalibrationConfig,
-) -> tuple[NDArray[np.float64], float]:
+def _shares(errors: Floats, following: Floats, claimed: Floats, config: CalibrationConfig) -> tuple[Floats, float]:
     """What of differences is the matches', and how much that of odometry persists.
 
     Neighbours share the error of the match between them, with opposite signs. By how much a chain exceeds the sum of
@@ -288,19 +278,19 @@ def _shares(
     return share * claimed, min(persistence, config.max_persistence) if is_clear else 1.0
 
 
-def robust_deviation(residual: NDArray[np.float64]) -> float:
+def robust_deviation(residual: Floats) -> float:
     """Standard deviation of most of (n,) residuals: that of a normal distribution with the same median deviation."""
     return 1.4826 * float(np.median(np.abs(residual))) + 1e-6
 
 
 def _variance_fit(
-    errors: Sequence[NDArray[np.float64]],
-    known: Sequence[NDArray[np.float64]],
-    rows: Sequence[NDArray[np.float64]],
+    errors: Sequence[Floats],
+    known: Sequence[Floats],
+    rows: Sequence[Floats],
     config: CalibrationConfig,
     *,
     n_floors: int,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Coefficients ≥ 0 of what squared errors exceed a known variance by; several axes together.
 
     The first columns are floors: what a motion is off by however short it is. They are 0 unless they clearly explain
@@ -320,13 +310,7 @@ def _variance_fit(
     return whole if (left_by_growing - left) * len(squared) > n_floors * config.floor_gain * left else growing
 
 
-def _reweighted(
-    squared: NDArray[np.float64],
-    known: NDArray[np.float64],
-    rows: NDArray[np.float64],
-    usual: NDArray[np.float64],
-    outlier: float,
-) -> NDArray[np.float64]:
+def _reweighted(squared: Floats, known: Floats, rows: Floats, usual: Floats, outlier: float) -> Floats:
     """Iteratively reweighted least squares: the larger a square is expected to be, the more it scatters."""
     expected, fit = usual + known, np.zeros(rows.shape[1])
     for _ in range(_FIT_ROUNDS):
@@ -336,11 +320,11 @@ def _reweighted(
     return fit
 
 
-def _expected(fitted: NDArray[np.float64], known: NDArray[np.float64]) -> NDArray[np.float64]:
+def _expected(fitted: Floats, known: Floats) -> Floats:
     return np.asarray(np.maximum(fitted, 1e-10) + known, dtype=np.float64)
 
 
-def _non_negative_fit(rows: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _non_negative_fit(rows: Floats, values: Floats) -> Floats:
     """Least squares with coefficients ≥ 0, for a few columns: the best of the fits on some of them without others."""
     n = rows.shape[1]
     square, right = dense.matmul(rows.T, rows), dense.matvec(rows.T, values)

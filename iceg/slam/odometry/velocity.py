@@ -66,10 +66,6 @@ class KeySteps:
         """(n - 1,) whether two steps that follow one another are both observed."""
         return np.asarray(self.are_observed[1:] & self.are_observed[:-1])
 
-    def are_known_to(self, variances: Floats) -> NDArray[np.bool_]:
-        """(n,) whether matches know how far the steps go to within (n,) variances [m² or rad²]."""
-        return np.asarray((self.variances > 0.0) & (self.variances * self.durations**2 <= variances))
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VelocityModel:
@@ -135,7 +131,8 @@ def motions_without_odometry(
         variances[:, 2] = [0.0 if motion is None else motion.covariance[2, 2] for motion in known]
     ways, covariances = expmap(twists), _at_their_ends(twists, variances)
     # The way to the end depends on the turns: where something else knows them better, it follows the headings.
-    knows_turn = (heading is not None) | axes[2].are_known_to(variances[:, 2])
+    by_matches = axes[2].variances * axes[2].durations ** 2
+    knows_turn = (heading is not None) | ((by_matches > 0.0) & (by_matches <= variances[:, 2]))
     along, covariances_along = along_headings(poses[:, 2], track.key_scans, pauses, twists, variances)
     ways = np.where(knows_turn[:, None], along, ways)
     covariances = np.where(knows_turn[:, None, None], covariances_along, covariances)
