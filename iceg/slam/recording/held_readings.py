@@ -20,6 +20,8 @@ from iceg.slam.recording.standstill import scans_change
 from iceg.slam.recording.steps import is_moving
 from iceg.slam.tracking_config import StandstillConfig
 
+Floats = NDArray[np.float64]
+
 _FREEDOM = 3.0
 """Degrees of freedom of Student's t for changes of velocity."""
 _ROUNDS = 20
@@ -51,7 +53,7 @@ def with_odometry_between_readings(log: Log, config: StandstillConfig) -> Log:
 
 
 def held_readings(
-    odometry: NDArray[np.float64], periods: NDArray[np.float64], config: StandstillConfig
+    odometry: Floats, periods: Floats, config: StandstillConfig
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The steps of an odometry that move, and over how many scans each was made.
 
@@ -99,9 +101,7 @@ def held_readings(
     return moves, spread
 
 
-def _likeliest_span(
-    before: NDArray[np.float64], during: NDArray[np.float64], after: NDArray[np.float64], fastest: NDArray[np.float64]
-) -> tuple[float, int]:
+def _likeliest_span(before: Floats, during: Floats, after: Floats, fastest: Floats) -> tuple[float, int]:
     """By how much it is more probable that a step took several scans than one, and over how many that is so.
 
     Args:
@@ -135,12 +135,7 @@ def _are_confirmed(
     return confirmed
 
 
-def between_readings(
-    odometry: NDArray[np.float64],
-    periods: NDArray[np.float64],
-    moves: NDArray[np.int64],
-    spread: NDArray[np.int64],
-) -> NDArray[np.float64]:
+def between_readings(odometry: Floats, periods: Floats, moves: NDArray[np.int64], spread: NDArray[np.int64]) -> Floats:
     """Odometry at the scans between two readings: each step spread over the scans that it took, by their time.
 
     Args:
@@ -159,11 +154,11 @@ def between_readings(
     return filled
 
 
-def _length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def _length(vectors: Floats) -> Floats:
     """(...) of (..., 2)."""
     return np.asarray(np.sqrt((vectors * vectors).sum(axis=-1)), dtype=np.float64)
 
 
-def _cost(changes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _cost(changes: Floats) -> Floats:
     """Negative log-likelihood of changes of velocity, by Student's t: robots stop and start abruptly."""
     return np.asarray(0.5 * (_FREEDOM + 2.0) * log(1.0 + changes * changes / _FREEDOM), dtype=np.float64)

@@ -23,6 +23,8 @@ from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan, Track
 from iceg.slam.tracking.odometry_check import Expectation, OdometryCheck
 from iceg.slam.tracking.sight import is_blind, sees_next_to_nothing, sees_nothing
 
+Floats = NDArray[np.float64]
+
 COVERED = NoMatch(reason="the laser is covered")
 """What becomes of a scan that sees nothing."""
 
@@ -74,10 +76,7 @@ class FrontEnd:
         self.unknown_motion: list[int] = []
 
     def track(
-        self,
-        key_of_scan: NDArray[np.int64],
-        T_track_scans: NDArray[np.float64],
-        dead: Sequence[tuple[int, int]] = (),
+        self, key_of_scan: NDArray[np.int64], T_track_scans: Floats, dead: Sequence[tuple[int, int]] = ()
     ) -> Track:
         """What was found so far.
 
@@ -107,11 +106,11 @@ class FrontEnd:
         self,
         index: int,
         scan: Scan,
-        T_prev_cur: NDArray[np.float64] | None,
+        T_prev_cur: Floats | None,
         *,
         is_sudden: bool = False,
-        foretold: NDArray[np.float64] | None = None,
-    ) -> NDArray[np.float64]:
+        foretold: Floats | None = None,
+    ) -> Floats:
         """Track one more scan.
 
         Args:
@@ -142,9 +141,7 @@ class FrontEnd:
             self._add_key(index, scan)
         return self._T_track_robot
 
-    def follow(
-        self, index: int, ranges: NDArray[np.float32], steps: NDArray[np.float64], geometry: ScanGeometry
-    ) -> NDArray[np.float64]:
+    def follow(self, index: int, ranges: NDArray[np.float32], steps: Floats, geometry: ScanGeometry) -> Floats:
         """Track scans as `add` does, up to the next key scan, and at a fraction of the cost.
 
         Args:
@@ -174,7 +171,7 @@ class FrontEnd:
             poses[-1] = self._T_track_robot
         return poses
 
-    def _goes_on(self, scan: Scan, step: NDArray[np.float64]) -> bool:
+    def _goes_on(self, scan: Scan, step: Floats) -> bool:
         """Whether a scan does not say that the robot made the step odometry claims, rather than going on as before.
 
         It says so by where it matches best, from either guess; if it matches nowhere it says nothing. A turn that
@@ -188,19 +185,17 @@ class FrontEnd:
         best = max(found, key=lambda pose: self._evidence(scan, pose))
         return isinstance(best, NoMatch) or _is_nearer(best, *guesses)
 
-    def _is_turn(self, step: NDArray[np.float64], usual: NDArray[np.float64]) -> bool:
+    def _is_turn(self, step: Floats, usual: Floats) -> bool:
         """Whether a step that stands out does so by its turn: a robot may turn on the spot between two scans."""
         longest = self._config.tracking.turning_step * math.hypot(*usual[:2])
         return math.hypot(*step[:2]) <= max(self._config.odometry_check.jump_distance, longest)
 
-    def _constant_velocity(self) -> NDArray[np.float64]:
+    def _constant_velocity(self) -> Floats:
         """The newest step once more; none after one that only odometry took."""
         step = between(*self._newest_step)
         return step if math.hypot(step[0], step[1]) <= self._config.tracking.max_step else np.zeros(3)
 
-    def _found_after(
-        self, scan: Scan, step: NDArray[np.float64], guess: NDArray[np.float64]
-    ) -> NDArray[np.float64] | NoMatch:
+    def _found_after(self, scan: Scan, step: Floats, guess: Floats) -> Floats | NoMatch:
         """Pose of a scan if the robot made a step that leads to `guess`."""
         return self._find(self._local, scan, guess, self._expected(self._odometry.extend(self.motion, step)))
 
@@ -210,13 +205,13 @@ class FrontEnd:
             T_track_key=self.keys[-1].T_track_robot, motion=motion or self.motion, is_known=self._knows_motion
         )
 
-    def _explains(self, scan: Scan, found: NDArray[np.float64]) -> bool:
+    def _explains(self, scan: Scan, found: Floats) -> bool:
         """Whether scan and reference agree in both directions at a pose, though much may be new."""
         support = self._matcher.agreement(self._local.reference, scan, found)
         config = self._config.tracking
         return support.overlap >= config.known_overlap and min(support.fit, support.view) >= config.known_agreement
 
-    def _evidence(self, scan: Scan, found: NDArray[np.float64] | NoMatch) -> float:
+    def _evidence(self, scan: Scan, found: Floats | NoMatch) -> float:
         """How much of a scan the reference explains at a pose."""
         if isinstance(found, NoMatch):
             return -1.0
@@ -238,7 +233,7 @@ class FrontEnd:
         )
         self._local = self._map_of([0])
 
-    def _follow(self, scan: Scan, guess: NDArray[np.float64]) -> None:
+    def _follow(self, scan: Scan, guess: Floats) -> None:
         """Pose of a scan in the track frame; odometry carries it where nothing credible is found."""
         self._matched = self._local
         found = self._find(self._local, scan, guess, self._expected())
@@ -254,9 +249,7 @@ class FrontEnd:
         else:
             self._T_track_robot, self._newest_step = found, (before, found)
 
-    def _find(
-        self, local_map: _LocalMap, scan: Scan, guess: NDArray[np.float64], expected: Expectation
-    ) -> NDArray[np.float64] | NoMatch:
+    def _find(self, local_map: _LocalMap, scan: Scan, guess: Floats, expected: Expectation) -> Floats | NoMatch:
         """Pose of a scan on a local map, in the track frame."""
         if self.is_blind:
             return COVERED
@@ -288,7 +281,7 @@ class FrontEnd:
         )
         return match if instead is None else instead
 
-    def _fuse(self, match: RelativePose, T_track_key: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _fuse(self, match: RelativePose, T_track_key: Floats) -> Floats:
         """Where the match is weaker than odometry since the key scan, odometry speaks, and only there.
 
         Elsewhere it would pull every match a little towards its own bias, and the local map with it. Odometry that the
@@ -390,6 +383,6 @@ def _limits(config: FrontEndConfig) -> Limits:
     )
 
 
-def _is_nearer(pose: NDArray[np.float64], one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+def _is_nearer(pose: Floats, one: Floats, other: Floats) -> bool:
     """Whether a pose is no farther from one than from another."""
     return sum(apart(pose, one)) <= sum(apart(pose, other))

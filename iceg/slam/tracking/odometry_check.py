@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,10 @@ from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE
 from iceg.slam.tracking.sight import sees_little
 
+Floats = NDArray[np.float64]
+Reference: TypeAlias = Any
+"""A local map as the matcher has prepared it."""
+
 _IMPLAUSIBLE = NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
 
 
@@ -31,16 +35,16 @@ class Expectation:
         is_known: whether odometry told all of the way.
     """
 
-    T_track_key: NDArray[np.float64]
+    T_track_key: Floats
     motion: OdometryMotion
     is_known: bool
 
     @property
-    def T_track_robot(self) -> NDArray[np.float64]:
+    def T_track_robot(self) -> Floats:
         """(3,) the pose expected."""
         return compose(self.T_track_key, self.motion.T_key_robot)
 
-    def distance2(self, found: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+    def distance2(self, found: Floats, covariance: Floats) -> float:
         """Squared Mahalanobis distance of a pose, (3,), known with a (3, 3) covariance, from the one expected."""
         return squared_norm(between(found, self.T_track_robot), self.motion.covariance + covariance)
 
@@ -61,11 +65,11 @@ class OdometryCheck:
 
     def judge(
         self,
-        reference: Any,  # noqa: ANN401
+        reference: Reference,
         scan: Scan,
-        guess: NDArray[np.float64],
-        found: NDArray[np.float64],
-        covariance: NDArray[np.float64],
+        guess: Floats,
+        found: Floats,
+        covariance: Floats,
         expected: Expectation,
         *,
         is_degenerate: bool = False,
@@ -92,13 +96,7 @@ class OdometryCheck:
         return instead
 
     def _sees_too_little(
-        self,
-        scan: Scan,
-        found: NDArray[np.float64],
-        covariance: NDArray[np.float64],
-        expected: Expectation,
-        *,
-        is_degenerate: bool,
+        self, scan: Scan, found: Floats, covariance: Floats, expected: Expectation, *, is_degenerate: bool
     ) -> NoMatch | None:
         """Why not to believe a match that contradicts odometry on the word of a few beams, or of one direction alone.
 
@@ -111,12 +109,7 @@ class OdometryCheck:
         return None
 
     def _nearer(
-        self,
-        reference: Any,  # noqa: ANN401
-        scan: Scan,
-        found: NDArray[np.float64],
-        covariance: NDArray[np.float64],
-        expected: Expectation,
+        self, reference: Reference, scan: Scan, found: Floats, covariance: Floats, expected: Expectation
     ) -> RelativePose | None:
         """A match nearer to odometry than one that contradicts it, if it explains the scan nearly as well.
 
@@ -136,12 +129,7 @@ class OdometryCheck:
         return nearer if near >= share * free else None
 
     def _is_plausible(
-        self,
-        reference: Any,  # noqa: ANN401
-        scan: Scan,
-        guess: NDArray[np.float64],
-        found: NDArray[np.float64],
-        expected: Expectation,
+        self, reference: Reference, scan: Scan, guess: Floats, found: Floats, expected: Expectation
     ) -> bool:
         """A pose far from the guess (odometry jumped, or the robot was carried) must explain what the guess does not.
 
@@ -161,7 +149,7 @@ class OdometryCheck:
             return there > here
         return there > -self._log_refused_odds and there - here > self._log_jump_odds
 
-    def _log_odds(self, reference: Any, scan: Scan, pose: NDArray[np.float64]) -> float:  # noqa: ANN401
+    def _log_odds(self, reference: Reference, scan: Scan, pose: Floats) -> float:
         """How much more probable it is that a scan was taken at a pose than that it was not, the logarithm."""
         seen = self._matcher.agreement(reference, scan, pose)
         against = seen.known - seen.inliers + seen.contradicted
