@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from graph.errors import IcegError
 
@@ -15,6 +15,8 @@ MOST_COUNT = 10**9
 """… but for whole numbers."""
 RATES = (1e-9, 0.5)
 """Least and most of a rate of false alarms."""
+
+Number = TypeVar("Number", int, float)
 
 
 def number_in(text: str, low: float, high: float, what: str, error: type[IcegError], where: str = "") -> float:
@@ -41,13 +43,38 @@ def number_in(text: str, low: float, high: float, what: str, error: type[IcegErr
     return value
 
 
+def between(default: Number, least: float, most: float) -> Number:
+    """A field of a dataclass of settings that must lie in a range, both ends counted in; see `check_marked`."""
+    return dataclasses.field(default=default, metadata={"bounds": (least, most)})
+
+
+def positive(default: Number, least: float = 0.0, most: float = math.inf) -> Number:
+    """The same of one that must not be zero either, and is told so first."""
+    return dataclasses.field(default=default, metadata={"bounds": (least, most), "positive": True})
+
+
+def check_marked(settings: "DataclassInstance", error: type[IcegError], prefix: str = "") -> None:
+    """Refuse numbers that lie outside the ranges that `between` and `positive` mark their fields with.
+
+    Args:
+        settings: the dataclass; what it nests checks itself.
+        error: raised where a number is out of range.
+        prefix: before the name of the field, in the message.
+
+    Raises:
+        IcegError: of the type given, with the field, what was found and what was expected.
+    """
+    marks = {field.name: field.metadata["bounds"] for field in dataclasses.fields(settings) if field.metadata}
+    check_between(settings, error, prefix, **marks)
+
+
 def check_numbers(settings: "DataclassInstance", error: type[IcegError], *, positive: tuple[str, ...] = ()) -> None:
     """Refuse negative and enormous numbers among the fields of a dataclass of settings.
 
     Args:
         settings: the dataclass; what it nests checks itself.
         error: raised where a number is out of range.
-        positive: fields that must not be zero either.
+        positive: fields that must not be zero either, besides those that are marked so.
 
     Raises:
         IcegError: of the type given, with the field, what was found and what was expected.
@@ -56,7 +83,8 @@ def check_numbers(settings: "DataclassInstance", error: type[IcegError], *, posi
         value = getattr(settings, field.name)
         if isinstance(value, bool) or not isinstance(value, int | float):
             continue
-        if field.name in positive and not 0 < value < math.inf:
+        is_positive = field.name in positive or "positive" in field.metadata
+        if is_positive and not 0 < value < math.inf:
             least = "1 or more" if isinstance(value, int) else "a positive number"
             raise error(f"found {field.name} {shown_number(value)}, expected {least}")
         if not value >= 0:

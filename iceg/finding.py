@@ -76,7 +76,7 @@ def find(
     with clock.stage("graph"):
         track = with_measured_covariance_scale(track, matcher, config.front_end.split_half)
         calibration = _recalibrate(track, log, first, config)
-        heading, gyro = learn_gyro(track, log, config.front_end.calibration) if config.front_end.gyro else (None, None)
+        heading, gyro = learn_gyro(track, log, config.front_end)
         is_forbidden = forbids(corrections.forbidden, track)
         solution = _solve(track, log, matcher, calibration, heading, config, is_forbidden, stages)
         guided = corrected(solution, corrections, track, matcher, config)

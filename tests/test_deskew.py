@@ -16,7 +16,7 @@ from frontends.simulator.laser import Course, Laser, sense
 from frontends.simulator.scene import load_scene
 from frontends.simulator.world import World
 from graph.se2 import compose, expmap
-from iceg.slam.recording.intervals import intervals, usual_interval
+from iceg.slam.recording.intervals import usual_interval, waits
 from iceg.slam.sweep.deskew import deskewed
 from iceg.slam.sweep.motion import MotionWithin, motion_within
 
@@ -125,7 +125,7 @@ def test_a_missing_scan_is_no_haste() -> None:
 
 def test_stamps_that_stand_still_count_scans() -> None:
     assert usual_interval(np.zeros(5)) is None
-    np.testing.assert_array_equal(intervals(np.zeros(5)), np.ones(4))
+    np.testing.assert_array_equal(waits(np.zeros(5)), np.ones(4))
 
 
 def _log(ranges: NDArray[Any], geometry: ScanGeometry = ALL_AROUND) -> Log:

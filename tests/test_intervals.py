@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from iceg.slam.recording.intervals import confirmed_intervals, intervals, usual_interval
+from iceg.slam.recording.intervals import confirmed_intervals, usual_interval, waits
 
 pauses = st.lists(st.sampled_from([1, 1, 1, 1, 2, 3, 7]), min_size=12, max_size=60).filter(
     lambda found: found.count(1) > len(found) // 2
@@ -14,14 +14,14 @@ pauses = st.lists(st.sampled_from([1, 1, 1, 1, 2, 3, 7]), min_size=12, max_size=
 def test_a_stamp_that_steps_back_makes_no_pause() -> None:
     stamps = np.array([0.0, 1.0, 2.0, 0.5, 3.0, 4.0, 5.0])
     assert usual_interval(stamps) == 1.0
-    np.testing.assert_array_equal(intervals(stamps), np.ones(6))
+    np.testing.assert_array_equal(waits(stamps), np.ones(6))
 
 
 def test_shuffled_and_reversed_stamps_count_scans() -> None:
     stamps = np.arange(100.0)
     shuffled = np.random.default_rng(0).permutation(stamps)
     for each in (stamps[::-1], shuffled):
-        np.testing.assert_array_equal(intervals(each), np.ones(99))
+        np.testing.assert_array_equal(waits(each), np.ones(99))
 
 
 @given(found=pauses, speed=st.floats(0.01, 2.0), unit=st.floats(0.01, 10.0))

@@ -11,8 +11,6 @@ from graph.se2 import between, compose, expmap, logmap
 from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.odometry.noise import (
     Differences,
-    LastingErrors,
-    _best_of_all_sets,
     _non_negative_fit,
     _Paths,
     lasting_noise,
@@ -126,7 +124,7 @@ def test_a_floor_is_not_found_where_there_is_none() -> None:
 
 def test_what_variances_are_made_of_is_what_the_model_makes_of_them() -> None:
     differences, odometry, _ = _observed(400, _TRUE, 0.001, seed=6)
-    paths = _Paths.of(differences, odometry)
+    paths = _Paths.of(differences.starts, differences.ends, odometry)
     steps = between(odometry[:-1], odometry[1:]).reshape(-1, _EVERY, 3)
     tiny = dict.fromkeys((f.name for f in fields(OdometryModel)), 0.0) | dict.fromkeys(
         ("along_floor", "across_floor", "heading_floor"), 1e-9
@@ -147,7 +145,7 @@ def test_what_variances_are_made_of_is_what_the_model_makes_of_them() -> None:
 
 
 def test_errors_that_persist_widen_their_axis_alone() -> None:
-    noise = lasting_noise(_TRUE, np.array([1.0, 4.0, 1.0]), LastingErrors())
+    noise = lasting_noise(_TRUE, np.array([1.0, 4.0, 1.0]))
     assert noise.across_per_metre == pytest.approx(2.0 * _TRUE.across_per_metre)
     assert noise.along_per_metre == pytest.approx(_TRUE.along_per_metre)
     assert noise.heading_per_radian == _TRUE.heading_per_radian
@@ -165,7 +163,7 @@ def test_what_is_the_same_all_the_way_counts_as_much_in_the_mean_over_all_ways(
     name: str, error: float, path: tuple[float, float, float], axis: int
 ) -> None:
     steps = 300
-    noise = lasting_noise(_TRUE, np.ones(3), LastingErrors(**{name: error * np.sqrt(0.1 * steps)}))
+    noise = lasting_noise(_TRUE, np.ones(3), **{name: error * np.sqrt(0.1 * steps)})
     lengths = np.arange(1, steps + 1)
     ways = steps + 1 - lengths  # so many parts of the path are so long
     claimed = [float((model.covariance(np.tile(path, (steps, 1))) / steps)[axis, axis]) for model in (noise, _TRUE)]
@@ -181,7 +179,6 @@ def test_the_variance_fit_is_non_negative_least_squares(seed: int) -> None:
     rows, values = rng.uniform(0.0, 1.0, (40, 3)), rng.normal(size=40)
     expected = nnls(rows, values)[0]
     np.testing.assert_allclose(_non_negative_fit(rows, values), expected, atol=1e-12)
-    np.testing.assert_allclose(_best_of_all_sets(rows.T @ rows, rows.T @ values), expected, atol=1e-12)
 
 
 def test_a_column_that_left_too_early_takes_part_again() -> None:

@@ -3,13 +3,13 @@
 from dataclasses import dataclass, field
 
 from graph.odometry import OdometryModel, check_odometry_setting
-from graph.ranges import RATES, check_between, check_numbers
+from graph.ranges import RATES, between, positive
 from graph.units import Radians
-from iceg.slam.config_error import SlamConfigError
+from iceg.slam.checked_settings import SlamConfigError, SlamSettings
 
 
 @dataclass(frozen=True, kw_only=True)
-class SuddenStepConfig:
+class SuddenStepConfig(SlamSettings, prefix="sudden steps: "):
     """Which steps of odometry no robot made, as where it was set anew."""
 
     distance: float = 1.0
@@ -18,39 +18,35 @@ class SuddenStepConfig:
     """Least turn of a step that stands out, if it is not long [rad]."""
     factor: float = 3.0
     """How many times as fast as nearly all steps one is, at least, that stands out."""
-    nearly_all: float = 0.99
+    nearly_all: float = between(0.99, 0.5, 0.9999)
     """Share of the steps that are nearly all of them."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError)
-        check_between(self, SlamConfigError, "sudden steps: ", nearly_all=(0.5, 0.9999))
 
 
 @dataclass(frozen=True, kw_only=True)
-class CalibrationConfig:
+class CalibrationConfig(SlamSettings, prefix="calibration: "):
     """What the matches of a log tell of its odometry: bias, delay, mount, noise; and of its gyro."""
 
-    min_keys: int = 20
+    min_keys: int = positive(20)
     """Fewest matched key scans to calibrate from."""
-    window: int = 5
+    window: int = positive(5)
     """Key scans over which moves are compared: the noise of single steps makes a scale fitted to them too small."""
     min_turn: Radians = 0.3
     """Only windows that turn by more than this tell the scale of turns [rad]."""
     sudden: SuddenStepConfig = field(default_factory=SuddenStepConfig)
     """Which steps of odometry stand out."""
-    scale_sigma: float = 0.05
+    scale_sigma: float = positive(0.05)
     """Standard deviation, before any data, of the scale of moves and of turns."""
-    drift_sigma: float = 0.05
+    drift_sigma: float = positive(0.05)
     """Standard deviation, before any data, of the drift of the heading [rad/m]."""
-    delay_sigma: float = 0.7
+    delay_sigma: float = positive(0.7)
     """Standard deviation, before any data, of the delay [scans]."""
-    mount_ahead_sigma: float = 0.2
+    mount_ahead_sigma: float = positive(0.2)
     """Standard deviation, before any data, of how far ahead the laser sits [m]."""
-    mount_aside_sigma: float = 0.1
+    mount_aside_sigma: float = positive(0.1)
     """Standard deviation, before any data, of how far aside the laser sits [m]."""
-    mount_heading_sigma: Radians = 0.03
+    mount_heading_sigma: Radians = positive(0.03)
     """Standard deviation, before any data, of the heading of the laser [rad]."""
-    max_delay: int = 16
+    max_delay: int = between(16, 0, 1000)
     """Scans up to which a delay is looked for."""
     max_linear_delay: float = 1.0
     """Scans up to which odometry may be late without harm, and a linear fit tells the delay better."""
@@ -58,7 +54,7 @@ class CalibrationConfig:
     """So many times smaller must the mean square of the differences become by a delay of several scans."""
     wrong_turn: Radians = 0.3
     """A match that differs by more differs by no more than this: it may be wrong itself [rad]."""
-    scale_false_alarm: float = 5.733e-7
+    scale_false_alarm: float = between(5.733e-7, *RATES)
     """Odometry is a measure of moves, or of turns, where chance explains its share of what the matches say with a
     smaller probability (normal distribution; 5 σ)."""
     outlier_sigmas: float = 3.0
@@ -67,11 +63,11 @@ class CalibrationConfig:
     """What cancels from step to step is the match's up to so many times the variance it claims; the rest is clocks."""
     floor_gain: float = 10.0
     """F statistic from which on an error that does not grow with the way explains more than chance would."""
-    min_floor: float = 0.05
+    min_floor: float = between(0.05, 0.0, 1.0)
     """No odometry is believed to be off by less, without any motion, than this share of its usual deviation."""
     max_persistence: float = 4.0
     """By how much the variance is widened at most for errors that persist."""
-    persistence_lags: int = 16
+    persistence_lags: int = between(16, 3, 1000)
     """Steps over which errors may persist."""
     least_noise: OdometryModel = field(
         default_factory=lambda: OdometryModel(
@@ -86,40 +82,25 @@ class CalibrationConfig:
         )
     )
     """No robot's odometry is believed to be better than this."""
-    gyro_false_alarm: float = 1e-4
+    gyro_false_alarm: float = between(1e-4, *RATES)
     """A gyro counts, and so does a further axis of it, where chance explains as much with a smaller probability."""
-    gyro_freedom: float = 3.0
+    gyro_freedom: float = between(3.0, 1.0, 1000.0)
     """Degrees of freedom of Student's t for what a gyro leaves of the turns: the usual residuals count as normal ones
     do, a few wrong matches hardly at all."""
-    gyro_min_turns: int = 10
+    gyro_min_turns: int = between(10, 5, 10**6)
     """Fewest turns between matched key scans that tell anything of a gyro: four coefficients and their scatter."""
     gyro_max_delay: float = 3.0
     """Scans up to which the delay of a gyro is looked for."""
-    velocity_scans: int = 5
+    velocity_scans: int = between(5, 1, 1000)
     """Scans whose motion tells the velocity that a gyro must foretell turns better than."""
-    velocity_min_steps: int = 10
+    velocity_min_steps: int = between(10, 1, 10**6)
     """Fewest pairs of steps in a row that tell how well a robot without odometry keeps its velocity."""
-    velocity_min_sigma: float = 0.005
+    velocity_min_sigma: float = positive(0.005)
     """Standard deviations of a step that only the velocity tells of are never taken to be smaller [m, rad]."""
-    velocity_told: float = 0.1
+    velocity_told: float = positive(0.1)
     """A match tells of the velocity where it leaves no more than this share of the variance by which the velocity
     changes meanwhile."""
 
     def __post_init__(self) -> None:
         check_odometry_setting(self.least_noise, SlamConfigError, "least_noise")
-        sigmas = ("scale_sigma", "drift_sigma", "delay_sigma", "mount_ahead_sigma", "mount_aside_sigma")
-        positive = ("mount_heading_sigma", "window", "min_keys", "velocity_min_sigma", "velocity_told")
-        check_numbers(self, SlamConfigError, positive=(*sigmas, *positive))
-        check_between(self, SlamConfigError, "calibration: ", gyro_false_alarm=RATES, scale_false_alarm=RATES)
-        check_between(
-            self,
-            SlamConfigError,
-            "calibration: ",
-            max_delay=(0, 1000),
-            min_floor=(0.0, 1.0),
-            persistence_lags=(3, 1000),
-            gyro_freedom=(1.0, 1000.0),
-            gyro_min_turns=(5, 10**6),
-            velocity_min_steps=(1, 10**6),
-            velocity_scans=(1, 1000),
-        )
+        super().__post_init__()

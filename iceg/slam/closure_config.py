@@ -3,15 +3,15 @@
 from dataclasses import dataclass, field
 from math import pi
 
-from graph.ranges import RATES, check_between, check_numbers
+from graph.ranges import RATES, between, positive
 from graph.units import Radians
 from iceg.slam.agreement import Tolerance
-from iceg.slam.config_error import SlamConfigError
+from iceg.slam.checked_settings import SlamSettings
 from iceg.slam.contradiction import ContradictionConfig
 
 
 @dataclass(frozen=True, kw_only=True)
-class VerificationConfig:
+class VerificationConfig(SlamSettings):
     """Where loop closures are matched, and which of them agree."""
 
     trusted_distance: float = 0.3
@@ -32,9 +32,9 @@ class VerificationConfig:
     """A closure agrees with the estimate if it is no farther off than this [m]."""
     near_turn: Radians = 0.12
     """A closure agrees with the estimate if it is turned by no more than this [rad]."""
-    partner_distance: float = 0.25
+    partner_distance: float = positive(0.25)
     """Two closures are consistent that differ by less than this [m]."""
-    partner_turn: Radians = 0.05
+    partner_turn: Radians = positive(0.05)
     """Two closures are consistent that are turned against each other by less than this [rad]."""
     partner_keys: int = 60
     """Most key poses between two closures that can be consistent."""
@@ -42,9 +42,6 @@ class VerificationConfig:
     """Poses of one key scan no farther apart than this are one place [m]."""
     place_turn: Radians = 0.1
     """Poses of one key scan turned by no more than this are one place [rad]."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("partner_distance", "partner_turn"))
 
     @property
     def trusted(self) -> Tolerance:
@@ -78,20 +75,20 @@ class VerificationConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlaceSignatureConfig:
+class PlaceSignatureConfig(SlamSettings, prefix="signatures: "):
     """What the signature of a place is made of, by which similar places are found (place recognition)."""
 
-    half: int = 5
+    half: int = between(5, 0, 1000)
     """Key scans on either side that make up the place."""
     word_reach: float = 6.0
     """Pairs of features within this are words [m]: both kinds, distance and directions."""
     word_closest: float = 0.3
     """Features closer to each other than this are no pair [m]."""
-    word_cell: float = 0.4
+    word_cell: float = positive(0.4)
     """Cell of the distance in a word [m]."""
-    word_sectors: int = 6
+    word_sectors: int = positive(6)
     """Sectors of the directions of both features against the line between them in a word."""
-    word_bins: int = 1024
+    word_bins: int = between(1024, 1, 1_000_000)
     """Bins into which words are hashed."""
     min_scans: float = 2.0
     """Fewest scans of the place that must have seen a feature of a word."""
@@ -99,43 +96,26 @@ class PlaceSignatureConfig:
     """A feature that more scans saw counts no more than this."""
     merge_radius: float = 0.25
     """Features of different scans closer than this are one [m]."""
-    max_features: int = 1500
+    max_features: int = between(1500, 1, 1_000_000)
     """Most features of one place."""
-    point_every: int = 3
+    point_every: int = positive(3)
     """Only the points of every so many key scans are counted."""
-    point_reach: float = 8.0
+    point_reach: float = between(8.0, 0.0, 1000.0)
     """Farthest from the middle of the place that points are counted [m]."""
-    point_cell: float = 0.4
+    point_cell: float = between(0.4, 0.01, 100.0)
     """Cell of which one point is counted [m]."""
-    distance_bins: int = 40
+    distance_bins: int = between(40, 1, 100_000)
     """Bins of distance between two points."""
-    distance_cell: float = 0.25
+    distance_cell: float = positive(0.25)
     """Width of a bin of distance [m]."""
-    shape_weight: float = 0.3
+    shape_weight: float = between(0.3, 0.0, 1000.0)
     """What the distances count beside the words."""
-    sequence: int = 2
+    sequence: int = between(2, 0, 1000)
     """Places on either side that are compared along with a place."""
-
-    def __post_init__(self) -> None:
-        positive = ("word_cell", "word_sectors", "point_every", "distance_cell")
-        check_numbers(self, SlamConfigError, positive=positive)
-        check_between(
-            self,
-            SlamConfigError,
-            "signatures: ",
-            half=(0, 1000),
-            word_bins=(1, 1_000_000),
-            max_features=(1, 1_000_000),
-            point_reach=(0.0, 1000.0),
-            point_cell=(0.01, 100.0),
-            distance_bins=(1, 100_000),
-            shape_weight=(0.0, 1000.0),
-            sequence=(0, 1000),
-        )
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlaceVotesConfig:
+class PlaceVotesConfig(SlamSettings):
     """When another place fits key scans as well as that of a closure (perceptual aliasing)."""
 
     rival_share: float = 1.0 / 3.0
@@ -149,20 +129,17 @@ class PlaceVotesConfig:
     strong_misfit: float = 0.1
     """Largest misfit, in the mean, of a place whose vote is strong."""
 
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError)
-
 
 @dataclass(frozen=True, kw_only=True)
-class TrackingFailureConfig:
+class TrackingFailureConfig(SlamSettings, prefix="failures: "):
     """At which steps of the path tracking may have failed, and what settles it."""
 
-    false_alarm: float = 1.544e-5
+    false_alarm: float = between(1.544e-5, *RATES)
     """A match contradicts odometry where chance puts it so far off with this probability only (χ², 3 degrees of
     freedom; 5 σ): the step is suspect."""
     carried: float = 0.6
     """A match so far from odometry [m, or metres per metre driven if that is more] is suspect whatever it claims."""
-    beyond_chance_distance2: float = 99.0
+    beyond_chance_distance2: float = positive(99.0)
     """Squared Mahalanobis distance of a match from odometry that no chance explains: odometry is widened to it."""
     min_inlier_ratio: float = 0.7
     """A match that explains less of a scan is suspect where few closures span the step."""
@@ -171,17 +148,12 @@ class TrackingFailureConfig:
     walk past evenly spaced doors, or similar rooms, find many key scans that agree about another place."""
     settling_closures: int = 10
     """So many closures that span a step settle what failed there."""
-    unknown_distance: float = 0.5
+    unknown_distance: float = between(0.5, 1e-3, 1000.0)
     """Standard deviation in position of a step between key scans that neither odometry nor a match has seen [m]."""
-    unknown_turn: Radians = 0.5
+    unknown_turn: Radians = between(0.5, 1e-3, 1000.0)
     """Standard deviation in heading of such a step [rad]."""
     log_end: float = 12.0
     """A failure so near to the beginning or the end of the path matters to nobody [m]."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("beyond_chance_distance2",))
-        check_between(self, SlamConfigError, "failures: ", false_alarm=RATES)
-        check_between(self, SlamConfigError, "failures: ", unknown_distance=(1e-3, 1000.0), unknown_turn=(1e-3, 1000.0))
 
     @property
     def unknown(self) -> Tolerance:
@@ -190,54 +162,39 @@ class TrackingFailureConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ViewChangeConfig:
+class ViewChangeConfig(SlamSettings, prefix="view: "):
     """By how much what the laser sees changes from scan to scan, and whether the robot may have been carried then."""
 
     distance: float = 0.05
     """Two scans agree about a beam that ends within this of what the other sees there [m]."""
     share: float = 0.02
     """Two scans agree about a beam that ends within this share of its range, added to that distance."""
-    step_distance: float = 0.5
+    step_distance: float = between(0.5, 1e-3, 100.0)
     """Where the view seems to have changed at once the two scans are matched to each other: standard deviation in
     position of the step that tracking has found [m]."""
-    step_turn: Radians = 0.3
+    step_turn: Radians = between(0.3, 1e-3, 10.0)
     """The same in heading [rad]."""
-    most_elsewhere: int = 60
+    most_elsewhere: int = between(60, 1, 1_000_000)
     """So many pairs of scans of different parts of the log tell how much the view changes if the robot is carried."""
-    most_beams: int = 120
+    most_beams: int = between(120, 1, 1_000_000)
     """Most beams of a scan that are looked at, evenly spread."""
     min_compared: int = 10
     """Fewest of them that must be comparable."""
-    keys: int = 3
+    keys: int = between(3, 1, 1000)
     """So many key scans before a failure the view may have changed."""
-    most_steps: int = 1000
+    most_steps: int = between(1000, 1, 1_000_000)
     """Most steps of the log that tell how the view changes by chance."""
     min_steps: int = 50
     """Fewest such steps; of a log with fewer nothing is said."""
-    tail: float = 0.05
+    tail: float = between(0.05, *RATES)
     """Share of the steps, those that change most, to which a Pareto tail is fitted."""
-    carried_chance: float = 0.01
+    carried_chance: float = between(0.01, *RATES)
     """A robot may have been carried where chance changes the view as much with no more than this probability."""
-    carried_prior: float = 0.01
+    carried_prior: float = between(0.01, *RATES)
     """Probability, before anything is seen, that the robot was carried where tracking failed."""
-    false_alarm: float = 0.05
+    false_alarm: float = between(0.05, *RATES)
     """It was carried where, besides, match and odometry contradict each other beyond chance, and chance changes the
     view as much anywhere in a log at such places with no more than this probability."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError)
-        check_between(self, SlamConfigError, "view: ", step_distance=(1e-3, 100.0), step_turn=(1e-3, 10.0))
-        rates = dict.fromkeys(("tail", "carried_chance", "carried_prior", "false_alarm"), RATES)
-        check_between(
-            self,
-            SlamConfigError,
-            "view: ",
-            most_beams=(1, 1_000_000),
-            most_elsewhere=(1, 1_000_000),
-            keys=(1, 1000),
-            most_steps=(1, 1_000_000),
-            **rates,
-        )
 
     @property
     def step(self) -> Tolerance:
@@ -246,7 +203,7 @@ class ViewChangeConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class RelocalisationConfig:
+class RelocalisationConfig(SlamSettings, prefix="relocalisation: "):
     """Which hypotheses join parts of a broken path."""
 
     max_hypotheses: int = 6
@@ -263,7 +220,7 @@ class RelocalisationConfig:
     """A step that odometry and match contradict beyond all chance may be the one that closures are about if this share
     of them spans it: not all need to, the reference of one may hold key scans from both sides of a break. Any other
     step must be spanned by as many as any is."""
-    false_alarm: float = 1.544e-5
+    false_alarm: float = between(1.544e-5, *RATES)
     """The path explains an offset that chance makes as large with more than this probability (χ², 3 degrees of freedom;
     5 σ)."""
     spanned_covariance: float = 0.01
@@ -276,7 +233,7 @@ class RelocalisationConfig:
     """Fewest scans, and more than contradict it, that are enough where something else says the same."""
     contradiction: ContradictionConfig = field(default_factory=ContradictionConfig)
     """What share of the scans contradicts a hypothesis."""
-    odds: float = 3.0
+    odds: float = positive(3.0)
     """A hypothesis must be so many times as probable as the present estimate, or a rival; one that is so many times as
     probably wrong as right is refused."""
     scan_distance: float = 0.3
@@ -289,18 +246,14 @@ class RelocalisationConfig:
     """Farthest along the path from a closure that key scans verify it [m]."""
     pass_length: float = 16.0
     """Farthest along the path from a closure that they are matched against [m]."""
-    spacing: float = 1.4
+    spacing: float = between(1.4, 0.0, 1000.0)
     """Path from one such key scan to the next [m], lest few be left in a log of few scans."""
-    max_keys: int = 96
+    max_keys: int = positive(96)
     """Most key scans that verify a hypothesis."""
     rival_distance: float = 2.0
     """Hypotheses that put the same scans so far apart are about different places [m]."""
     rival_support: float = 0.5
     """Another is weighed that has this share of the key scans of a hypothesis."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("max_keys", "odds"))
-        check_between(self, SlamConfigError, "relocalisation: ", spacing=(0.0, 1000.0), false_alarm=RATES)
 
     @property
     def found(self) -> Tolerance:
@@ -314,7 +267,7 @@ class RelocalisationConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConfirmedAreaConfig:
+class ConfirmedAreaConfig(SlamSettings):
     """Where passes show nothing new, so that loops are looked for more seldom."""
 
     distance: float = 0.1
@@ -323,7 +276,7 @@ class ConfirmedAreaConfig:
     """An area is confirmed where earlier passes turn the newest pose by no more than this [rad]."""
     passes: int = 3
     """Fewest earlier passes that confirm an area."""
-    spacing: float = 3.0
+    spacing: float = positive(3.0)
     """How many times more seldom loops are looked for in a confirmed area."""
     small_distance: float = 0.05
     """Closures that move the newest pose by less than this leave all poses before the last search where they are
@@ -332,9 +285,6 @@ class ConfirmedAreaConfig:
     """Closures that turn the newest pose by less than this do so, too [rad]."""
     max_waiting: int = 15
     """Most such closures in a row."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("spacing",))
 
     @property
     def confirming(self) -> Tolerance:

@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass, field
 
-from graph.ranges import RATES, check_between, check_magnitudes, check_numbers
+from graph.ranges import RATES, between, check_marked, positive
 from graph.units import Radians
+from iceg.slam.agreement import Tolerance
 from iceg.slam.calibration_config import CalibrationConfig
+from iceg.slam.checked_settings import SlamConfigError, SlamSettings
 from iceg.slam.closure_config import (
     ConfirmedAreaConfig,
     PlaceSignatureConfig,
@@ -14,7 +16,6 @@ from iceg.slam.closure_config import (
     VerificationConfig,
     ViewChangeConfig,
 )
-from iceg.slam.config_error import SlamConfigError
 from iceg.slam.joint_config import JointRefinementConfig
 from iceg.slam.sweep_config import SweepConfig
 from iceg.slam.tracking_config import (
@@ -36,21 +37,17 @@ __all__ = [
 ]
 
 
-_STEPS = (1e-3, 1000.0)
-"""Between key scans [m, rad]."""
-
-
 @dataclass(frozen=True, kw_only=True)
-class KeyScanConfig:
+class KeyScanConfig(SlamSettings, prefix="key_scans: "):
     """When a scan becomes a key scan, and which of them make up the local reference."""
 
-    distance: float = 0.35
+    distance: float = between(0.35, 1e-3, 1000.0)
     """A new key scan after driving this far [m]."""
-    angle: Radians = 0.4
+    angle: Radians = between(0.4, 1e-3, 1000.0)
     """A new key scan after turning this far [rad]."""
-    blind_spacing: float = 1.5
+    blind_spacing: float = between(1.5, 1.0, 1e6)
     """A scan that sees nothing becomes a key scan after so many times the way: one that sees may come before."""
-    window: int = 25
+    window: int = between(25, 1, 1000)
     """Key scans in the local reference."""
     rebuild: int = 8
     """The reference is built anew after this many key scans; in between it is only extended."""
@@ -60,19 +57,11 @@ class KeyScanConfig:
             raise SlamConfigError(f"key_scans: distance {self.distance} and angle {self.angle} must be positive")
         if self.window < 1 or self.rebuild < 1:
             raise SlamConfigError(f"key_scans: window {self.window} and rebuild {self.rebuild} must be at least 1")
-        check_between(
-            self,
-            SlamConfigError,
-            "key_scans: ",
-            distance=_STEPS,
-            angle=_STEPS,
-            window=(1, 1000),
-            blind_spacing=(1.0, 1e6),
-        )
+        check_marked(self, SlamConfigError, self._prefix)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrontEndConfig:
+class FrontEndConfig(SlamSettings):
     """Matching scan after scan against the local reference."""
 
     key_scans: KeyScanConfig = field(default_factory=KeyScanConfig)
@@ -98,11 +87,11 @@ class FrontEndConfig:
     """Path by odometry that the first pass takes, which calibrates [m]; it ends once path and turning are enough."""
     calibration_turn: Radians = 25.0
     """Turning by odometry that the first pass takes [rad]."""
-    calibration_scans: int = 2500
+    calibration_scans: int = positive(2500)
     """Scans after which the first pass ends in any case."""
-    tracking_distance: float = 0.02
+    tracking_distance: float = positive(0.02)
     """Standard deviation of the position between two key scans [m]."""
-    tracking_angle: Radians = 0.01
+    tracking_angle: Radians = positive(0.01)
     """Standard deviation of the heading between two key scans [rad]."""
     deskew: bool = True
     """Move every beam by the motion within the sweep of the laser: as long as the log says it takes, else as long as
@@ -110,12 +99,22 @@ class FrontEndConfig:
     gyro: bool = True
     """In a log without odometry, take the turn rate of a gyro for odometry of the heading if the matches confirm it."""
 
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("calibration_scans", "tracking_distance", "tracking_angle"))
+    @property
+    def tracked(self) -> Tolerance:
+        """Standard deviations of a pose between two key scans."""
+        return Tolerance(self.tracking_distance, self.tracking_angle)
+
+    @property
+    def one_optimum(self) -> Tolerance:
+        """How far apart two tracked poses of one scan may be that do not contradict each other."""
+        return Tolerance(
+            self.tracking.same_optimum_distance * self.tracking_distance,
+            self.tracking.same_optimum_turn * self.tracking_angle,
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
-class LoopClosureConfig:
+class LoopClosureConfig(SlamSettings):
     """Finding places again."""
 
     enabled: bool = True
@@ -126,17 +125,17 @@ class LoopClosureConfig:
     """Look for earlier passes again after turning this far [rad]."""
     min_path: float = 8.0
     """A pass counts as earlier when the path since is longer than this [m]."""
-    radius: float = 3.0
+    radius: float = between(3.0, 0.0, 1000.0)
     """Views of the two key scans may lie this far apart, plus twice the drift [m]."""
-    view_distance: float = 2.0
+    view_distance: float = between(2.0, 0.0, 1000.0)
     """A view is the point this far ahead of the robot [m]."""
     pass_gap: int = 12
     """Key scans between two passes."""
-    max_passes: int = 3
+    max_passes: int = between(3, 0, 1000)
     """Most earlier passes tried for one key scan."""
-    max_pieces: int = 8
+    max_pieces: int = between(8, 0, 1000)
     """Most pieces of passes tried for one key scan after much drift."""
-    reference_half: int = 7
+    reference_half: int = between(7, 0, 1000)
     """Key scans of the earlier pass on either side that make up the reference."""
     min_overlap: float = 0.4
     """Least share of the beams of a key scan and its neighbours that fall on the earlier pass."""
@@ -151,29 +150,29 @@ class LoopClosureConfig:
     """Largest standard deviation of the drift taken for such a revisit [m]."""
     drift_factor: float = 1.5
     """The path's covariance since the last closure is trusted only after this factor on its standard deviations."""
-    odometry_inflation: float = 2.0
+    odometry_inflation: float = between(2.0, 0.01, 1000.0)
     """Factor on the odometry's standard deviations in a search: a chain of them may do worse than usual."""
     drift_floor: float = 0.1
     """Smallest standard deviation of a search [m]."""
-    max_drift: float = 8.0
+    max_drift: float = between(8.0, 0.0, 200.0)
     """Largest standard deviation of a search [m]."""
     turn_floor: Radians = 0.03
     """Smallest standard deviation of a search in heading [rad]."""
     max_turn: Radians = 0.8
     """Largest standard deviation of a search in heading [rad]."""
-    confirmations: int = 3
+    confirmations: int = positive(3)
     """A closure far from the estimate waits until so many say the same."""
-    path_probability: float = 0.999
+    path_probability: float = between(0.999, 0.5, 1.0 - 1e-12)
     """A true closure lies no farther from the path than its covariance explains with this probability; one that does is
     refused, for most likely it is a similar place (perceptual aliasing)."""
     relocalise: bool = True
     """Where no closure joins what follows to what was before, look for similar places anywhere (place recognition)."""
-    places: int = 120
+    places: int = between(120, 0, 100_000)
     """Most pairs of similar places that are matched; where nothing gives a break away, no more than there are bridge
     edges, steps that no closure spans."""
-    places_each: int = 3
+    places_each: int = between(3, 0, 1000)
     """Most such pairs for one place."""
-    place_confirmations: int = 4
+    place_confirmations: int = positive(4)
     """Key scans that must agree before a recognised place is believed."""
     support_offsets: tuple[int, ...] = (-4, -2, 0, 2, 4)
     """Key scans asked to agree, relative to the one matched."""
@@ -192,32 +191,14 @@ class LoopClosureConfig:
     confirmed: ConfirmedAreaConfig = field(default_factory=ConfirmedAreaConfig)
     """Where passes show nothing new."""
 
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("confirmations", "place_confirmations"))
-        check_magnitudes(self, SlamConfigError)
-        check_between(
-            self,
-            SlamConfigError,
-            radius=(0.0, 1000.0),
-            max_drift=(0.0, 200.0),
-            odometry_inflation=(0.01, 1000.0),
-            view_distance=(0.0, 1000.0),
-            reference_half=(0, 1000),
-            max_passes=(0, 1000),
-            max_pieces=(0, 1000),
-            places=(0, 100_000),
-            places_each=(0, 1000),
-            path_probability=(0.5, 1.0 - 1e-12),
-        )
-
 
 @dataclass(frozen=True, kw_only=True)
-class FinishConfig:
+class FinishConfig(SlamSettings):
     """The offline finish after the log has been read to its end."""
 
     enabled: bool = True
     """Off leaves the incremental solution."""
-    rounds: int = 1
+    rounds: int = between(1, 0, 1000)
     """Most rounds of matching again and optimising."""
     tolerance: float = 0.002
     """A round that moves no key pose farther than this is the last [m]."""
@@ -226,13 +207,13 @@ class FinishConfig:
     spacing_angle: Radians = 2.0
     """Where no closure ties two passes, match again after this much turning [rad]; in between, the joint refinement
     holds the passes together."""
-    max_passes: int = 4
+    max_passes: int = between(4, 0, 1000)
     """Most earlier passes a key scan is matched against."""
-    search_distance: float = 0.08
+    search_distance: float = between(0.08, 0.0, 100.0)
     """Standard deviation in position of the search around the optimum [m]."""
     search_angle: Radians = 0.03
     """Standard deviation in heading of the search around the optimum [rad]."""
-    closure_false_alarm: float = 0.001
+    closure_false_alarm: float = between(0.001, *RATES)
     """Of true closures so many lie so far off that dynamic covariance scaling weakens them: its Φ is where χ² of three
     degrees of freedom exceeds that."""
     outlier_weight: float = 0.1
@@ -248,14 +229,3 @@ class FinishConfig:
     is silent; with half of it 20 and none, with twice 2 and 2."""
     joint: JointRefinementConfig = field(default_factory=JointRefinementConfig)
     """In the end, poses and map together."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError)
-        check_between(
-            self,
-            SlamConfigError,
-            closure_false_alarm=RATES,
-            rounds=(0, 1000),
-            max_passes=(0, 1000),
-            search_distance=(0.0, 100.0),
-        )

@@ -3,30 +3,26 @@
 from dataclasses import dataclass
 from math import lgamma
 
-from graph.ranges import RATES, check_between, check_numbers
-from iceg.slam.config_error import SlamConfigError
+from graph.ranges import RATES, between, positive
+from iceg.slam.checked_settings import SlamSettings
 
 
 @dataclass(frozen=True, kw_only=True)
-class ContradictionConfig:
+class ContradictionConfig(SlamSettings, prefix="contradiction: "):
     """What share of the observations contradicts a place, one that is right and one that is not.
 
     Observations near each other err together, and places are alike to a different degree: either share is beta
     distributed, so that even a hundred that agree tell a finite amount.
     """
 
-    right: float = 0.03
+    right: float = between(0.03, *RATES)
     """Share that contradicts a place that is right, in the mean."""
-    right_strength: float = 15.0
+    right_strength: float = positive(15.0)
     """So many observations tell as much about that share as is known beforehand (beta-binomial distribution)."""
-    wrong: float = 0.33
+    wrong: float = between(0.33, *RATES)
     """Share that contradicts one that is wrong, in the mean."""
-    wrong_strength: float = 3.0
+    wrong_strength: float = positive(3.0)
     """So many observations tell as much about that share as is known beforehand: some places are alike all over."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("right_strength", "wrong_strength"))
-        check_between(self, SlamConfigError, "contradiction: ", right=RATES, wrong=RATES)
 
     def log_odds(self, agreeing: int, against: int) -> float:
         """How much more probable such counts are at the right place than at a wrong one, the logarithm.

@@ -83,17 +83,7 @@ class IncrementalTracking:
 
     def track(self) -> Track:
         """The track so far."""
-        front_end, key_of_scan = self.front_end, self._key_of_scan.rows.copy()
-        T_track_keys = np.array([key.T_track_robot for key in front_end.keys])
-        return Track(
-            keys=list(front_end.keys),
-            key_of_scan=key_of_scan,
-            T_key_scan=between(T_track_keys[key_of_scan], self._T_track_scan.rows),
-            failures=front_end.failures,
-            lost=list(front_end.lost),
-            breaks=list(front_end.breaks),
-            unknown_motion=list(front_end.unknown_motion),
-        )
+        return self.front_end.track(self._key_of_scan.rows.copy(), self._T_track_scan.rows)
 
     def _step(self, index: int) -> tuple[NDArray[np.float64], bool]:
         """(3,) calibrated odometry since the scan before, zero without, and whether it stands out."""

@@ -6,7 +6,7 @@ from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.foretold_steps import foretold_steps
 from iceg.slam.odometry.gyro import learn_gyro
-from iceg.slam.progress import Progress, ProgressCallback
+from iceg.slam.progress import ProgressCallback
 from iceg.slam.sweep.tracking import Followed, SweepFinding, track_swept
 from iceg.slam.track import Track
 from iceg.slam.tracking.laser_orientation import track_as_mounted
@@ -32,8 +32,7 @@ def track_guided(
     track, calibration = followed[1], config.front_end.calibration
     if log.has_odometry and not track.dead:
         return followed, NOTHING_FOREKNOWN
-    asks_gyro = config.front_end.gyro and not log.has_odometry
-    heading, _ = learn_gyro(track, log, calibration) if asks_gyro else (None, None)
+    heading, _ = learn_gyro(track, log, config.front_end)
     foreknown = Foreknown(heading=heading, steps=foretold_steps(track, log.stamps, calibration, heading))
     return (followed if foreknown.steps is None else _follow(log, matcher, config, progress, foreknown)), foreknown
 
@@ -61,11 +60,7 @@ def track_with_sweep(
 def _follow(
     log: Log, matcher: MapMatcher, config: Config, progress: ProgressCallback | None, foreknown: Foreknown
 ) -> Followed:
-    def report(scans: int, failures: int) -> None:
-        if progress is not None:
-            progress(Progress(scans=scans, tried=scans - 1, accepted=scans - 1 - failures))
-
     def follow(log: Log) -> tuple[Track, OdometryCalibration]:
-        return track_calibrating(log, matcher, config.odometry, config.front_end, report, foreknown)
+        return track_calibrating(log, matcher, config.odometry, config.front_end, progress, foreknown)
 
     return track_as_mounted(log, follow, config.front_end.mount)

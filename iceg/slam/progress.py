@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Literal, cast
 
 Stage = Literal["matching", "sweep", "graph", "finish", "covariances", "feature_map", "grid", "filtering"]
 
@@ -27,17 +27,6 @@ class Progress:
 ProgressCallback = Callable[[Progress], None]
 
 
-_OF_THE_CLOCK: dict[str, Stage] = {
-    "front_end": "matching",
-    "sweep": "sweep",
-    "graph": "graph",
-    "finish": "finish",
-    "covariances": "covariances",
-    "feature_map": "feature_map",
-    "grid": "grid",
-}
-
-
 class StageProgress:
     """Tells a caller of each stage that begins, and passes on what the stages tell; nobody need listen."""
 
@@ -57,5 +46,5 @@ class StageProgress:
         Args:
             stage: as the summary of a run calls it.
         """
-        self._latest = replace(self._latest, stage=_OF_THE_CLOCK[stage])
+        self._latest = replace(self._latest, stage="matching" if stage == "front_end" else cast("Stage", stage))
         self(self._latest)

@@ -38,6 +38,11 @@ class KeyScan:
     anchor: int
     T_track_robot: NDArray[np.float64]
 
+    @property
+    def is_fully_observed(self) -> bool:
+        """Whether its match sees all directions."""
+        return isinstance(self.match, RelativePose) and self.match.is_fully_observed
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Track:
@@ -66,6 +71,11 @@ class Track:
     match_covariance_scale: float = 1.0
 
     @property
+    def key_scans(self) -> NDArray[np.int64]:
+        """(k,) which scans of the log the key scans are."""
+        return np.array([key.index for key in self.keys], dtype=np.int64)
+
+    @property
     def T_track_keys(self) -> NDArray[np.float64]:
         """(k, 3) poses of the key scans in the front end's own frame."""
         return np.array([key.T_track_robot for key in self.keys])
@@ -75,14 +85,19 @@ class Track:
         """(k,) how far the robot had driven by odometry at each key scan [m]."""
         return np.cumsum([key.motion.distance for key in self.keys])
 
+    @property
+    def T_track_scans(self) -> NDArray[np.float64]:
+        """(n_scans, 3) poses of all scans in the front end's own frame."""
+        return self.trajectory(self.T_track_keys)
+
     def trajectory(self, key_poses: NDArray[np.float64]) -> NDArray[np.float64]:
         """(n_scans, 3) pose of every scan, given the (k, 3) poses of the key scans."""
         return compose(key_poses[self.key_of_scan], self.T_key_scan)
 
     def keys_without_odometry(self) -> set[int]:
         """Indices into `keys` of those whose way from the one before the odometry does not know."""
-        indices = [key.index for key in self.keys]
-        unknown = set(np.searchsorted(indices, self.breaks).tolist())
-        for first, last in self.dead:
-            unknown.update(range(int(np.searchsorted(indices, first + 1)), int(np.searchsorted(indices, last + 1)) + 1))
+        unknown = set(np.searchsorted(self.key_scans, self.breaks).tolist())
+        for interval in self.dead:
+            first, last = np.searchsorted(self.key_scans, np.add(interval, 1)).tolist()
+            unknown.update(range(first, last + 1))
         return unknown

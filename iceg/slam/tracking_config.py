@@ -4,15 +4,15 @@ from dataclasses import dataclass, field
 from math import pi
 
 from graph.odometry import OdometryModel, check_odometry_setting
-from graph.ranges import RATES, check_between, check_numbers
+from graph.ranges import RATES, between, positive
 from graph.units import Radians
 from iceg.slam.agreement import Tolerance
-from iceg.slam.config_error import SlamConfigError
+from iceg.slam.checked_settings import SlamConfigError, SlamSettings
 from iceg.slam.contradiction import ContradictionConfig
 
 
 @dataclass(frozen=True, kw_only=True)
-class SightConfig:
+class SightConfig(SlamSettings):
     """What a scan must see to be matched, or to speak against odometry."""
 
     blind_range: float = 0.5
@@ -30,46 +30,37 @@ class SightConfig:
     far: float = 10.0
     """Returns from beyond this come from afar [m]."""
 
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError)
-
 
 @dataclass(frozen=True, kw_only=True)
-class StandstillConfig:
+class StandstillConfig(SlamSettings, prefix="standstill: "):
     """When odometry stands still although the robot moves."""
 
-    held_prior: float = 0.001
+    held_prior: float = between(0.001, *RATES)
     """How probable it is that odometry which repeats a reading has not been read anew while the robot moved, before
     the velocities of the log tell how often that is so."""
-    stops: float = 0.1
+    stops: float = between(0.1, *RATES)
     """No robot starts from rest in a larger share of its moves: where more follow upon a standstill, the others are
     readings that are held."""
     fastest: float = 2.0
     """Nobody moves more times as fast while a reading is held as in all but one in a hundred of the other steps."""
-    least_change: float = 0.001
+    least_change: float = positive(0.001)
     """Standard deviation of the change of velocity from one scan to the next, at least [m, rad]."""
     ends: int = 3
     """Scans at either end of a standstill that may show the robot's move already, or still: two clocks."""
-    samples: int = 64
+    samples: int = positive(64, 1, 100_000)
     """Scans of a standstill that are compared with the one among them that sees most."""
     min_change: float = 0.1
     """Least change of the readings that only a move explains [m]."""
     min_change_factor: float = 3.0
     """Least change of the readings that only a move explains, in changes from one scan to the next."""
-    unchanged_share: float = 0.25
+    unchanged_share: float = between(0.25, 0.0, 1.0)
     """Largest share of the beams that may change less when the robot moves: people hide what is behind them."""
     changed_samples: int = 3
     """Fewest scans that must show the change."""
-    min_seen: float = 0.05
+    min_seen: float = between(0.05, 0.0, 1.0)
     """Least share of the beams that must return in a scan that tells of a change: a covered laser sees nothing."""
     min_motion: float = 0.3
     """Odometry that stands is dead only where the scans tell of a motion farther than this [m, rad]."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("samples", "least_change"))
-        check_between(self, SlamConfigError, "standstill: ", held_prior=RATES, stops=RATES)
-        check_between(self, SlamConfigError, "standstill: ", unchanged_share=(0.0, 1.0), min_seen=(0.0, 1.0))
-        check_between(self, SlamConfigError, "standstill: ", samples=(1, 100_000))
 
     @property
     def unjudged(self) -> int:
@@ -78,7 +69,7 @@ class StandstillConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MountConfig:
+class MountConfig(SlamSettings):
     """When the matches say that the laser is mounted otherwise than the log does."""
 
     min_turn: Radians = 6.0 * (pi / 180.0)
@@ -105,15 +96,12 @@ class MountConfig:
     lost_gain: float = 0.5
     """Largest share of the unmatched key scans that a laser taken to look backwards may leave."""
 
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError)
-
 
 @dataclass(frozen=True, kw_only=True)
-class OdometryCheckConfig:
+class OdometryCheckConfig(SlamSettings, prefix="odometry check: "):
     """When a match contradicts odometry, and what it takes to be believed all the same."""
 
-    false_alarm: float = 1.544e-5
+    false_alarm: float = between(1.544e-5, *RATES)
     """A match contradicts odometry where chance puts it so far off with this probability only (χ², 3 degrees of
     freedom; 5 σ)."""
     min_evidence: float = 0.75
@@ -124,19 +112,15 @@ class OdometryCheckConfig:
     """A match may be a jump that is farther from odometry than this [m]."""
     jump_turn: Radians = 0.26
     """A match may be a jump that is turned against odometry by more than this [rad]."""
-    jump_false_alarm: float = 6.334e-5
+    jump_false_alarm: float = between(6.334e-5, *RATES)
     """A match is a jump that chance puts so far from odometry with this probability only (normal distribution; 4
     σ)."""
-    jump_odds: float = 30.0
+    jump_odds: float = positive(30.0)
     """What is seen must be so many times as probable after a jump as where odometry has the robot."""
-    refused_odds: float = 5.0
+    refused_odds: float = positive(5.0)
     """A jump that is so many times as probably wrong as right is refused."""
     contradiction: ContradictionConfig = field(default_factory=ContradictionConfig)
     """What share of what is seen contradicts a pose."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("jump_odds", "refused_odds"))
-        check_between(self, SlamConfigError, "odometry check: ", false_alarm=RATES, jump_false_alarm=RATES)
 
     @property
     def jump(self) -> Tolerance:
@@ -145,7 +129,7 @@ class OdometryCheckConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrackingConfig:
+class TrackingConfig(SlamSettings):
     """Which pose of a scan is believed, and when tracking is lost."""
 
     odometry_ratio: float = 4.0
@@ -162,7 +146,7 @@ class TrackingConfig:
     """Least share of the beams on the map in a scan that is explained though it sees much new."""
     known_agreement: float = 0.8
     """Least share of those beams that agree with the map, and of the map in view that is seen, in such a scan."""
-    loss_keys: int = 3
+    loss_keys: int = positive(3)
     """After so many key scans that match only each other tracking is lost: the tentative map takes over."""
     unknown_scans: int = 5
     """After so many scans that neither odometry nor a match speaks for, a robot may be anywhere."""
@@ -181,26 +165,21 @@ class TrackingConfig:
     """What a constant velocity tells in a log without odometry."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError, positive=("loss_keys",))
+        super().__post_init__()
         check_odometry_setting(self.unknown_odometry, SlamConfigError, "unknown_odometry")
 
 
 @dataclass(frozen=True, kw_only=True)
-class SplitHalfConfig:
+class SplitHalfConfig(SlamSettings, prefix="split half: "):
     """Whether matches are as sure as they say: two halves of one scan, matched alone, must agree."""
 
-    scans: int = 40
+    scans: int = between(40, 0, 100_000)
     """Scans whose halves are matched alone; 0 believes the matches."""
-    window: int = 12
+    window: int = between(12, 1, 1000)
     """Key scans in the local map that they are matched to."""
-    usual_distance2: float = 1.2
+    usual_distance2: float = between(1.2, 0.01, 100.0)
     """Geometric mean of the squared Mahalanobis distances between halves in simulated scenes. They lie nearer together
     than the 2.1 of three degrees of freedom: the covariance of a match is that of a step between two key scans, on a
     map that errs too."""
-    min_distance2: float = 0.05
+    min_distance2: float = between(0.05, 1e-6, 100.0)
     """Squared distances are not taken to be smaller: halves that agree by chance prove nothing."""
-
-    def __post_init__(self) -> None:
-        check_numbers(self, SlamConfigError)
-        check_between(self, SlamConfigError, "split half: ", scans=(0, 100_000), window=(1, 1000))
-        check_between(self, SlamConfigError, "split half: ", usual_distance2=(0.01, 100.0), min_distance2=(1e-6, 100.0))

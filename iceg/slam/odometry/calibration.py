@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import groupby
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +17,16 @@ from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose, inverse, wrap_angle
 from iceg.slam.calibration_config import CalibrationConfig, SuddenStepConfig
 from iceg.slam.odometry.delay import whole_delay
-from iceg.slam.odometry.noise import Differences, LastingErrors, lasting_noise, odometry_noise, robust_deviation
+from iceg.slam.odometry.noise import Differences, lasting_noise, odometry_noise, robust_deviation
 from iceg.slam.recording.steps import chained, sudden_steps
 from iceg.slam.track import KeyScan, Track
 
 _ROBUST_ROUNDS = 15
 """Rounds of iteratively reweighted least squares."""
+
+Floats = NDArray[np.float64]
+_Equations = tuple[Floats, Floats]
+"""(n, k) rows of a regression, the scale's first, and (n,) matches minus odometry."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +58,7 @@ class OdometryCalibration:
         """Whether odometry is so late, or early, that what it predicted may have misled matches."""
         return abs(self.heading_shift) > config.max_linear_delay
 
-    def apply(self, odometry: NDArray[np.float64], config: SuddenStepConfig) -> NDArray[np.float64]:
+    def apply(self, odometry: Floats, config: SuddenStepConfig) -> Floats:
         """Correct a log's odometry.
 
         Args:
@@ -82,7 +87,7 @@ class OdometryCalibration:
         return chained(odometry[0], corrected)
 
 
-def calibrate_odometry(track: Track, odometry: NDArray[np.float64], config: CalibrationConfig) -> OdometryCalibration:
+def calibrate_odometry(track: Track, odometry: Floats, config: CalibrationConfig) -> OdometryCalibration:
     """Fit bias, time shift, mount and noise to the motions between key scans that were matched.
 
     A robust linear regression (Cauchy weights, priors of what is usual): the match minus the odometry between two
@@ -96,217 +101,160 @@ def calibrate_odometry(track: Track, odometry: NDArray[np.float64], config: Cali
     Returns:
         The calibration; with few matches it stays near "nothing is wrong".
     """
-    samples = _Samples.collect(track, odometry, config)
-    if samples is None:
+    steps = _MatchedSteps.collect(track, config)
+    if steps is None:
         return OdometryCalibration(noise=OdometryModel())
-    delay = whole_delay(samples.matched[:, 2], samples.starts, samples.ends, odometry, config)
-    if delay:
-        in_time = OdometryCalibration(heading_shift=delay, translation_shift=delay, noise=OdometryModel())
-        found = _calibrated(track, in_time.apply(odometry, config.sudden), config)
-        return replace(
-            found, heading_shift=found.heading_shift + delay, translation_shift=found.translation_shift + delay
-        )
-    return _calibrated(track, odometry, config, samples)
+    delay = whole_delay(steps.matched[:, 2], steps.starts, steps.ends, odometry, config)
+    if not delay:
+        return _calibrated(track, steps, odometry, config)
+    in_time = OdometryCalibration(heading_shift=delay, translation_shift=delay, noise=OdometryModel())
+    found = _calibrated(track, steps, in_time.apply(odometry, config.sudden), config)
+    return replace(found, heading_shift=found.heading_shift + delay, translation_shift=found.translation_shift + delay)
 
 
 def _calibrated(
-    track: Track, odometry: NDArray[np.float64], config: CalibrationConfig, samples: "_Samples | None" = None
+    track: Track, steps: "_MatchedSteps", odometry: Floats, config: CalibrationConfig
 ) -> OdometryCalibration:
-    """Fit to the motions between matched key scans, of which there are enough; odometry is off by a scan or so."""
-    samples = samples or _Samples.collect(track, odometry, config)
-    assert samples is not None
-    windows = _Samples.collect(track, odometry, config, config.window) or samples
-    turns, drift, turn_scale = _fit_turns(samples, windows, config)
+    """Fit to odometry that is off by a scan or so."""
+    windows = _MatchedSteps.collect(track, config, config.window) or steps
+    prior = np.array([config.scale_sigma, config.drift_sigma, config.delay_sigma])
+    rows, errors = _turn_equations(windows, odometry)
+    seen = rows[:, 0] + errors
+    rows[:, 0] = np.where(np.abs(seen) > config.min_turn, seen, 0.0)
+    turning, turning_sigmas = _fitted((rows, errors), _turn_equations(steps, odometry), prior, config)
+    turns = OdometryCalibration(
+        heading_scale=float(turning[0]),
+        heading_per_metre=float(turning[1]),
+        heading_shift=float(np.clip(turning[2], -2, 2)),
+        noise=OdometryModel(),
+    )
     # A heading that drifts leads aside, too, and that must not pass for a laser that looks askew.
     turned = turns.apply(odometry, config.sudden)
-    samples, windows = samples.claimed_by(turned), windows.claimed_by(turned)
-    translation, deviation = _fit_moves(samples, windows, config)
-    error, _, rows_x, rows_y = _equations(samples)
-    x, y = (error[:, k] - dense.matvec(rows, translation) for k, rows in enumerate((rows_x, rows_y)))
-    left = np.column_stack([x, y, error[:, 2]])
-    noise, persistence = odometry_noise(samples.differences(left), turned, config)
+    mount = (config.mount_heading_sigma, config.delay_sigma, config.mount_ahead_sigma, config.mount_aside_sigma)
+    prior = np.array([config.scale_sigma, *mount])
+    rows, errors = _move_equations(windows, turned, odometry)
+    rows[:, 0] = windows.matched[:, :2].T.ravel()
+    equations = _move_equations(steps, turned, odometry)
+    moving, moving_sigmas = _fitted((rows, errors), equations, prior, config)
+    left = equations[1] - dense.matvec(equations[0], moving)
+    noise, persistence = odometry_noise(steps.differences(left, turned), turned, config)
     without_heading = list(_parts_without(track, _tells_heading))
-    lasting = LastingErrors(
-        along=deviation * math.sqrt(_longest(_parts_without(track, _is_seen))),
-        drift=drift * math.sqrt(_longest(without_heading)),
-        turn=turn_scale * math.sqrt(_widest(without_heading)),
-    )
     return replace(
         turns,
-        translation_scale=float(translation[0]),
-        translation_shift=float(np.clip(translation[2], -2, 2)),
-        T_odometry_laser=(float(translation[3]), float(translation[4]), float(-translation[1])),
+        translation_scale=float(moving[0]),
+        translation_shift=float(np.clip(moving[2], -2, 2)),
+        T_odometry_laser=(float(moving[3]), float(moving[4]), float(-moving[1])),
         noise=noise,
-        lasting_noise=lasting_noise(noise, persistence, lasting),
+        lasting_noise=lasting_noise(
+            noise,
+            persistence,
+            along=float(moving_sigmas[0]) * math.sqrt(_longest(_parts_without(track, attrgetter("is_fully_observed")))),
+            drift=float(turning_sigmas[1]) * math.sqrt(_longest(without_heading)),
+            turn=float(turning_sigmas[0]) * math.sqrt(_widest(without_heading)),
+        ),
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Samples:
-    """Per matched key scan: match, odometry, path, and change of speed from one key scan to the next."""
+class _MatchedSteps:
+    """Steps between key scans that matches see, all key scans on the way matched.
+
+    Attributes:
+        starts: (n,) scan at which each starts …
+        ends: … and at which it ends.
+        matched: (n, 3) the steps by matches.
+        variances: (n, 3) the last match of each claims.
+    """
 
     starts: NDArray[np.int64]
     ends: NDArray[np.int64]
-    matched: NDArray[np.float64]
-    motions: NDArray[np.float64]
-    variances: NDArray[np.float64]
-    distance: NDArray[np.float64]
-    turn: NDArray[np.float64]
-    speed_change: NDArray[np.float64]
+    matched: Floats
+    variances: Floats
 
     @classmethod
-    def collect(
-        cls, track: Track, odometry: NDArray[np.float64], config: CalibrationConfig, window: int = 1
-    ) -> "_Samples | None":
-        """Motions over so many key scans, all of them matched."""
+    def collect(cls, track: Track, config: CalibrationConfig, window: int = 1) -> "_MatchedSteps | None":
+        """Steps over so many key scans; None where there are too few."""
         unknown = track.keys_without_odometry()
-        pairs = [
-            (track.keys[k - window], track.keys[k], match)
-            for k, match in ((k, track.keys[k].match) for k in range(window, len(track.keys)))
-            if not isinstance(match, NoMatch)
-            and all(map(_is_seen, track.keys[k - window + 1 : k + 1]))
-            and unknown.isdisjoint(range(k - window + 1, k + 1))
-        ]
-        if len(pairs) < config.min_keys:
+        tells = [key.is_fully_observed and k not in unknown for k, key in enumerate(track.keys)]
+        later = [k for k in range(window, len(tells)) if all(tells[k - window + 1 : k + 1])]
+        if len(later) < config.min_keys:
             return None
-        starts = np.array([previous.index for previous, _, _ in pairs])
-        ends = np.array([key.index for _, key, _ in pairs])
-        steps = between(odometry[:-1], odometry[1:])
-        padded = np.vstack([steps[:1], steps, steps[-1:]])
-        speed = 0.5 * (padded[:-1] + padded[1:])
-        travelled = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
-        turned = np.concatenate([[0.0], np.cumsum(np.abs(steps[:, 2]))])
+        matches = [match for match in (track.keys[k].match for k in later) if isinstance(match, RelativePose)]
+        earlier, anchors = [k - window for k in later], [track.keys[k].anchor for k in later]
+        T_track_keys, T_anchor_later = track.T_track_keys, np.array([match.T_ref_cur for match in matches])
         return cls(
-            starts=starts,
-            ends=ends,
-            matched=_steps(track, pairs),
-            motions=between(odometry[starts], odometry[ends]),
-            variances=np.array([match.covariance for _, _, match in pairs])[:, range(3), range(3)],
-            distance=travelled[ends] - travelled[starts],
-            turn=turned[ends] - turned[starts],
-            speed_change=speed[ends] - speed[starts],
+            starts=track.key_scans[earlier],
+            ends=track.key_scans[later],
+            matched=between(T_track_keys[earlier], compose(T_track_keys[anchors], T_anchor_later)),
+            variances=np.array([np.diag(match.covariance) for match in matches]),
         )
 
-    def differences(self, left: NDArray[np.float64]) -> Differences:
-        """What is left of the matches minus odometry, (n, 3), seen from the end of each motion."""
+    def by(self, odometry: Floats) -> Floats:
+        """(n, 3) the steps that odometry claims."""
+        return between(odometry[self.starts], odometry[self.ends])
+
+    def differences(self, left: Floats, turned: Floats) -> Differences:
+        """What moves, (2n,) x before y, and turns leave of the matches minus odometry, seen from the end of each."""
         c, s = cos_sin(self.matched[:, 2])
+        x, y = left.reshape(2, -1)
+        turns = wrap_angle(self.matched[:, 2] - self.by(turned)[:, 2])
         return Differences(
-            errors=np.column_stack([c * left[:, 0] + s * left[:, 1], c * left[:, 1] - s * left[:, 0], left[:, 2]]),
+            errors=np.column_stack([c * x + s * y, c * y - s * x, turns]),
             claimed=self.variances,
             turns=self.matched[:, 2],
             starts=self.starts,
             ends=self.ends,
         )
 
-    def claimed_by(self, odometry: NDArray[np.float64]) -> "_Samples":
-        """The same with the motions of another odometry."""
-        return replace(self, motions=between(odometry[self.starts], odometry[self.ends]))
+
+def _turn_equations(steps: _MatchedSteps, odometry: Floats) -> _Equations:
+    """Scale, drift and shift of the heading."""
+    turns, change = steps.by(odometry)[:, 2], _speed_change(steps, odometry)
+    along = between(odometry[:-1], odometry[1:])
+    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(along[:, 0], along[:, 1]))])
+    rows = np.column_stack([turns, travelled[steps.ends] - travelled[steps.starts], change[:, 2]])
+    return rows, wrap_angle(steps.matched[:, 2] - turns)
 
 
-def _equations(
-    samples: _Samples,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """(n, 3) match minus odometry, and the rows of its regression: heading (n, 3), x and y (n, 5)."""
-    m, o, change = samples.matched, samples.motions, samples.speed_change
-    c, s = cos_sin(m[:, 2])
-    error = m - o
-    error[:, 2] = wrap_angle(error[:, 2])
-    turning = np.column_stack([o[:, 2], samples.distance, change[:, 2]])
-    rows_x = np.column_stack([o[:, 0], np.zeros(len(m)), change[:, 0], c - 1.0, -s])
-    rows_y = np.column_stack([o[:, 1], o[:, 0], change[:, 1], s, c - 1.0])
-    return error, turning, rows_x, rows_y
+def _move_equations(steps: _MatchedSteps, turned: Floats, odometry: Floats) -> _Equations:
+    """Scale, heading of the laser, shift and mount by odometry whose turns are right, and the speed by the raw one."""
+    moves, change = steps.by(turned), _speed_change(steps, odometry)
+    c, s = cos_sin(steps.matched[:, 2])
+    rows_x = np.column_stack([moves[:, 0], np.zeros(len(moves)), change[:, 0], c - 1.0, -s])
+    rows_y = np.column_stack([moves[:, 1], moves[:, 0], change[:, 1], s, c - 1.0])
+    return np.vstack([rows_x, rows_y]), (steps.matched - moves)[:, :2].T.ravel()
 
 
-def _fit_turns(
-    samples: _Samples, windows: _Samples, config: CalibrationConfig
-) -> tuple[OdometryCalibration, float, float]:
-    """What is wrong with the heading; the scale of its turns from windows of several motions.
+def _speed_change(steps: _MatchedSteps, odometry: Floats) -> Floats:
+    """(n, 3) by how much the motion from scan to scan differs between both ends of each step."""
+    along = between(odometry[:-1], odometry[1:])
+    padded = np.vstack([along[:1], along, along[-1:]])
+    speed = 0.5 * (padded[:-1] + padded[1:])
+    return speed[steps.ends] - speed[steps.starts]
 
-    Returns:
-        That, and the standard deviations of the drift [rad/m] and of the scale.
+
+def _fitted(windows: _Equations, steps: _Equations, prior: Floats, config: CalibrationConfig) -> tuple[Floats, Floats]:
+    """What is wrong with odometry, its scale from windows and the rest from single steps; with standard deviations.
+
+    Odometry's noise passes for motions that the robot did not make: fitted to what odometry says, the scale would be
+    too small, and where there is hardly anything but noise, as of turns in a long corridor, next to nothing. So in the
+    windows the first column is what the matches say (e = s′m for m = o + so, hence s = s′ / (1 − s′)); where o is
+    nothing but noise the scale is what is usual.
     """
-    error, rows, _, _ = _equations(samples)
-    long_error, long_rows, _, _ = _equations(windows)
-    prior = np.array([config.scale_sigma, config.drift_sigma, config.delay_sigma])
-    scale, deviation = _turn_scale(long_rows, long_error[:, 2], prior, config)
-    others, deviations = _robust_fit(rows[:, 1:], error[:, 2] - scale * rows[:, 0], prior[1:])
-    found = OdometryCalibration(
-        heading_scale=scale,
-        heading_per_metre=float(others[0]),
-        heading_shift=float(np.clip(others[1], -2, 2)),
-        noise=OdometryModel(),
-    )
-    return found, float(deviations[0]), deviation
+    inverse, sigmas = _robust_fit(*windows, prior)
+    share, sigma = 1.0 - float(inverse[0]), float(sigmas[0]) * math.sqrt(config.window)  # the windows overlap
+    if share**2 <= chi2_gate(config.scale_false_alarm, freedom=1) * sigma**2:
+        scale, sigma = 0.0, config.scale_sigma
+    else:
+        scale = float(inverse[0]) / share
+    rows, errors = steps
+    others, other_sigmas = _robust_fit(rows[:, 1:], errors - scale * rows[:, 0], prior[1:])
+    return np.append(scale, others), np.append(sigma, other_sigmas)
 
 
-def _turn_scale(
-    rows: NDArray[np.float64], error: NDArray[np.float64], prior: NDArray[np.float64], config: CalibrationConfig
-) -> tuple[float, float]:
-    """Scale of turns and its standard deviation, from the heading's regression: rows (n, 3), match minus odometry (n,).
-
-    Odometry's noise passes for turns that the robot did not make: fitted to what odometry says, the scale would be too
-    small, and where there is hardly anything but noise, as in a long corridor, next to nothing. So it is fitted to what
-    the matches say (e = s′m for m = o + so, hence s = s′ / (1 − s′)), and to turns that stand out of the noise.
-    """
-    matched = rows[:, 0] + error
-    turns = np.where(np.abs(matched) > config.min_turn, matched, 0.0)
-    inverse, deviations = _robust_fit(np.column_stack([turns, rows[:, 1:]]), error, prior)
-    return _scale(float(inverse[0]), float(deviations[0]), config)
-
-
-def _scale(inverse: float, deviation: float, config: CalibrationConfig) -> tuple[float, float]:
-    """Scale s of odometry o, and its standard deviation, from the s′ of m - o = s′m in windows and its deviation.
-
-    Where o is nothing but noise that is what is usual.
-    """
-    share, deviation = 1.0 - inverse, deviation * math.sqrt(config.window)  # the windows overlap
-    if share**2 <= chi2_gate(config.scale_false_alarm, freedom=1) * deviation**2:
-        return 0.0, config.scale_sigma
-    return inverse / share, deviation
-
-
-def _fit_moves(samples: _Samples, windows: _Samples, config: CalibrationConfig) -> tuple[NDArray[np.float64], float]:
-    """(5,) what is wrong with the translation; its scale, from windows, with its standard deviation."""
-    prior = np.array(
-        [
-            config.scale_sigma,
-            config.mount_heading_sigma,
-            config.delay_sigma,
-            config.mount_ahead_sigma,
-            config.mount_aside_sigma,
-        ]
-    )
-    long_error, _, long_x, long_y = _equations(windows)
-    # Fitted to what the matches say, as the scale of turns is, and for the same reason.
-    long_x[:, 0], long_y[:, 0] = windows.matched[:, 0], windows.matched[:, 1]
-    inverse, deviations = _robust_fit(
-        np.vstack([long_x, long_y]), np.concatenate([long_error[:, 0], long_error[:, 1]]), prior
-    )
-    scale, deviation = _scale(float(inverse[0]), float(deviations[0]), config)
-    error, _, rows_x, rows_y = _equations(samples)
-    rows = np.vstack([rows_x, rows_y])
-    unscaled = np.concatenate([error[:, 0], error[:, 1]]) - scale * rows[:, 0]
-    others, _ = _robust_fit(rows[:, 1:], unscaled, prior[1:])
-    return np.append(scale, others), deviation
-
-
-def _steps(track: Track, pairs: Sequence[tuple[KeyScan, KeyScan, RelativePose]]) -> NDArray[np.float64]:
-    """(n, 3) matches of later key scans as steps from earlier ones."""
-    T_track_earlier = np.array([earlier.T_track_robot for earlier, _, _ in pairs])
-    T_track_anchor = np.array([track.keys[later.anchor].T_track_robot for _, later, _ in pairs])
-    T_anchor_later = np.array([match.T_ref_cur for _, _, match in pairs])
-    return between(T_track_earlier, compose(T_track_anchor, T_anchor_later))
-
-
-def _is_seen(key: KeyScan) -> bool:
-    return not isinstance(key.match, NoMatch) and key.match.is_fully_observed
-
-
-def _robust_fit(
-    rows: NDArray[np.float64], values: NDArray[np.float64], prior: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _robust_fit(rows: Floats, values: Floats, prior: Floats) -> tuple[Floats, Floats]:
     """Iteratively reweighted least squares with Cauchy weights; the parameters and their standard deviations."""
-    x: NDArray[np.float64] = np.zeros(rows.shape[1])
+    x: Floats = np.zeros(rows.shape[1])
     scale, information = 1.0, np.diag(prior**-2.0)
     for _ in range(_ROBUST_ROUNDS):
         residual = values - dense.matvec(rows, x)
@@ -348,7 +296,7 @@ def _widest(parts: Iterable[Sequence[OdometryMotion]]) -> float:
     return widest
 
 
-def _shifted(values: NDArray[np.float64], shift: float, fixed: NDArray[np.bool_]) -> NDArray[np.float64]:
+def _shifted(values: Floats, shift: float, fixed: NDArray[np.bool_]) -> Floats:
     """A sequence read `shift` places later, interpolated, constant beyond its ends; fixed values stay in place."""
     places = np.arange(len(values), dtype=np.float64)
     moving = places[~fixed]

@@ -37,12 +37,12 @@ def foretold_steps(
     Returns:
         (n_scans - 1, 3) steps in the frame of the scan before each; None where all were tracked as well as can be.
     """
-    asked = track.keys_without_odometry() if track.dead else set(range(1, len(track.keys)))
-    unseen = [index for index in range(1, len(track.keys)) if index in asked and not _is_seen(track.keys[index])]
+    unknown = track.keys_without_odometry() if track.dead else range(len(track.keys))
+    unseen = [k for k, key in enumerate(track.keys) if k and k in unknown and not key.is_fully_observed]
     if heading is None:
         if not unseen:
             return None
-        poses = track.trajectory(np.array([key.T_track_robot for key in track.keys]))
+        poses = track.T_track_scans
     else:
         poses = with_headings(track, heading.headings)
     twists = logmap(between(poses[:-1], poses[1:]))
@@ -57,11 +57,6 @@ def foretold_steps(
             shares = pauses[between_keys] / pauses[between_keys].sum()
             twists[between_keys] += shares[:, None] * change
     return expmap(twists)
-
-
-def _is_seen(key: KeyScan) -> bool:
-    """Whether the match of a key scan sees all directions."""
-    return not isinstance(key.match, NoMatch) and key.match.is_fully_observed
 
 
 def _with_velocity(way: Floats, key: KeyScan, motion: OdometryMotion) -> Floats:

@@ -6,6 +6,7 @@ counts if that explains more than chance would, and foretells turns better than 
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,14 +17,17 @@ from frontends.scan import Log
 from graph.measurement import NoMatch
 from graph.se2 import between, wrap_angle
 from iceg.slam.calibration_config import CalibrationConfig
+from iceg.slam.config import FrontEndConfig
 from iceg.slam.odometry.heading_odometry import HeadingNoise, HeadingOdometry, with_headings
-from iceg.slam.odometry.noise import Differences, heading_noise, robust_deviation
+from iceg.slam.odometry.noise import heading_noise, robust_deviation
 from iceg.slam.odometry.student_fit import StudentFit, chance_of, student_fit
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.track import Track
 
 _DELAY_STEPS = (0.5, 0.1, 0.02)
 """Of the search for the delay [scans]: they get finer."""
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -73,20 +77,21 @@ class GyroFinding:
         return RunWarning(kind="gyro", sentence=f"the turn rates of the gyro are not used: {self.rejection}")
 
 
-def learn_gyro(track: Track, log: Log, config: CalibrationConfig) -> tuple[HeadingOdometry | None, GyroFinding | None]:
+def learn_gyro(track: Track, log: Log, settings: FrontEndConfig) -> tuple[HeadingOdometry | None, GyroFinding | None]:
     """Calibrate a log's gyro by the matches of a track.
 
     Args:
         track: the front end's matches, made with the gyro or without.
         log: with or without gyro.
-        config: what it takes for a gyro to count.
+        settings: whether a gyro is asked, and what it takes for it to count.
 
     Returns:
         The headings, None where they are not to be used; and what was found, None where the log has no gyro or need not
         ask it, since it has odometry.
     """
-    if log.gyro is None or log.has_odometry:
+    if log.gyro is None or log.has_odometry or not settings.gyro:
         return None, None
+    config = settings.calibration
     turns = _Turns.of(track)
     if len(turns.seen) < config.gyro_min_turns:
         return None, GyroFinding(
@@ -114,24 +119,21 @@ class _Turns:
         ends: … and at which it ends.
     """
 
-    seen: NDArray[np.float64]
-    claimed: NDArray[np.float64]
+    seen: Floats
+    claimed: Floats
     starts: NDArray[np.int64]
     ends: NDArray[np.int64]
 
     @classmethod
     def of(cls, track: Track) -> "_Turns":
-        pairs = [
-            (before, after, after.match)
-            for k, (before, after) in enumerate(zip(track.keys, track.keys[1:], strict=False))
-            if not isinstance(after.match, NoMatch) and (k == 0 or not isinstance(before.match, NoMatch))
-        ]
-        seen = [after.T_track_robot[2] - before.T_track_robot[2] for before, after, _ in pairs]
+        matches = {k: key.match for k, key in enumerate(track.keys) if k and not isinstance(key.match, NoMatch)}
+        after = np.array([k for k in matches if k == 1 or k - 1 in matches], dtype=np.int64)
+        headings = track.T_track_keys[:, 2]
         return cls(
-            seen=np.asarray(wrap_angle(np.array(seen, dtype=np.float64))),
-            claimed=np.array([match.covariance[2, 2] for _, _, match in pairs]),
-            starts=np.array([before.index for before, _, _ in pairs], dtype=np.int64),
-            ends=np.array([after.index for _, after, _ in pairs], dtype=np.int64),
+            seen=wrap_angle(headings[after] - headings[after - 1]),
+            claimed=np.array([matches[k].covariance[2, 2] for k in after.tolist()]),
+            starts=track.key_scans[after - 1],
+            ends=track.key_scans[after],
         )
 
 
@@ -149,44 +151,51 @@ def _rejection(finding: GyroFinding, false_alarm: float) -> str:
     return ""
 
 
-def _clock(log: Log) -> tuple[NDArray[np.float64], float | None]:
+def _clock(log: Log) -> tuple[Floats, float | None]:
     """(n,) times of the scans, and the usual one between two [s]; the scans numbered where stamps do not advance."""
     if (np.diff(log.stamps) > 0.0).all():
         return log.stamps - log.stamps[0], float(np.median(np.diff(log.stamps)))
     return np.arange(float(len(log))), None
 
 
-def _over(turns: _Turns, values: NDArray[np.float64]) -> NDArray[np.float64]:
+def _over(turns: _Turns, values: Floats) -> Floats:
     """What (n_scans, …) values grow by over each turn."""
     return np.asarray(values[turns.ends] - values[turns.starts], dtype=np.float64)
 
 
-def _read(gyro: NDArray[np.float64], clock: NDArray[np.float64], delay: float) -> NDArray[np.float64]:
+def _read(gyro: Floats, clock: Floats, delay: float) -> Floats:
     """(n_scans, 3) of the gyro so much later."""
     return np.column_stack([np.interp(clock + delay, clock, gyro[:, axis]) for axis in range(3)])
 
 
 def _fitted(
-    turns: _Turns,
-    gyro: NDArray[np.float64],
-    clock: NDArray[np.float64],
-    interval: float | None,
-    config: CalibrationConfig,
-) -> tuple[GyroFinding, NDArray[np.float64]]:
+    turns: _Turns, gyro: Floats, clock: Floats, interval: float | None, config: CalibrationConfig
+) -> tuple[GyroFinding, Floats]:
     """What explains the turns best, and (n_scans,) the headings by that.
 
     The axis that explains most comes first; a further one counts where it explains more than chance would.
     """
-    without = student_fit(_over(turns, clock)[:, None], turns.seen, config.gyro_freedom)
+    passed, unit = _over(turns, clock), interval or 1.0
+
+    def at_best_delay(axes: list[int]) -> tuple[float, StudentFit]:
+        def at(shift: float) -> StudentFit:
+            read = _over(turns, _read(gyro, clock, shift * unit)[:, axes])
+            return student_fit(np.column_stack([passed, read]), turns.seen, config.gyro_freedom)
+
+        return _likeliest(at, config.gyro_max_delay)
+
+    without = student_fit(passed[:, None], turns.seen, config.gyro_freedom)
     telling, tries = np.flatnonzero(gyro.any(axis=0)).tolist(), round(config.gyro_max_delay / _DELAY_STEPS[0]) + 1
-    singles = [([axis], *_at_best_delay(turns, gyro, clock, interval or 1.0, [axis], config)) for axis in telling]
-    axes, delay, fit = max(singles, key=lambda found: found[2].log_likelihood)
+    alone = {axis: at_best_delay([axis]) for axis in telling}
+    best = max(telling, key=lambda axis: alone[axis][1].log_likelihood)
+    axes, (shift, fit) = [best], alone[best]
     chance = chance_of(without, fit, freedom=1, tried=len(telling) * tries, lags=config.persistence_lags)
-    for axis in [axis for axis in telling if axis not in axes]:
-        further_delay, further = _at_best_delay(turns, gyro, clock, interval or 1.0, [*axes, axis], config)
+    for axis in [axis for axis in telling if axis != best]:
+        further_shift, further = at_best_delay([*axes, axis])
         chance_further = chance_of(fit, further, freedom=1, tried=len(telling), lags=config.persistence_lags)
         if chance_further < config.gyro_false_alarm:
-            axes, delay, fit = [*axes, axis], further_delay, further
+            axes, shift, fit = [*axes, axis], further_shift, further
+    delay = shift * unit
     bias, scale = float(fit.coefficients[0]), np.zeros(3)
     scale[axes] = fit.coefficients[1:]
     headings = (_read(gyro, clock, delay) * scale).sum(axis=1) + bias * clock
@@ -201,33 +210,20 @@ def _fitted(
     return finding, headings
 
 
-def _at_best_delay(
-    turns: _Turns,
-    gyro: NDArray[np.float64],
-    clock: NDArray[np.float64],
-    interval: float,
-    axes: list[int],
-    config: CalibrationConfig,
-) -> tuple[float, StudentFit]:
-    """The delay that explains most, and the fit there."""
-
-    def at(shift: float) -> StudentFit:
-        read = _over(turns, _read(gyro, clock, shift * interval)[:, axes])
-        return student_fit(np.column_stack([_over(turns, clock), read]), turns.seen, config.gyro_freedom)
-
-    shift, width = 0.0, config.gyro_max_delay
-    fit = at(shift)
+def _likeliest(fit_at: Callable[[float], StudentFit], most: float) -> tuple[float, StudentFit]:
+    """The shift, up to `most` [scans], whose fit explains most, and that."""
+    shift, width, fit = 0.0, most, fit_at(0.0)
     for step in _DELAY_STEPS:
         n = round(width / step)
-        tries = [(shift + step * k, at(shift + step * k)) for k in range(-n, n + 1) if k]
+        tries = [(shift + step * k, fit_at(shift + step * k)) for k in range(-n, n + 1) if k]
         shift, fit = max([(shift, fit), *tries], key=lambda tried: tried[1].log_likelihood)
         width = step
-    return shift * interval, fit
+    return shift, fit
 
 
-def _unforeseen_turns(track: Track, turns: _Turns, scans: int) -> NDArray[np.float64]:
+def _unforeseen_turns(track: Track, turns: _Turns, scans: int) -> Floats:
     """(m,) turns less those of the velocity over so many scans before them [rad]."""
-    headings = track.trajectory(np.array([key.T_track_robot for key in track.keys]))[:, 2]
+    headings = track.T_track_scans[:, 2]
     late = turns.starts >= scans
     starts, ends = turns.starts[late], turns.ends[late]
     velocity = wrap_angle(headings[starts] - headings[starts - scans]) / scans
@@ -235,16 +231,11 @@ def _unforeseen_turns(track: Track, turns: _Turns, scans: int) -> NDArray[np.flo
 
 
 def _noise(
-    track: Track, turns: _Turns, headings: NDArray[np.float64], config: CalibrationConfig
+    track: Track, turns: _Turns, headings: Floats, config: CalibrationConfig
 ) -> tuple[HeadingNoise, HeadingNoise]:
     """From one key scan to the next, and for a graph."""
     claims = with_headings(track, headings)
-    motions = between(claims[turns.starts], claims[turns.ends])
-    errors = np.zeros((len(turns.seen), 3))
-    errors[:, 2] = wrap_angle(turns.seen - motions[:, 2])
-    claimed = np.zeros_like(errors)
-    claimed[:, 2] = turns.claimed
-    differences = Differences(errors=errors, claimed=claimed, turns=turns.seen, starts=turns.starts, ends=turns.ends)
-    deviations, persistence = heading_noise(differences, claims, config)
+    errors = wrap_angle(turns.seen - between(claims[turns.starts], claims[turns.ends])[:, 2])
+    deviations, persistence = heading_noise(errors, turns.claimed, turns.starts, turns.ends, claims, config)
     widened = {name: math.sqrt(persistence) * deviation for name, deviation in deviations.items()}
     return HeadingNoise(**deviations), HeadingNoise(**widened)

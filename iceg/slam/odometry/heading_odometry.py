@@ -49,7 +49,7 @@ def with_headings(track: Track, headings: NDArray[np.float64]) -> NDArray[np.flo
     Returns:
         (n_scans, 3): from scan to scan as far ahead and aside as the track, on the arc of the other turn.
     """
-    poses = track.trajectory(np.array([key.T_track_robot for key in track.keys]))
+    poses = track.T_track_scans
     twists = logmap(between(poses[:-1], poses[1:]))
     twists[:, 2] = np.diff(headings)
     return chained(poses[0], expmap(twists))

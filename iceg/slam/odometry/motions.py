@@ -22,8 +22,8 @@ def motions_of(track: Track, odometry: NDArray[np.float64], noise: OdometryModel
         None where odometry does not know the way.
     """
     steps = between(odometry[:-1], odometry[1:])
-    unknown, standing, indices = track.keys_without_odometry(), noise.start(), [key.index for key in track.keys]
+    unknown, standing = track.keys_without_odometry(), noise.start()
     return [
         None if key in unknown else noise.extend(standing, steps[first:last])
-        for key, (first, last) in enumerate(pairwise(indices), start=1)
+        for key, (first, last) in enumerate(pairwise(track.key_scans), start=1)
     ]

@@ -10,7 +10,7 @@ odometry, and not by a variance that holds for all.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import chain, combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +24,10 @@ from iceg.slam.match_errors import OWN
 
 _FIT_ROUNDS = 10
 """Rounds in which the weights follow the fitted variances."""
-_LEVEL = 1e-9
-"""A sum of squares that falls by no more than this, relative to what it would without any fit, is at its least."""
 _NOTHING = 1e-300
 """Stands for the variance of errors that are all zero: nothing of them persists."""
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,16 +42,16 @@ class Differences:
         ends: … and at which it ends.
     """
 
-    errors: NDArray[np.float64]
-    claimed: NDArray[np.float64]
-    turns: NDArray[np.float64]
+    errors: Floats
+    claimed: Floats
+    turns: Floats
     starts: NDArray[np.int64]
     ends: NDArray[np.int64]
 
 
 def odometry_noise(
-    differences: Differences, odometry: NDArray[np.float64], config: CalibrationConfig
-) -> tuple[OdometryModel, NDArray[np.float64]]:
+    differences: Differences, odometry: Floats, config: CalibrationConfig
+) -> tuple[OdometryModel, Floats]:
     """Fit the noise of odometry.
 
     Args:
@@ -63,10 +63,10 @@ def odometry_noise(
         The noise of single motions, and (3,) by how much the variance of a chain of them exceeds the sum of theirs, in
         x, y and heading, because errors persist.
     """
-    paths = _Paths.of(differences, odometry)
+    paths = _Paths.of(differences.starts, differences.ends, odometry)
     errors, claimed = differences.errors, differences.claimed
     persistence = np.empty(3)
-    heading, persistence[2] = _heading_fit(differences, paths, config)
+    heading, persistence[2] = _heading_fit(errors[:, 2], claimed[:, 2], paths, config)
     lever, left = paths.carried_by(heading)
     own = errors[:, :2] - lever * errors[:, 2:]
     known, following = np.empty_like(own), _turned(own[1:], differences.turns[1:])
@@ -87,33 +87,38 @@ def odometry_noise(
 
 
 def heading_noise(
-    differences: Differences, odometry: NDArray[np.float64], config: CalibrationConfig
+    errors: Floats,
+    claimed: Floats,
+    starts: NDArray[np.int64],
+    ends: NDArray[np.int64],
+    odometry: Floats,
+    config: CalibrationConfig,
 ) -> tuple[dict[str, float], float]:
     """Fit the noise of the heading alone.
 
     Args:
-        differences: between matches and odometry; those of the position do not count.
+        errors: (n,) turns by matches minus those of odometry [rad].
+        claimed: (n,) variances the matches claim [rad²].
+        starts: (n,) scan at which each turn starts …
+        ends: … and at which it ends.
         odometry: (n_scans, 3).
         config: what is an outlier, a floor, persistence.
 
     Returns:
         The standard deviations of the heading under their names in `OdometryModel`, and the persistence of its errors.
     """
-    paths = _Paths.of(differences, odometry)
-    heading, persistence = _heading_fit(differences, paths, config)
+    paths = _Paths.of(starts, ends, odometry)
+    heading, persistence = _heading_fit(errors, claimed, paths, config)
     return _heading_deviations(paths, heading, config), persistence
 
 
-def _heading_fit(
-    differences: Differences, paths: "_Paths", config: CalibrationConfig
-) -> tuple[NDArray[np.float64], float]:
+def _heading_fit(errors: Floats, claimed: Floats, paths: "_Paths", config: CalibrationConfig) -> tuple[Floats, float]:
     """(3,) variances of the heading: floor, per metre, per radian; and the persistence of its errors."""
-    errors, claimed = differences.errors[:, 2], differences.claimed[:, 2]
     by_match, persistence = _shares(errors, errors[1:], claimed, config)
     return _variance_fit([errors], [by_match], [paths.rows_heading], config, n_floors=1), persistence
 
 
-def _heading_deviations(paths: "_Paths", heading: NDArray[np.float64], config: CalibrationConfig) -> dict[str, float]:
+def _heading_deviations(paths: "_Paths", heading: Floats, config: CalibrationConfig) -> dict[str, float]:
     return _deviations(
         {
             "heading_floor": max(heading[0], _least_floor(paths.rows_heading, heading, config)),
@@ -124,7 +129,7 @@ def _heading_deviations(paths: "_Paths", heading: NDArray[np.float64], config: C
     )
 
 
-def _least_floor(rows: NDArray[np.float64], fit: NDArray[np.float64], config: CalibrationConfig) -> float:
+def _least_floor(rows: Floats, fit: Floats, config: CalibrationConfig) -> float:
     """Least variance that a motion of no length is believed to have."""
     return config.min_floor**2 * float(np.median(dense.matvec(rows, fit)))
 
@@ -133,22 +138,9 @@ def _deviations(variances: dict[str, float], least: OdometryModel) -> dict[str, 
     return {name: max(getattr(least, name), math.sqrt(variance)) for name, variance in variances.items()}
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LastingErrors:
-    """What the calibration leaves, the same all the way: s√L, s a standard deviation, L the longest way alone.
-
-    Attributes:
-        along: scale of the translation [m/√m].
-        drift: drift of the heading [rad/√m].
-        turn: scale of turns [rad/√rad].
-    """
-
-    along: float = 0.0
-    drift: float = 0.0
-    turn: float = 0.0
-
-
-def lasting_noise(noise: OdometryModel, persistence: NDArray[np.float64], left: LastingErrors) -> OdometryModel:
+def lasting_noise(
+    noise: OdometryModel, persistence: Floats, *, along: float = 0.0, drift: float = 0.0, turn: float = 0.0
+) -> OdometryModel:
     """Noise for a graph, which takes the errors of successive motions for independent.
 
     Each axis is widened by its persistence. A scale error s is off by (sl)² after l metres: in the mean over all ways
@@ -158,18 +150,21 @@ def lasting_noise(noise: OdometryModel, persistence: NDArray[np.float64], left: 
     Args:
         noise: of single motions.
         persistence: (3,) factors on the variances in x, y and heading.
-        left: what else is left: the s√L of each.
+        along: what else the calibration leaves, the same all the way: s√L, s the standard deviation of the scale of
+            the translation, L the longest way alone [m/√m];
+        drift: of the drift of the heading [rad/√m];
+        turn: of the scale of turns [rad/√rad].
     """
-    along, across, heading = np.sqrt(persistence).tolist()
+    x, y, heading = np.sqrt(persistence).tolist()
     return replace(
         noise,
-        along_per_metre=math.hypot(along * noise.along_per_metre, math.sqrt(0.5) * left.along),
-        across_per_metre=across * noise.across_per_metre,
-        position_per_radian=max(along, across) * noise.position_per_radian,
-        heading_per_metre=math.hypot(heading * noise.heading_per_metre, math.sqrt(0.5) * left.drift),
-        heading_per_radian=math.hypot(heading * noise.heading_per_radian, math.sqrt(0.5) * left.turn),
-        along_floor=along * noise.along_floor,
-        across_floor=across * noise.across_floor,
+        along_per_metre=math.hypot(x * noise.along_per_metre, math.sqrt(0.5) * along),
+        across_per_metre=y * noise.across_per_metre,
+        position_per_radian=max(x, y) * noise.position_per_radian,
+        heading_per_metre=math.hypot(heading * noise.heading_per_metre, math.sqrt(0.5) * drift),
+        heading_per_radian=math.hypot(heading * noise.heading_per_radian, math.sqrt(0.5) * turn),
+        along_floor=x * noise.along_floor,
+        across_floor=y * noise.across_floor,
         heading_floor=heading * noise.heading_floor,
     )
 
@@ -190,18 +185,17 @@ class _Paths:
         whole: (n, 2) what one before the first does.
     """
 
-    rows_x: NDArray[np.float64]
-    rows_y: NDArray[np.float64]
-    rows_heading: NDArray[np.float64]
+    rows_x: Floats
+    rows_y: Floats
+    rows_heading: Floats
     motion_of: NDArray[np.int64]
-    distance: NDArray[np.float64]
-    turn: NDArray[np.float64]
-    levers: NDArray[np.float64]
-    whole: NDArray[np.float64]
+    distance: Floats
+    turn: Floats
+    levers: Floats
+    whole: Floats
 
     @classmethod
-    def of(cls, differences: Differences, odometry: NDArray[np.float64]) -> "_Paths":
-        starts, ends = differences.starts, differences.ends
+    def of(cls, starts: NDArray[np.int64], ends: NDArray[np.int64], odometry: Floats) -> "_Paths":
         n, lengths = len(starts), ends - starts
         motion_of = np.repeat(np.arange(n), lengths)
         scan = np.arange(len(motion_of)) + np.repeat(ends - np.cumsum(lengths), lengths)
@@ -225,7 +219,7 @@ class _Paths:
             whole=_lever(T_end_start),
         )
 
-    def carried_by(self, heading: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def carried_by(self, heading: Floats) -> tuple[Floats, Floats]:
         """What noise of the heading, its (3,) coefficients, does to the position at the end of each motion.
 
         Returns:
@@ -242,22 +236,17 @@ class _Paths:
         return mean, np.maximum(left, 0.0)
 
 
-def _lever(T_end_pose: NDArray[np.float64]) -> NDArray[np.float64]:
+def _lever(T_end_pose: Floats) -> Floats:
     """(n, 2) what turning at a pose moves the end by, seen from the end [m/rad]."""
     return np.column_stack([T_end_pose[:, 1], -T_end_pose[:, 0]])
 
 
-def _turned(vectors: NDArray[np.float64], angles: NDArray[np.float64]) -> NDArray[np.float64]:
+def _turned(vectors: Floats, angles: Floats) -> Floats:
     c, s = cos_sin(angles)
     return np.column_stack([c * vectors[:, 0] - s * vectors[:, 1], s * vectors[:, 0] + c * vectors[:, 1]])
 
 
-def _shares(
-    errors: NDArray[np.float64],
-    following: NDArray[np.float64],
-    claimed: NDArray[np.float64],
-    config: CalibrationConfig,
-) -> tuple[NDArray[np.float64], float]:
+def _shares(errors: Floats, following: Floats, claimed: Floats, config: CalibrationConfig) -> tuple[Floats, float]:
     """What of differences is the matches', and how much that of odometry persists.
 
     Neighbours share the error of the match between them, with opposite signs. By how much a chain exceeds the sum of
@@ -289,19 +278,19 @@ def _shares(
     return share * claimed, min(persistence, config.max_persistence) if is_clear else 1.0
 
 
-def robust_deviation(residual: NDArray[np.float64]) -> float:
+def robust_deviation(residual: Floats) -> float:
     """Standard deviation of most of (n,) residuals: that of a normal distribution with the same median deviation."""
     return 1.4826 * float(np.median(np.abs(residual))) + 1e-6
 
 
 def _variance_fit(
-    errors: Sequence[NDArray[np.float64]],
-    known: Sequence[NDArray[np.float64]],
-    rows: Sequence[NDArray[np.float64]],
+    errors: Sequence[Floats],
+    known: Sequence[Floats],
+    rows: Sequence[Floats],
     config: CalibrationConfig,
     *,
     n_floors: int,
-) -> NDArray[np.float64]:
+) -> Floats:
     """Coefficients ≥ 0 of what squared errors exceed a known variance by; several axes together.
 
     The first columns are floors: what a motion is off by however short it is. They are 0 unless they clearly explain
@@ -321,13 +310,7 @@ def _variance_fit(
     return whole if (left_by_growing - left) * len(squared) > n_floors * config.floor_gain * left else growing
 
 
-def _reweighted(
-    squared: NDArray[np.float64],
-    known: NDArray[np.float64],
-    rows: NDArray[np.float64],
-    usual: NDArray[np.float64],
-    outlier: float,
-) -> NDArray[np.float64]:
+def _reweighted(squared: Floats, known: Floats, rows: Floats, usual: Floats, outlier: float) -> Floats:
     """Iteratively reweighted least squares: the larger a square is expected to be, the more it scatters."""
     expected, fit = usual + known, np.zeros(rows.shape[1])
     for _ in range(_FIT_ROUNDS):
@@ -337,45 +320,19 @@ def _reweighted(
     return fit
 
 
-def _expected(fitted: NDArray[np.float64], known: NDArray[np.float64]) -> NDArray[np.float64]:
+def _expected(fitted: Floats, known: Floats) -> Floats:
     return np.asarray(np.maximum(fitted, 1e-10) + known, dtype=np.float64)
 
 
-def _non_negative_fit(rows: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Least squares with coefficients ≥ 0.
-
-    Columns leave, that with the most negative coefficient first, until none is negative. That is the best fit if none
-    of the columns left out would take part with a positive one; else it is looked for among all sets of columns.
-    """
+def _non_negative_fit(rows: Floats, values: Floats) -> Floats:
+    """Least squares with coefficients ≥ 0, for a few columns: the best of the fits on some of them without others."""
     n = rows.shape[1]
     square, right = dense.matmul(rows.T, rows), dense.matvec(rows.T, values)
-    columns, fit = list(range(n)), np.zeros(n)
-    while columns:
-        fit = _fit_on(columns, square, right)
-        if (fit >= 0.0).all():
-            break
-        columns.remove(int(fit.argmin()))
-    if not columns:
-        fit = np.zeros(n)
-    slopes = right - dense.matvec(square, fit)
-    return fit if (slopes <= _LEVEL * np.abs(right)).all() else _best_of_all_sets(square, right)
-
-
-def _fit_on(columns: list[int], square: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) what solves the normal equations on some of the columns, 0 elsewhere."""
-    fit = np.zeros(len(right))
-    fit[columns] = dense.least_norm_solution(square[np.ix_(columns, columns)], right[columns])
-    return fit
-
-
-def _best_of_all_sets(square: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The best of the fits on some of the columns without negative coefficients; for a few of these."""
-    n = len(right)
     best, least = np.zeros(n), 0.0
-    for size in range(1, n + 1):
-        for columns in map(list, combinations(range(n), size)):
-            fit = _fit_on(columns, square, right)
-            gain = -dense.vecdot(fit, right)  # of the sum of squares, against no fit at all
-            if gain < least and (fit >= 0.0).all():
-                best, least = fit, gain
+    for columns in chain.from_iterable(combinations(range(n), size) for size in range(1, n + 1)):
+        at, fit = list(columns), np.zeros(n)
+        fit[at] = dense.least_norm_solution(square[np.ix_(at, at)], right[at])
+        change = -dense.vecdot(fit, right)  # of the sum of squares, against no fit at all
+        if change < least and (fit >= 0.0).all():
+            best, least = fit, change
     return best

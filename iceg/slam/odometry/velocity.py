@@ -66,10 +66,6 @@ class KeySteps:
         """(n - 1,) whether two steps that follow one another are both observed."""
         return np.asarray(self.are_observed[1:] & self.are_observed[:-1])
 
-    def are_known_to(self, variances: Floats) -> NDArray[np.bool_]:
-        """(n,) whether matches know how far the steps go to within (n,) variances [m² or rad²]."""
-        return np.asarray((self.variances > 0.0) & (self.variances * self.durations**2 <= variances))
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VelocityModel:
@@ -123,7 +119,7 @@ def motions_without_odometry(
     """
     track = replace(track, dead=[])
     if heading is None:
-        poses, turns = track.trajectory(np.array([key.T_track_robot for key in track.keys])), OdometryModel()
+        poses, turns = track.T_track_scans, OdometryModel()
     else:
         poses, turns = with_headings(track, heading.headings), heading.lasting_noise.within(OdometryModel())
     pauses = pauses_along(stamps, poses)
@@ -135,9 +131,9 @@ def motions_without_odometry(
         variances[:, 2] = [0.0 if motion is None else motion.covariance[2, 2] for motion in known]
     ways, covariances = expmap(twists), _at_their_ends(twists, variances)
     # The way to the end depends on the turns: where something else knows them better, it follows the headings.
-    knows_turn = (heading is not None) | axes[2].are_known_to(variances[:, 2])
-    index = np.array([key.index for key in track.keys])
-    along, covariances_along = along_headings(poses[:, 2], index, pauses, twists, variances)
+    by_matches = axes[2].variances * axes[2].durations ** 2
+    knows_turn = (heading is not None) | ((by_matches > 0.0) & (by_matches <= variances[:, 2]))
+    along, covariances_along = along_headings(poses[:, 2], track.key_scans, pauses, twists, variances)
     ways = np.where(knows_turn[:, None], along, ways)
     covariances = np.where(knows_turn[:, None, None], covariances_along, covariances)
     return [
@@ -184,15 +180,15 @@ def foretold(steps: KeySteps, config: CalibrationConfig) -> tuple[Floats, Floats
 
 def _steps(track: Track, poses: Floats, pauses: Floats) -> list[KeySteps]:
     """The steps of a track along (n_scans, 3) poses, (n_scans - 1,) intervals apart: along, across, and the turns."""
-    index = np.array([key.index for key in track.keys])
+    index, later = track.key_scans, track.keys[1:]
     clock = np.append(0.0, np.cumsum(pauses))[index]
     durations = np.diff(clock)
-    matches = [None if isinstance(key.match, NoMatch) else key.match for key in track.keys[1:]]
-    claimed = np.array([np.zeros(3) if match is None else np.diag(match.covariance) for match in matches]).reshape(
-        -1, 3
-    )
+    claimed = np.zeros((len(later), 3))
+    for variances, key in zip(claimed, later, strict=True):
+        if not isinstance(key.match, NoMatch):
+            variances[:] = np.diag(key.match.covariance)
     twists = logmap(between(poses[index[:-1]], poses[index[1:]]))
-    are_observed = np.array([match is not None and match.is_fully_observed for match in matches], dtype=np.bool_)
+    are_observed = np.array([key.is_fully_observed for key in later], dtype=np.bool_)
     turns = wrap_angle(np.diff(poses[: index[-1] + 1, 2]))
     usual = usual_velocities(twists / durations[:, None], turns, pauses[: index[-1]], index[:-1], are_observed)
     return [

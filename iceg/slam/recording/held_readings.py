@@ -20,6 +20,8 @@ from iceg.slam.recording.standstill import scans_change
 from iceg.slam.recording.steps import is_moving
 from iceg.slam.tracking_config import StandstillConfig
 
+Floats = NDArray[np.float64]
+
 _FREEDOM = 3.0
 """Degrees of freedom of Student's t for changes of velocity."""
 _ROUNDS = 20
@@ -51,7 +53,7 @@ def with_odometry_between_readings(log: Log, config: StandstillConfig) -> Log:
 
 
 def held_readings(
-    odometry: NDArray[np.float64], periods: NDArray[np.float64], config: StandstillConfig
+    odometry: Floats, periods: Floats, config: StandstillConfig
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The steps of an odometry that move, and over how many scans each was made.
 
@@ -87,13 +89,8 @@ def held_readings(
     for row, k in enumerate(after_standstill.tolist()):
         before = velocities[max(k - 2, 0) : k].mean(axis=0)
         after = velocities[k + 1 : k + 3].mean(axis=0) if k + 1 < len(moves) else before
-        h = np.arange(1, since[k] + 1)
-        during = steps[k] / (clock[moves[k] + 1] - clock[moves[k] + 1 - h])[:, None]
-        costs = _cost(_length(before)) + _cost(_length(during) + _length(after - during))
-        costs[-1] = _cost(_length(during[-1] - before)) + _cost(_length(after - during[-1]))
-        costs[1:] += log(h[1:])
-        costs[1:][(np.abs(during[1:]) > fastest).any(axis=1)] = np.inf
-        gains[row], spans[row] = costs[0] - costs[1:].min(), 2 + costs[1:].argmin()
+        since_each = clock[moves[k] + 1] - clock[moves[k] + 1 - since[k] : moves[k] + 1]
+        gains[row], spans[row] = _likeliest_span(before, steps[k] / since_each[::-1, None], after, fastest)
     most = 1.0 - config.held_prior
     started = config.stops * len(moves) / len(after_standstill)
     share = least = min(max(1.0 - started, config.held_prior), most)
@@ -102,6 +99,22 @@ def held_readings(
         share = min(max(float(np.mean(is_held)), least), most)
     spread[after_standstill[is_held]] = spans[is_held]
     return moves, spread
+
+
+def _likeliest_span(before: Floats, during: Floats, after: Floats, fastest: Floats) -> tuple[float, int]:
+    """By how much it is more probable that a step took several scans than one, and over how many that is so.
+
+    Args:
+        before: (2,) speed and turn rate before the standstill.
+        during: (h, 2) those of the step if it took 1, 2, … scans, as many as there are since the reading before.
+        after: (2,) those after it.
+        fastest: (2,) that a robot may have.
+    """
+    costs = _cost(_length(before)) + _cost(_length(during) + _length(after - during))
+    costs[-1] = _cost(_length(during[-1] - before)) + _cost(_length(after - during[-1]))
+    several = costs[1:] + log(np.arange(2, len(costs) + 1))
+    several[(np.abs(during[1:]) > fastest).any(axis=1)] = np.inf
+    return costs[0] - several.min(), 2 + int(several.argmin())
 
 
 def _are_confirmed(
@@ -122,12 +135,7 @@ def _are_confirmed(
     return confirmed
 
 
-def between_readings(
-    odometry: NDArray[np.float64],
-    periods: NDArray[np.float64],
-    moves: NDArray[np.int64],
-    spread: NDArray[np.int64],
-) -> NDArray[np.float64]:
+def between_readings(odometry: Floats, periods: Floats, moves: NDArray[np.int64], spread: NDArray[np.int64]) -> Floats:
     """Odometry at the scans between two readings: each step spread over the scans that it took, by their time.
 
     Args:
@@ -146,11 +154,11 @@ def between_readings(
     return filled
 
 
-def _length(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+def _length(vectors: Floats) -> Floats:
     """(...) of (..., 2)."""
     return np.asarray(np.sqrt((vectors * vectors).sum(axis=-1)), dtype=np.float64)
 
 
-def _cost(changes: NDArray[np.float64]) -> NDArray[np.float64]:
+def _cost(changes: Floats) -> Floats:
     """Negative log-likelihood of changes of velocity, by Student's t: robots stop and start abruptly."""
     return np.asarray(0.5 * (_FREEDOM + 2.0) * log(1.0 + changes * changes / _FREEDOM), dtype=np.float64)

@@ -22,18 +22,13 @@ def waits(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.ones(len(steps)) if usual is None else np.maximum(1.0, steps / usual)
 
 
-def intervals(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same in whole ones: more than one where scans are missing."""
-    return np.round(waits(stamps))
-
-
 def _advances(stamps: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n - 1,) by how much each of n stamps is later than all before it: one that steps back makes no pause [s]."""
     return np.diff(np.maximum.accumulate(stamps))
 
 
 def confirmed_intervals(stamps: NDArray[np.float64], lengths: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same, but all 1 where the robot does not go the farther the longer a scan is in coming.
+    """Whole intervals from scan to scan, but all 1 where a robot goes no farther the longer a scan is in coming.
 
     Some recorders stamp scans when they get round to it. So two likelihoods are compared over the scans that come late:
     that the robot went on as fast as just before and after, and that it went as far, changes of speed by Cauchy's law.
@@ -43,13 +38,13 @@ def confirmed_intervals(stamps: NDArray[np.float64], lengths: NDArray[np.float64
         lengths: (n - 1,) how far the robot went from each scan to the next [m].
 
     Returns:
-        (n - 1,) usual intervals from scan to scan.
+        (n - 1,) more than 1 where scans are missing.
     """
-    pauses = intervals(stamps)
+    pauses = np.round(waits(stamps))
     is_late = pauses[1:-1] > 1.0
-    by_time, by_scan = (_changes(lengths / each, each) for each in (pauses, np.ones(len(pauses))))
     if not is_late.any():
         return pauses
+    by_time, by_scan = (_changes(lengths / each, each) for each in (pauses, np.ones(len(pauses))))
     scale = max(float(np.median(by_scan)), _LEAST_CHANGE)
     costs = [log(1.0 + (change[is_late] / scale) ** 2).sum() for change in (by_time, by_scan)]
     return pauses if costs[0] <= costs[1] else np.ones(len(pauses))

@@ -1,7 +1,5 @@
 """Odometry that stands still although the robot moves, and does not make up for it: it is dead."""
 
-from collections.abc import Iterator
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,10 +21,12 @@ def dead_intervals(
     Returns:
         First and last scan of each; between them, odometry says nothing.
     """
+    moves = np.flatnonzero(is_moving(odometry)).tolist()
+    standstills = zip([0, *(move + 1 for move in moves)], [*moves, len(odometry) - 1], strict=True)
     return [
         (first, last)
-        for first, last in _standstills(odometry, config)
-        if scans_change(ranges[first : last + 1], config)
+        for first, last in standstills
+        if last - first > config.unjudged and scans_change(ranges[first : last + 1], config)
     ]
 
 
@@ -36,14 +36,6 @@ def describe_dead(first: int, last: int) -> RunWarning:
         f"the odometry stands still from scan {first} to scan {last} while the scans change: it is not believed there"
     )
     return RunWarning(kind="odometry stands still", sentence=sentence, scan=first)
-
-
-def _standstills(odometry: NDArray[np.float64], config: StandstillConfig) -> Iterator[tuple[int, int]]:
-    """First and last scan of each run of equal readings that is long enough to be judged."""
-    moves = _moves(odometry).tolist()
-    for first, last in zip([0, *(move + 1 for move in moves)], [*moves, len(odometry) - 1], strict=True):
-        if last - first > config.unjudged:
-            yield first, last
 
 
 def scans_change(ranges: NDArray[np.float32], config: StandstillConfig) -> bool:
@@ -84,8 +76,3 @@ def _changes(before: NDArray[np.float32], after: NDArray[np.float32], config: St
     changes = np.zeros(len(differences))
     changes[rows] = differences[rows, at]
     return changes
-
-
-def _moves(odometry: NDArray[np.float64]) -> NDArray[np.int64]:
-    """(m,) the steps that move."""
-    return np.flatnonzero(is_moving(odometry))

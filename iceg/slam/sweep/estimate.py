@@ -13,7 +13,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.scan import Log, ScanGeometry
+from frontends.scan import Log
 from graph.noise import chi2_gate
 from graph.se2 import between, compose, wrap_angle
 from iceg.slam.sweep import _pair_kernels as kernels
@@ -28,21 +28,6 @@ _LEAST_FALL = 0.1
 """… which is by no less than this share of what the points by themselves say."""
 _CLOSE = 0.1
 """A step by less than so many standard deviations is the last."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Effort:
-    """How much is asked of the scans.
-
-    Attributes:
-        scans: how many are asked, those that move most in as many parts of the log.
-        points: of each that take part, about.
-        steps: Gauss-Newton steps of the pose between two scans.
-    """
-
-    scans: int
-    points: int
-    steps: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,14 +65,12 @@ def learn_sweep(
     """
     if len(log) < config.min_pairs or log.geometry.n_beams < config.min_points:
         return None
-    effort = _Effort(scans=config.quick_scans, points=config.quick_points, steps=2)
-    quick = _solve(_Score.of(log, T_map_robot, motion, effort, config), config)
+    quick = _solve(_Score.of(log, T_map_robot, motion, config, config.quick_scans, config.quick_points, 2), config)
     if quick is not None:
         doubt = _sigmas(config.quick_false_alarm) * quick.deviation
         if abs(quick.share) < doubt or abs(quick.share) + doubt < least:
             return quick
-    effort = _Effort(scans=config.scans, points=config.points, steps=3)
-    return _solve(_Score.of(log, T_map_robot, motion, effort, config), config)
+    return _solve(_Score.of(log, T_map_robot, motion, config, config.scans, config.points, 3), config)
 
 
 def _sigmas(false_alarm: float) -> float:
@@ -100,7 +83,8 @@ def _solve(score: "_Score", config: SweepConfig) -> SweepEstimate | None:
     information, gradient, scatter = score.at(0.0)
     if information <= 0.0:
         return None
-    share, step = 0.0, _at_least(gradient / information, _PROBE)
+    share, step = 0.0, gradient / information
+    step = math.copysign(max(abs(step), _PROBE), step)
     for _ in range(_MOST_ROUNDS):
         start, before = share, gradient
         share = min(max(share + step, -config.max_share), config.max_share)
@@ -114,10 +98,6 @@ def _solve(score: "_Score", config: SweepConfig) -> SweepEstimate | None:
         if abs(step) < _CLOSE * scatter / information:
             break
     return SweepEstimate(share=share, deviation=math.hypot(scatter / information, config.model_error * share))
-
-
-def _at_least(step: float, least: float) -> float:
-    return math.copysign(max(abs(step), least), step)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,11 +118,17 @@ class _Score:
         log: Log,
         T_map_robot: NDArray[np.float64],
         motion: MotionWithin,
-        effort: _Effort,
         config: SweepConfig,
+        scans: int,
+        points: int,
+        steps: int,
     ) -> "_Score":
+        """Of so many scans, those that move most in as many parts of the log, and about so many points of each.
+
+        The pose between two scans is found by so many Gauss-Newton steps.
+        """
         geometry = log.geometry
-        pairs, scan_of_pair = _pairs(T_map_robot, motion, effort.scans, config)
+        pairs, scan_of_pair = _pairs(T_map_robot, motion, scans, config)
         T_map_laser = compose(T_map_robot[pairs], geometry.T_robot_laser)
         velocity, change = in_laser_frame(motion, geometry)
         return cls(
@@ -151,7 +137,14 @@ class _Score:
             scan_of_pair=scan_of_pair,
             T_one_other=between(T_map_laser[:, 0], T_map_laser[:, 1]),
             laser=kernels.Laser(geometry.bearings, is_full_circle(geometry), velocity, change),
-            fit=_fit(geometry, effort, config),
+            fit=kernels.Fit(
+                gate=config.gate,
+                scale=config.scale,
+                every=max(1, geometry.n_beams // points),
+                half=max(2, round(math.radians(2.0) / geometry.resolution)),
+                steps=steps,
+                least=config.min_points,
+            ),
             min_pairs=config.min_pairs,
         )
 
@@ -164,17 +157,6 @@ class _Score:
         gradients = np.bincount(self.scan_of_pair, weights=about[:, 1])
         mean = float(gradients.mean())
         return float(about[:, 0].sum()), float(gradients.sum()), math.sqrt(float(((gradients - mean) ** 2).sum()))
-
-
-def _fit(geometry: ScanGeometry, effort: _Effort, config: SweepConfig) -> kernels.Fit:
-    return kernels.Fit(
-        gate=config.gate,
-        scale=config.scale,
-        every=max(1, geometry.n_beams // effort.points),
-        half=max(2, round(math.radians(2.0) / geometry.resolution)),
-        steps=effort.steps,
-        least=config.min_points,
-    )
 
 
 def _pairs(

@@ -73,8 +73,9 @@ def track_swept(
     interval = usual_interval(log.stamps)
     finding, moved = SweepFinding(source="nothing"), np.zeros((len(log), 3))
     for passes in range(config.max_passes + 1):
-        motion = _motion(followed[1], log)
-        source, estimate = _sweep(log, followed[1], motion, interval, config)
+        track = followed[1]
+        motion = motion_within(track.T_track_scans, log.stamps, (*track.lost, *track.breaks))
+        source, estimate = _sweep(log, track, motion, interval, config)
         if estimate is None:
             break
         finding = SweepFinding(
@@ -104,7 +105,7 @@ def _sweep(
         return "log", SweepEstimate(share=log.sweep / interval, deviation=0.0)
     per_interval = _displacement(log, motion.velocity)
     least = config.min_displacement / per_interval if per_interval > 0.0 else np.inf
-    return "scans", learn_sweep(log, _trajectory(track), motion, config, least)
+    return "scans", learn_sweep(log, track.T_track_scans, motion, config, least)
 
 
 def _displacement(log: Log, motion: NDArray[np.float64]) -> float:
@@ -113,11 +114,3 @@ def _displacement(log: Log, motion: NDArray[np.float64]) -> float:
     arm = float(np.median(returns)) if len(returns) else 0.0
     along2 = motion[:, 0] ** 2 + motion[:, 1] ** 2 + (arm * motion[:, 2]) ** 2
     return float(np.sqrt(along2.mean() / 12.0))  # beams are spread evenly over the sweep
-
-
-def _motion(track: Track, log: Log) -> MotionWithin:
-    return motion_within(_trajectory(track), log.stamps, (*track.lost, *track.breaks))
-
-
-def _trajectory(track: Track) -> NDArray[np.float64]:
-    return track.trajectory(np.array([key.T_track_robot for key in track.keys]))

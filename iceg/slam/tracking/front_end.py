@@ -1,7 +1,8 @@
 """The front end: every scan matched against the local reference of recent key scans."""
 
 import math
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,16 +15,31 @@ from graph.noise import chi2_gate, squared_norm, summed_ratios
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose
 from iceg.ice.tracking import Limits, Standing
-from iceg.slam.agreement import Tolerance, apart
+from iceg.slam.agreement import apart
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
-from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan
+from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan, Track
 from iceg.slam.tracking.odometry_check import Expectation, OdometryCheck
 from iceg.slam.tracking.sight import is_blind, sees_next_to_nothing, sees_nothing
 
+Floats = NDArray[np.float64]
+
 COVERED = NoMatch(reason="the laser is covered")
 """What becomes of a scan that sees nothing."""
+
+
+@dataclass(slots=True, kw_only=True)
+class _LocalMap:
+    """What scans are matched against.
+
+    Attributes:
+        members: indices of the key scans in it, the newest last: that one stands for the map.
+        reference: the matcher's own, in the track frame.
+    """
+
+    members: list[int]
+    reference: Any
 
 
 class FrontEnd:
@@ -44,14 +60,10 @@ class FrontEnd:
         self._odometry = odometry or self._unknown
         self._config = config
         self._limits = _limits(config)
-        self._check = OdometryCheck(matcher, config, _one_optimum(config))
-        self._tracking_covariance = _tracking_covariance(config)
+        self._check = OdometryCheck(matcher, config)
         self.keys: list[KeyScan] = []
-        self._reference: Any = None
-        self._in_reference: list[int] = []
-        self._tentative: Any = None
-        self._tentative_keys: list[int] = []
-        self._is_tentative = False
+        self._local = self._matched = _LocalMap(members=[], reference=None)
+        self._tentative: _LocalMap | None = None
         self.is_blind = False
         self.motion = self._odometry.start()
         self._knows_motion = self._has_odometry
@@ -63,6 +75,28 @@ class FrontEnd:
         self.breaks: list[int] = []
         self.unknown_motion: list[int] = []
 
+    def track(
+        self, key_of_scan: NDArray[np.int64], T_track_scans: Floats, dead: Sequence[tuple[int, int]] = ()
+    ) -> Track:
+        """What was found so far.
+
+        Args:
+            key_of_scan: (n,) the newest of `keys` when each scan had been tracked …
+            T_track_scans: (n, 3) … and its pose.
+            dead: first and last scans of the intervals over which the odometry is dead.
+        """
+        T_track_keys = np.array([key.T_track_robot for key in self.keys])
+        return Track(
+            keys=list(self.keys),
+            key_of_scan=key_of_scan,
+            T_key_scan=between(T_track_keys[key_of_scan], T_track_scans),
+            failures=self.failures,
+            lost=list(self.lost),
+            breaks=list(self.breaks),
+            unknown_motion=list(self.unknown_motion),
+            dead=list(dead),
+        )
+
     def trust(self, odometry: OdometryModel) -> None:
         """Believe the odometry so much from the next step on."""
         if self._has_odometry:
@@ -72,11 +106,11 @@ class FrontEnd:
         self,
         index: int,
         scan: Scan,
-        T_prev_cur: NDArray[np.float64] | None,
+        T_prev_cur: Floats | None,
         *,
         is_sudden: bool = False,
-        foretold: NDArray[np.float64] | None = None,
-    ) -> NDArray[np.float64]:
+        foretold: Floats | None = None,
+    ) -> Floats:
         """Track one more scan.
 
         Args:
@@ -107,9 +141,7 @@ class FrontEnd:
             self._add_key(index, scan)
         return self._T_track_robot
 
-    def follow(
-        self, index: int, ranges: NDArray[np.float32], steps: NDArray[np.float64], geometry: ScanGeometry
-    ) -> NDArray[np.float64]:
+    def follow(self, index: int, ranges: NDArray[np.float32], steps: Floats, geometry: ScanGeometry) -> Floats:
         """Track scans as `add` does, up to the next key scan, and at a fraction of the cost.
 
         Args:
@@ -124,12 +156,13 @@ class FrontEnd:
         if not self.keys or not len(steps):
             return np.empty((0, 3))
         standing = Standing(T_ref_robot=self._T_track_robot, T_ref_key=self.keys[-1].T_track_robot, motion=self.motion)
-        found = self._matcher.follow(self._reference, ranges, steps, geometry, standing, self._odometry, self._limits)
+        reference = self._local.reference
+        found = self._matcher.follow(reference, ranges, steps, geometry, standing, self._odometry, self._limits)
         poses = found.T_ref_robots
         if not len(poses):
             return poses
         before = poses[-2] if len(poses) > 1 else self._T_track_robot
-        self.is_blind, self._is_tentative, self.motion = False, False, found.motion
+        self.is_blind, self._matched, self.motion = False, self._local, found.motion
         self._T_track_robot, self._newest_step = poses[-1].copy(), (before, poses[-1].copy())
         if found.points is not None:
             scan = Scan(ranges=ranges[len(poses) - 1], geometry=geometry)
@@ -138,7 +171,7 @@ class FrontEnd:
             poses[-1] = self._T_track_robot
         return poses
 
-    def _goes_on(self, scan: Scan, step: NDArray[np.float64]) -> bool:
+    def _goes_on(self, scan: Scan, step: Floats) -> bool:
         """Whether a scan does not say that the robot made the step odometry claims, rather than going on as before.
 
         It says so by where it matches best, from either guess; if it matches nowhere it says nothing. A turn that
@@ -152,21 +185,19 @@ class FrontEnd:
         best = max(found, key=lambda pose: self._evidence(scan, pose))
         return isinstance(best, NoMatch) or _is_nearer(best, *guesses)
 
-    def _is_turn(self, step: NDArray[np.float64], usual: NDArray[np.float64]) -> bool:
+    def _is_turn(self, step: Floats, usual: Floats) -> bool:
         """Whether a step that stands out does so by its turn: a robot may turn on the spot between two scans."""
         longest = self._config.tracking.turning_step * math.hypot(*usual[:2])
         return math.hypot(*step[:2]) <= max(self._config.odometry_check.jump_distance, longest)
 
-    def _constant_velocity(self) -> NDArray[np.float64]:
+    def _constant_velocity(self) -> Floats:
         """The newest step once more; none after one that only odometry took."""
         step = between(*self._newest_step)
         return step if math.hypot(step[0], step[1]) <= self._config.tracking.max_step else np.zeros(3)
 
-    def _found_after(
-        self, scan: Scan, step: NDArray[np.float64], guess: NDArray[np.float64]
-    ) -> NDArray[np.float64] | NoMatch:
+    def _found_after(self, scan: Scan, step: Floats, guess: Floats) -> Floats | NoMatch:
         """Pose of a scan if the robot made a step that leads to `guess`."""
-        return self._find(self._reference, scan, guess, self._expected(self._odometry.extend(self.motion, step)))
+        return self._find(self._local, scan, guess, self._expected(self._odometry.extend(self.motion, step)))
 
     def _expected(self, motion: OdometryMotion | None = None) -> Expectation:
         """Where odometry puts the robot, or would if it had moved so since the newest key scan."""
@@ -174,17 +205,17 @@ class FrontEnd:
             T_track_key=self.keys[-1].T_track_robot, motion=motion or self.motion, is_known=self._knows_motion
         )
 
-    def _explains(self, scan: Scan, found: NDArray[np.float64]) -> bool:
+    def _explains(self, scan: Scan, found: Floats) -> bool:
         """Whether scan and reference agree in both directions at a pose, though much may be new."""
-        support = self._matcher.agreement(self._reference, scan, found)
+        support = self._matcher.agreement(self._local.reference, scan, found)
         config = self._config.tracking
         return support.overlap >= config.known_overlap and min(support.fit, support.view) >= config.known_agreement
 
-    def _evidence(self, scan: Scan, found: NDArray[np.float64] | NoMatch) -> float:
+    def _evidence(self, scan: Scan, found: Floats | NoMatch) -> float:
         """How much of a scan the reference explains at a pose."""
         if isinstance(found, NoMatch):
             return -1.0
-        return self._matcher.agreement(self._reference, scan, found).evidence
+        return self._matcher.agreement(self._local.reference, scan, found).evidence
 
     def _forget_motion(self) -> None:
         """From here on the odometry since the last key scan says nothing about where the robot is."""
@@ -200,16 +231,15 @@ class FrontEnd:
         self.keys.append(
             KeyScan(index=index, scan=scan, motion=self.motion, match=first, anchor=0, T_track_robot=np.zeros(3))
         )
-        self._in_reference = [0]
-        self._reference = self._prepared([0])
+        self._local = self._map_of([0])
 
-    def _follow(self, scan: Scan, guess: NDArray[np.float64]) -> None:
+    def _follow(self, scan: Scan, guess: Floats) -> None:
         """Pose of a scan in the track frame; odometry carries it where nothing credible is found."""
-        found = self._find(self._reference, scan, guess, self._expected())
-        self._is_tentative = False
+        self._matched = self._local
+        found = self._find(self._local, scan, guess, self._expected())
         if self._tentative is not None and isinstance(found, NoMatch):
+            self._matched = self._tentative
             found = self._find(self._tentative, scan, guess, self._expected())
-            self._is_tentative = True
         before = self._T_track_robot
         if isinstance(found, NoMatch):
             self.failures += 1
@@ -219,20 +249,15 @@ class FrontEnd:
         else:
             self._T_track_robot, self._newest_step = found, (before, found)
 
-    def _find(
-        self,
-        reference: Any,  # noqa: ANN401
-        scan: Scan,
-        guess: NDArray[np.float64],
-        expected: Expectation,
-    ) -> NDArray[np.float64] | NoMatch:
-        """Pose of a scan against one reference, in the track frame."""
+    def _find(self, local_map: _LocalMap, scan: Scan, guess: Floats, expected: Expectation) -> Floats | NoMatch:
+        """Pose of a scan on a local map, in the track frame."""
         if self.is_blind:
             return COVERED
+        reference, covariance = local_map.reference, self._config.tracked.covariance
         found = self._matcher.track(reference, scan, guess, expected.motion.covariance)
         if isinstance(found, NoMatch):
             return found
-        instead = self._check.judge(reference, scan, guess, found, self._tracking_covariance, expected)
+        instead = self._check.judge(reference, scan, guess, found, covariance, expected)
         if instead is None:
             return found
         return instead if isinstance(instead, NoMatch) else instead.T_ref_cur
@@ -241,7 +266,7 @@ class FrontEnd:
         """Match with covariance from the tracked pose, expressed in the track frame."""
         if self.is_blind:
             return COVERED
-        reference = self._tentative if self._is_tentative else self._reference
+        reference = self._matched.reference
         match = self._matcher.match(reference, scan, self._T_track_robot, self.motion.covariance)
         if isinstance(match, NoMatch):
             return match
@@ -256,11 +281,7 @@ class FrontEnd:
         )
         return match if instead is None else instead
 
-    def _anchor(self) -> int:
-        """The key scan that stands for the reference: the newest in it."""
-        return (self._tentative_keys if self._is_tentative else self._in_reference)[-1]
-
-    def _fuse(self, match: RelativePose, T_track_key: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _fuse(self, match: RelativePose, T_track_key: Floats) -> Floats:
         """Where the match is weaker than odometry since the key scan, odometry speaks, and only there.
 
         Elsewhere it would pull every match a little towards its own bias, and the local map with it. Odometry that the
@@ -294,7 +315,7 @@ class FrontEnd:
 
     def _add_key(self, index: int, scan: Scan) -> None:
         match = self._match(scan)
-        anchor = self._anchor()
+        anchor = self._matched.members[-1]
         if match is SEES_TOO_LITTLE or match is FEW_SEE:
             self._T_track_robot = compose(self.keys[-1].T_track_robot, self.motion.T_key_robot)
         if not isinstance(match, NoMatch):
@@ -323,45 +344,30 @@ class FrontEnd:
         The tentative map takes over once nothing but it has matched for a while: the robot came upon new ground, or was
         carried away. A scan that sees next to nothing does not tell.
         """
-        newest, is_new = len(self.keys) - 1, is_unmatched or self._is_tentative
+        newest, is_new = len(self.keys) - 1, is_unmatched or self._matched is self._tentative
         if self.is_blind or (is_new and sees_next_to_nothing(self.keys[-1].scan, self._config.sight)):
             return
         if is_new:
-            self._tentative_keys.append(newest)
-            self._tentative = self._prepared(self._tentative_keys)
-            if len(self._tentative_keys) >= self._config.tracking.loss_keys:
-                self.lost.append(self.keys[self._tentative_keys[0]].index)
-                self._reference, self._in_reference = self._tentative, self._tentative_keys
-                self._tentative, self._tentative_keys = None, []
+            self._tentative = self._map_of([*(self._tentative.members if self._tentative else ()), newest])
+            if len(self._tentative.members) >= self._config.tracking.loss_keys:
+                self.lost.append(self.keys[self._tentative.members[0]].index)
+                self._local, self._tentative = self._tentative, None
             return
-        self._tentative, self._tentative_keys = None, []
-        self._in_reference.append(newest)
+        self._tentative = None
+        self._local.members.append(newest)
         if newest % self._config.key_scans.rebuild == 0:
-            self._in_reference = self._in_reference[-self._config.key_scans.window :]
-            self._reference = self._prepared(self._in_reference)
+            self._local = self._map_of(self._local.members[-self._config.key_scans.window :])
         else:
-            self._matcher.extend(self._reference, self.keys[-1].scan, self.keys[-1].T_track_robot)
+            self._matcher.extend(self._local.reference, self.keys[-1].scan, self.keys[-1].T_track_robot)
 
-    def _prepared(self, members: list[int]) -> Any:  # noqa: ANN401
+    def _map_of(self, members: list[int]) -> _LocalMap:
         keys = [self.keys[member] for member in members]
-        return self._matcher.prepare([key.scan for key in keys], np.array([key.T_track_robot for key in keys]))
-
-
-def _tracking_covariance(config: FrontEndConfig) -> NDArray[np.float64]:
-    """(3, 3) of a pose between two key scans [m², m², rad²]."""
-    return np.asarray(np.diag((config.tracking_distance, config.tracking_distance, config.tracking_angle)) ** 2)
-
-
-def _one_optimum(config: FrontEndConfig) -> Tolerance:
-    """How far apart two tracked poses of one scan may be."""
-    tracking = config.tracking
-    return Tolerance(
-        tracking.same_optimum_distance * config.tracking_distance, tracking.same_optimum_turn * config.tracking_angle
-    )
+        T_track_keys = np.array([key.T_track_robot for key in keys])
+        return _LocalMap(members=members, reference=self._matcher.prepare([key.scan for key in keys], T_track_keys))
 
 
 def _limits(config: FrontEndConfig) -> Limits:
-    key_scans, one_optimum = config.key_scans, _one_optimum(config)
+    key_scans, one_optimum = config.key_scans, config.one_optimum
     return Limits(
         blind_range=config.sight.blind_range,
         blind_share=config.sight.blind_share,
@@ -371,12 +377,12 @@ def _limits(config: FrontEndConfig) -> Limits:
         apart=one_optimum.distance,
         twisted=one_optimum.turn,
         contradicted=chi2_gate(config.odometry_check.false_alarm),
-        variances=tuple(np.diag(_tracking_covariance(config)).tolist()),
+        variances=tuple((config.tracked.deviations**2).tolist()),
         key_distance=key_scans.distance,
         key_turn=key_scans.angle,
     )
 
 
-def _is_nearer(pose: NDArray[np.float64], one: NDArray[np.float64], other: NDArray[np.float64]) -> bool:
+def _is_nearer(pose: Floats, one: Floats, other: Floats) -> bool:
     """Whether a pose is no farther from one than from another."""
     return sum(apart(pose, one)) <= sum(apart(pose, other))

@@ -118,14 +118,9 @@ def _motions(track: Track, odometry: NDArray[np.float64]) -> tuple[NDArray[np.fl
     """(n, 3) motions between key scans that were matched, as the matches see them and as odometry claims them."""
     unknown = track.keys_without_odometry()
     keys = [k for k, key in enumerate(track.keys) if k and not isinstance(key.match, NoMatch) and k not in unknown]
-    T_track_keys = np.array([key.T_track_robot for key in track.keys])
-    scans = np.array([key.index for key in track.keys])
     after = np.array(keys, dtype=np.int64)
-    before = after - 1
-    return (
-        between(T_track_keys[before], T_track_keys[after]),
-        between(odometry[scans[before]], odometry[scans[after]]),
-    )
+    seen, claimed = track.T_track_keys, odometry[track.key_scans]
+    return between(seen[after - 1], seen[after]), between(claimed[after - 1], claimed[after])
 
 
 def _turns_against(seen: NDArray[np.float64], claimed: NDArray[np.float64], config: MountConfig) -> bool:

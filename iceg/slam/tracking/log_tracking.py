@@ -1,7 +1,6 @@
 """The front end over a whole log; what its odometry does wrong is learnt on the way."""
 
 from bisect import bisect_left
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +13,7 @@ from iceg.slam.config import FrontEndConfig
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
+from iceg.slam.progress import Progress, ProgressCallback
 from iceg.slam.recording.standstill import dead_intervals
 from iceg.slam.recording.steps import sudden_steps
 from iceg.slam.track import Track
@@ -45,7 +45,7 @@ def track_log(
     matcher: MapMatcher,
     noise: OdometryModel,
     config: FrontEndConfig,
-    progress: Callable[[int, int], None] | None = None,
+    progress: ProgressCallback | None = None,
     n_scans: int | None = None,
 ) -> Track:
     """Run the front end over a log with its odometry as it is.
@@ -55,7 +55,7 @@ def track_log(
         matcher: ICE or any other.
         noise: of the odometry.
         config: key scans and local reference.
-        progress: called with the number of scans done and of failures so far.
+        progress: called as scans are followed.
         n_scans: stop after so many.
 
     Returns:
@@ -71,7 +71,7 @@ def track_calibrating(
     matcher: MapMatcher,
     noise: OdometryModel,
     config: FrontEndConfig,
-    progress: Callable[[int, int], None] | None = None,
+    progress: ProgressCallback | None = None,
     foreknown: Foreknown = NOTHING_FOREKNOWN,
 ) -> tuple[Track, OdometryCalibration]:
     """Run the front end over a log; what its first part tells about the odometry helps with the rest.
@@ -83,7 +83,7 @@ def track_calibrating(
         matcher: ICE or any other.
         noise: of the odometry, before anything is known.
         config: key scans, local reference and calibration.
-        progress: called with the number of scans done and of failures so far.
+        progress: called as scans are followed.
         foreknown: what an earlier pass tells where there is no odometry.
 
     Returns:
@@ -100,7 +100,7 @@ def track_calibrating(
         odometry = calibration.apply(log.odometry, config.calibration.sudden)
         if first.failures or calibration.is_late(config.calibration):
             journey = _Journey(log, matcher, calibration.noise, config, progress, foreknown)
-        journey.trust(calibration.noise)
+        journey.front_end.trust(calibration.noise)
     journey.advance(len(log), odometry)
     return journey.track(), calibration
 
@@ -122,45 +122,42 @@ class _Journey:
         matcher: MapMatcher,
         noise: OdometryModel,
         config: FrontEndConfig,
-        progress: Callable[[int, int], None] | None,
+        progress: ProgressCallback | None,
         foreknown: Foreknown = NOTHING_FOREKNOWN,
     ) -> None:
         self._log = log
         self._min_motion = config.standstill.min_motion
         self._progress = progress
         self._foretold = foreknown.steps
-        self._front_end = FrontEnd(matcher, noise if log.has_odometry else None, config, foreknown.heading)
+        self.front_end = FrontEnd(matcher, noise if log.has_odometry else None, config, foreknown.heading)
         self._sudden = sudden_steps(log.odometry, config.calibration.sudden, log.stamps)
         self._dead = dead_intervals(log.odometry, log.ranges, config.standstill) if log.has_odometry else []
-        self._is_known = _known_steps(self._dead, len(log))
-        is_plain = self._is_known & ~self._sudden & log.has_odometry
-        self._not_plain = np.flatnonzero(~np.append(False, is_plain)).tolist()
+        self._is_known = np.full(len(log) - 1, log.has_odometry)
+        for first, last in self._dead:  # nor does odometry know the step with which it wakes
+            self._is_known[first : last + 1] = False
+        self._not_plain = np.flatnonzero(~np.append(False, self._is_known & ~self._sudden)).tolist()
         self._key_of_scan: list[int] = []
-        self._T_track_scan: list[NDArray[np.float64]] = []
-
-    def trust(self, noise: OdometryModel) -> None:
-        """Believe the odometry so much from here on."""
-        self._front_end.trust(noise)
+        self._T_track_scans: list[NDArray[np.float64]] = []
 
     def advance(self, end: int, odometry: NDArray[np.float64]) -> None:
         """Track all scans before `end` that were not yet, predicted by (n_scans, 3) odometry."""
-        start = len(self._key_of_scan)
-        steps = np.zeros((end, 3))
-        steps[max(start, 1) :] = between(odometry[max(start - 1, 0) : end - 1], odometry[max(start, 1) : end])
+        steps = np.concatenate([np.zeros((1, 3)), between(odometry[: end - 1], odometry[1:end])])
         while len(self._key_of_scan) < end:
             if not self._follow(end, steps):
                 self._add(steps)
             if self._progress is not None:
-                self._progress(len(self._key_of_scan), self._front_end.failures)
+                tried = len(self._key_of_scan) - 1
+                accepted = tried - self.front_end.failures
+                self._progress(Progress(scans=tried + 1, tried=tried, accepted=accepted))
 
     def _follow(self, end: int, steps: NDArray[np.float64]) -> bool:
         """Track the next scans before `end` together, by (end, 3) steps, as far as they are plain; whether any was."""
-        log, front_end, index = self._log, self._front_end, len(self._key_of_scan)
+        log, front_end, index = self._log, self.front_end, len(self._key_of_scan)
         following = bisect_left(self._not_plain, index)
         stop = min(end, index + _MOST_TOGETHER, *self._not_plain[following : following + 1])
         key = len(front_end.keys) - 1
         poses = front_end.follow(index, log.ranges[index:stop], steps[index:stop], log.geometry)
-        self._T_track_scan += list(poses)
+        self._T_track_scans += list(poses)
         self._key_of_scan += [key] * len(poses)
         if len(poses):
             self._key_of_scan[-1] = len(front_end.keys) - 1
@@ -169,46 +166,22 @@ class _Journey:
     def _add(self, steps: NDArray[np.float64]) -> None:
         """Track the next scan by itself."""
         index = len(self._key_of_scan)
-        is_known = self._log.has_odometry and index > 0 and self._is_known[index - 1]
+        is_known = index > 0 and bool(self._is_known[index - 1])
         is_sudden = is_known and bool(self._sudden[index - 1])
         step = steps[index] if is_known else None
         foretold = None if self._foretold is None or index == 0 else self._foretold[index - 1]
-        pose = self._front_end.add(index, self._log.scan(index), step, is_sudden=is_sudden, foretold=foretold)
-        self._T_track_scan.append(pose)
-        self._key_of_scan.append(len(self._front_end.keys) - 1)
+        pose = self.front_end.add(index, self._log.scan(index), step, is_sudden=is_sudden, foretold=foretold)
+        self._T_track_scans.append(pose)
+        self._key_of_scan.append(len(self.front_end.keys) - 1)
 
     def track(self) -> Track:
         """The track so far."""
-        front_end = self._front_end
-        T_track_keys = np.array([key.T_track_robot for key in front_end.keys])
-        key_of_scan = np.array(self._key_of_scan, dtype=np.int64)
-        T_track_scan = np.array(self._T_track_scan)
-        return Track(
-            keys=list(front_end.keys),
-            key_of_scan=key_of_scan,
-            T_key_scan=between(T_track_keys[key_of_scan], T_track_scan),
-            failures=front_end.failures,
-            lost=list(front_end.lost),
-            breaks=list(front_end.breaks),
-            unknown_motion=list(front_end.unknown_motion),
-            dead=[interval for interval in self._dead if self._may_have_moved(T_track_scan, *interval)],
-        )
+        T_track_scans = np.array(self._T_track_scans)
+        dead = [interval for interval in self._dead if self._may_have_moved(T_track_scans, *interval)]
+        return self.front_end.track(np.array(self._key_of_scan, dtype=np.int64), T_track_scans, dead)
 
-    def _may_have_moved(self, T_track_scan: NDArray[np.float64], first: int, last: int) -> bool:
+    def _may_have_moved(self, T_track_scans: NDArray[np.float64], first: int, last: int) -> bool:
         """Whether the scans of an interval tell of a motion, or nothing tells of any."""
-        is_unknown = any(first < scan <= last for scan in self._front_end.unknown_motion)
-        return is_unknown or _has_moved(T_track_scan[first:last], self._min_motion)
-
-
-def _has_moved(poses: NDArray[np.float64], least: float) -> bool:
-    """Whether the robot went farther than this from the first of (n, 3) poses, as far as its scans tell [m, rad]."""
-    T_first_pose = between(poses[:1], poses)
-    return bool((np.abs(T_first_pose) > least).any())
-
-
-def _known_steps(dead: list[tuple[int, int]], n_scans: int) -> NDArray[np.bool_]:
-    """(n_scans - 1,) which steps odometry knows: not those where it is dead, nor the one with which it wakes."""
-    is_known = np.ones(max(n_scans - 1, 0), np.bool_)
-    for first, last in dead:
-        is_known[first : last + 1] = False
-    return is_known
+        is_unknown = any(first < scan <= last for scan in self.front_end.unknown_motion)
+        T_first_scan = between(T_track_scans[first : first + 1], T_track_scans[first:last])
+        return is_unknown or bool((np.abs(T_first_scan) > self._min_motion).any())

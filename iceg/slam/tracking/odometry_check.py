@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,15 @@ from graph.measurement import NoMatch, RelativePose
 from graph.noise import chi2_gate, squared_norm
 from graph.odometry import OdometryMotion
 from graph.se2 import between, compose
-from iceg.slam.agreement import Tolerance, agree, apart
+from iceg.slam.agreement import agree, apart
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE
 from iceg.slam.tracking.sight import sees_little
+
+Floats = NDArray[np.float64]
+Reference: TypeAlias = Any
+"""A local map as the matcher has prepared it."""
 
 _IMPLAUSIBLE = NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
 
@@ -31,16 +35,16 @@ class Expectation:
         is_known: whether odometry told all of the way.
     """
 
-    T_track_key: NDArray[np.float64]
+    T_track_key: Floats
     motion: OdometryMotion
     is_known: bool
 
     @property
-    def T_track_robot(self) -> NDArray[np.float64]:
+    def T_track_robot(self) -> Floats:
         """(3,) the pose expected."""
         return compose(self.T_track_key, self.motion.T_key_robot)
 
-    def distance2(self, found: NDArray[np.float64], covariance: NDArray[np.float64]) -> float:
+    def distance2(self, found: Floats, covariance: Floats) -> float:
         """Squared Mahalanobis distance of a pose, (3,), known with a (3, 3) covariance, from the one expected."""
         return squared_norm(between(found, self.T_track_robot), self.motion.covariance + covariance)
 
@@ -48,34 +52,24 @@ class Expectation:
 class OdometryCheck:
     """Judges matched poses by what odometry expects, and by what else explains the scan."""
 
-    def __init__(self, matcher: MapMatcher, config: FrontEndConfig, one_optimum: Tolerance) -> None:
-        """Take what is asked and what counts as one optimum.
-
-        Args:
-            matcher: says what a pose explains.
-            config: what contradicts odometry, and what is believed all the same.
-            one_optimum: poses that agree to within this do not contradict each other.
-        """
+    def __init__(self, matcher: MapMatcher, config: FrontEndConfig) -> None:
+        """Take what says what a pose explains, and what contradicts odometry and is believed all the same."""
         self._matcher = matcher
         self._config = config.odometry_check
         self._sight = config.sight
-        self._one_optimum = one_optimum
+        self._one_optimum = config.one_optimum
         self._gate = chi2_gate(self._config.false_alarm)
         self._log_jump_odds = math.log(self._config.jump_odds)
         self._log_refused_odds = math.log(self._config.refused_odds)
         self._jump_sigmas = math.sqrt(chi2_gate(self._config.jump_false_alarm, freedom=1))
 
-    def contradicts(self, expected: Expectation, found: NDArray[np.float64], covariance: NDArray[np.float64]) -> bool:
-        """Whether a pose, (3,), known with a (3, 3) covariance, is not what odometry says."""
-        return expected.distance2(found, covariance) >= self._gate
-
     def judge(
         self,
-        reference: Any,  # noqa: ANN401
+        reference: Reference,
         scan: Scan,
-        guess: NDArray[np.float64],
-        found: NDArray[np.float64],
-        covariance: NDArray[np.float64],
+        guess: Floats,
+        found: Floats,
+        covariance: Floats,
         expected: Expectation,
         *,
         is_degenerate: bool = False,
@@ -94,67 +88,48 @@ class OdometryCheck:
         Returns:
             Another match, why there is none, or None where the match is believed.
         """
-        nearer = self._nearer(reference, scan, found, covariance, expected)
-        if nearer is not None:
-            return nearer
-        too_little = self._sees_too_little(scan, found, covariance, expected, is_degenerate=is_degenerate)
-        if too_little is not None:
-            return too_little
-        return None if self._is_plausible(reference, scan, guess, found, expected) else _IMPLAUSIBLE
+        instead = self._nearer(reference, scan, found, covariance, expected) or self._sees_too_little(
+            scan, found, covariance, expected, is_degenerate=is_degenerate
+        )
+        if instead is None and not self._is_plausible(reference, scan, guess, found, expected):
+            return _IMPLAUSIBLE
+        return instead
 
     def _sees_too_little(
-        self,
-        scan: Scan,
-        found: NDArray[np.float64],
-        covariance: NDArray[np.float64],
-        expected: Expectation,
-        *,
-        is_degenerate: bool,
+        self, scan: Scan, found: Floats, covariance: Floats, expected: Expectation, *, is_degenerate: bool
     ) -> NoMatch | None:
         """Why not to believe a match that contradicts odometry on the word of a few beams, or of one direction alone.
 
         Where hardly anything else is in reach, people close by pass for walls, and take the robot with them.
         """
         few_see = sees_little(scan, self._sight)
-        if not (expected.is_known and (few_see or is_degenerate) and self.contradicts(expected, found, covariance)):
-            return None
-        return FEW_SEE if few_see else SEES_TOO_LITTLE
+        is_weak = expected.is_known and (few_see or is_degenerate)
+        if is_weak and expected.distance2(found, covariance) >= self._gate:
+            return FEW_SEE if few_see else SEES_TOO_LITTLE
+        return None
 
     def _nearer(
-        self,
-        reference: Any,  # noqa: ANN401
-        scan: Scan,
-        found: NDArray[np.float64],
-        covariance: NDArray[np.float64],
-        expected: Expectation,
+        self, reference: Reference, scan: Scan, found: Floats, covariance: Floats, expected: Expectation
     ) -> RelativePose | None:
         """A match nearer to odometry than one that contradicts it, if it explains the scan nearly as well.
 
         What moves, and what is similar a little farther on, draws a match along where walls do not hold it.
         """
         pose = expected.T_track_robot
-        if self._are_one_optimum(found, pose):
+        if agree(found, pose, self._one_optimum):
             return None
         distance2 = expected.distance2(found, covariance)
         if distance2 < self._gate:
             return None
         nearer = self._matcher.match_near(reference, scan, pose)
-        if isinstance(nearer, NoMatch) or self._are_one_optimum(found, nearer.T_ref_cur):
+        if isinstance(nearer, NoMatch) or agree(found, nearer.T_ref_cur, self._one_optimum):
             return None
         share = max(self._config.min_evidence, 1.0 - distance2 * self._config.evidence_slope)
         free, near = (self._matcher.agreement(reference, scan, T).evidence for T in (found, nearer.T_ref_cur))
         return nearer if near >= share * free else None
 
-    def _are_one_optimum(self, T_a_b: NDArray[np.float64], T_a_c: NDArray[np.float64]) -> bool:
-        return agree(T_a_b, T_a_c, self._one_optimum)
-
     def _is_plausible(
-        self,
-        reference: Any,  # noqa: ANN401
-        scan: Scan,
-        guess: NDArray[np.float64],
-        found: NDArray[np.float64],
-        expected: Expectation,
+        self, reference: Reference, scan: Scan, guess: Floats, found: Floats, expected: Expectation
     ) -> bool:
         """A pose far from the guess (odometry jumped, or the robot was carried) must explain what the guess does not.
 
@@ -174,7 +149,7 @@ class OdometryCheck:
             return there > here
         return there > -self._log_refused_odds and there - here > self._log_jump_odds
 
-    def _log_odds(self, reference: Any, scan: Scan, pose: NDArray[np.float64]) -> float:  # noqa: ANN401
+    def _log_odds(self, reference: Reference, scan: Scan, pose: Floats) -> float:
         """How much more probable it is that a scan was taken at a pose than that it was not, the logarithm."""
         seen = self._matcher.agreement(reference, scan, pose)
         against = seen.known - seen.inliers + seen.contradicted

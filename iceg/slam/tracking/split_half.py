@@ -22,7 +22,7 @@ from graph.measurement import NoMatch, RelativePose
 from graph.noise import squared_norm
 from graph.se2 import between, logmap
 from iceg.slam.map_matcher import NEAR
-from iceg.slam.track import KeyScan, Track
+from iceg.slam.track import Track
 from iceg.slam.tracking_config import SplitHalfConfig
 
 
@@ -40,14 +40,13 @@ def with_measured_covariance_scale(track: Track, matcher: Matcher, config: Split
     scale = match_covariance_scale(split_half_distances(track, matcher, config), config)
     if scale == 1.0:
         return track
-    keys = [_inflated(key, scale) for key in track.keys]
+    keys = [
+        key
+        if isinstance(key.match, NoMatch)
+        else replace(key, match=replace(key.match, covariance=scale * key.match.covariance))
+        for key in track.keys
+    ]
     return replace(track, keys=keys, match_covariance_scale=scale * track.match_covariance_scale)
-
-
-def _inflated(key: KeyScan, scale: float) -> KeyScan:
-    if isinstance(key.match, NoMatch):
-        return key
-    return replace(key, match=replace(key.match, covariance=scale * key.match.covariance))
 
 
 def match_covariance_scale(distances2: NDArray[np.float64], config: SplitHalfConfig) -> float:
@@ -77,7 +76,7 @@ def split_half_distances(track: Track, matcher: Matcher, config: SplitHalfConfig
     Returns:
         (n,) of those both of whose halves know every direction.
     """
-    able = [key for key in range(config.window, len(track.keys)) if _is_telling(track.keys[key].match)]
+    able = [key for key in range(config.window, len(track.keys)) if track.keys[key].is_fully_observed]
     chosen = np.unique(np.linspace(0, len(able) - 1, min(config.scans, len(able))).round().astype(int)).tolist()
     found = (_distance2(track, matcher, able[k], config.window) for k in chosen)
     return np.array([distance2 for distance2 in found if distance2 is not None])
