@@ -11,6 +11,7 @@ from graph.se2 import between, compose, expmap, logmap
 from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.odometry.noise import (
     Differences,
+    _best_of_all_sets,
     _non_negative_fit,
     _Paths,
     lasting_noise,
@@ -179,6 +180,7 @@ def test_the_variance_fit_is_non_negative_least_squares(seed: int) -> None:
     rows, values = rng.uniform(0.0, 1.0, (40, 3)), rng.normal(size=40)
     expected = nnls(rows, values)[0]
     np.testing.assert_allclose(_non_negative_fit(rows, values), expected, atol=1e-12)
+    np.testing.assert_allclose(_best_of_all_sets(rows.T @ rows, rows.T @ values), expected, atol=1e-12)
 
 
 def test_a_column_that_left_too_early_takes_part_again() -> None:

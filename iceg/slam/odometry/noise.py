@@ -10,7 +10,7 @@ odometry, and not by a variance that holds for all.
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, combinations
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,8 @@ from iceg.slam.match_errors import OWN
 
 _FIT_ROUNDS = 10
 """Rounds in which the weights follow the fitted variances."""
+_LEVEL = 1e-9
+"""A sum of squares that falls by no more than this, relative to what it would without any fit, is at its least."""
 _NOTHING = 1e-300
 """Stands for the variance of errors that are all zero: nothing of them persists."""
 
@@ -325,14 +327,40 @@ def _expected(fitted: Floats, known: Floats) -> Floats:
 
 
 def _non_negative_fit(rows: Floats, values: Floats) -> Floats:
-    """Least squares with coefficients ≥ 0, for a few columns: the best of the fits on some of them without others."""
+    """Least squares with coefficients ≥ 0.
+
+    Columns leave, that with the most negative coefficient first, until none is negative. That is the best fit if none
+    of the columns left out would take part with a positive one; else it is looked for among all sets of columns.
+    """
     n = rows.shape[1]
     square, right = dense.matmul(rows.T, rows), dense.matvec(rows.T, values)
+    columns, fit = list(range(n)), np.zeros(n)
+    while columns:
+        fit = _fit_on(columns, square, right)
+        if (fit >= 0.0).all():
+            break
+        columns.remove(int(fit.argmin()))
+    if not columns:
+        fit = np.zeros(n)
+    slopes = right - dense.matvec(square, fit)
+    return fit if (slopes <= _LEVEL * np.abs(right)).all() else _best_of_all_sets(square, right)
+
+
+def _fit_on(columns: list[int], square: Floats, right: Floats) -> Floats:
+    """(n,) what solves the normal equations on some of the columns, 0 elsewhere."""
+    fit = np.zeros(len(right))
+    fit[columns] = dense.least_norm_solution(square[np.ix_(columns, columns)], right[columns])
+    return fit
+
+
+def _best_of_all_sets(square: Floats, right: Floats) -> Floats:
+    """The best of the fits on some of the columns without negative coefficients; for a few of these."""
+    n = len(right)
     best, least = np.zeros(n), 0.0
-    for columns in chain.from_iterable(combinations(range(n), size) for size in range(1, n + 1)):
-        at, fit = list(columns), np.zeros(n)
-        fit[at] = dense.least_norm_solution(square[np.ix_(at, at)], right[at])
-        change = -dense.vecdot(fit, right)  # of the sum of squares, against no fit at all
-        if change < least and (fit >= 0.0).all():
-            best, least = fit, change
+    for size in range(1, n + 1):
+        for columns in map(list, combinations(range(n), size)):
+            fit = _fit_on(columns, square, right)
+            gain = -dense.vecdot(fit, right)  # of the sum of squares, against no fit at all
+            if gain < least and (fit >= 0.0).all():
+                best, least = fit, gain
     return best
