@@ -142,8 +142,7 @@ def conclude(
     grid, grid_warning, drawn = drawing.result()
     clock.add(drawn)
     _release(matcher, track)
-    key_scans = np.array([key.index for key in track.keys], dtype=np.int64)
-    worst = least_known(key_scans, joint.marginals)
+    worst = least_known(track.key_scans, joint.marginals)
     told = run_warnings(track, solution, worst, config.finish.uncertain, grid_warning, findings.gyro)
     warnings = after.warnings + finished.warnings + told
     counts = summarise(log, track, solution, findings.calibration, finished.rounds, worst, warnings)
@@ -151,7 +150,7 @@ def conclude(
         log=log,
         config=given,
         trajectory=trajectory,
-        key_scans=key_scans,
+        key_scans=track.key_scans,
         key_poses=solution.poses,
         covariances=joint.marginals,
         joint=joint,

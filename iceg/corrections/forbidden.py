@@ -2,8 +2,6 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-
 from iceg.corrections.corrections import Forbidden
 from iceg.slam.loop_closure import Forbids
 from iceg.slam.track import Track
@@ -20,7 +18,7 @@ def forbids(forbidden: Sequence[Forbidden], track: Track) -> Forbids:
         track: key scans.
     """
     pairs, intervals = set(), []
-    scans = np.array([key.index for key in track.keys])
+    scans = track.key_scans
     for each in forbidden:
         if each.is_single:
             i, j = track.key_of_scan[[each.one[0], each.other[0]]].tolist()

@@ -138,9 +138,9 @@ class _Places:
 
     def __init__(self, log: Log, track: Track, matcher: IceMatcher) -> None:
         self._matcher = matcher
-        self._keys = np.array([key.index for key in track.keys], dtype=np.int64)
+        self._keys = track.key_scans
         self._scans = [log.scan(index) for index in self._keys.tolist()]
-        self._T_track_robot = track.trajectory(np.array([key.T_track_robot for key in track.keys]))
+        self._T_track_robot = track.T_track_scans
         self._last: tuple[int, LocalMap] | None = None
 
     def local_map(self, index: int) -> LocalMap:

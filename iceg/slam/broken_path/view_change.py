@@ -8,7 +8,6 @@ much it changes for one that is carried, scans of different parts of the log tel
 """
 
 import math
-from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -80,7 +79,7 @@ class ViewChanges:
         if self.log.has_odometry:
             changes = np.fmin(changes, self._changes_along(steps, self.log.odometry))  # along it fewer may compare
         scan = int(steps[changes.argmax()]) + 1
-        return bisect_left([key.index for key in self.track.keys], scan), scan
+        return int(np.searchsorted(self.track.key_scans, scan)), scan
 
     def steps(self, key: int, keys: int) -> NDArray[np.int64]:
         """(n,) the scans, each with its step to the next, from so many key scans before one up to it."""
