@@ -32,7 +32,6 @@ from iceg.run_result.run_summary import LaserSummary, RunCounts, RunSummary
 from iceg.run_result.slam_result import SlamResult
 from iceg.run_result.summary import run_warnings, summarise
 from iceg.slam.agreement import Tolerance
-from iceg.slam.back_end import Solution
 from iceg.slam.closures.closure import Closure, best_rival
 from iceg.slam.final_factors import FinalFactors
 from iceg.slam.findings import Findings
@@ -40,6 +39,7 @@ from iceg.slam.finish import Finished, Round, refined
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened
 from iceg.slam.progress import ProgressCallback, StageProgress
+from iceg.slam.solution import Solution
 from iceg.slam.stage_clock import StageClock
 from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
@@ -131,7 +131,7 @@ def conclude(
         _release(matcher, track)
         solution, finished = _finish(after, findings.rounds, track, log, matcher, config, noise)
     with clock.stage("covariances"):
-        solution = in_frame(own.frame, solution, track, config)
+        solution = in_frame(own.frame, solution, track, config.ice.segments)
         joint = _joint_covariance(finished, solution)
         _release(matcher, track)
     trajectory = track.trajectory(solution.poses)
@@ -154,7 +154,7 @@ def conclude(
         key_poses=solution.poses,
         covariances=joint.marginals,
         joint=joint,
-        graph=solution.graph,
+        graph=PoseGraph.from_factors(solution.factors, solution.poses, config.graph),
         landmarks=landmarks,
         grid=grid,
         walls=finished.walls,
@@ -210,17 +210,15 @@ def _finish(
             distrusted=after.distrusted,
         )
     else:
-        factors = FinalFactors.of(solution.graph.factors, solution.breaks, config.loops.relocalisation.min_credible)
+        factors = FinalFactors.of(solution.factors, solution.breaks, config.loops.relocalisation.min_credible)
         finished = Finished(poses=solution.poses, factors=factors, attempts=solution.attempts, rounds=[])
-        if factors.are_all_believed:
-            return solution, finished
-    graph = PoseGraph.from_factors(finished.factors.measured, finished.poses, config.graph)
-    return replace(solution, graph=graph, poses=finished.poses, attempts=finished.attempts), finished
+    measured = finished.factors.measured
+    return replace(solution, factors=measured, poses=finished.poses, attempts=finished.attempts), finished
 
 
 def _joint_covariance(finished: Finished, solution: Solution) -> JointCovariance:
     """Of the key poses: as the walls tell, else the graph."""
-    factors, known = solution.graph.factors, finished.covariances
+    factors, known = solution.factors, finished.covariances
     if known is None:
         known = marginal_covariances(factors, solution.poses)
     return JointCovariance(poses=solution.poses, marginals=known, information=finished.information, factors=factors)

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.factors import Factor
-from graph.pose_graph import PoseGraph
 from iceg.config import Config
 from iceg.corrections.by_hand import closures_by_hand
 from iceg.corrections.corrections import Corrections, Distrusted, Pinned
@@ -15,13 +14,13 @@ from iceg.corrections.forbidden import forbids
 from iceg.corrections.judged import Judged
 from iceg.corrections.settled import Settled, contradiction, settled
 from iceg.corrections.verdicts import from_verdicts
-from iceg.slam.back_end import Solution
 from iceg.slam.broken_path.path_break import Break, Outcome
 from iceg.slam.closures.attempt import FORBIDDEN, Attempt, closure_factor
 from iceg.slam.closures.closure import Closure
 from iceg.slam.config import FinishConfig
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.run_warning import RunWarning
+from iceg.slam.solution import Solution
 from iceg.slam.track import Track
 
 
@@ -77,7 +76,7 @@ def corrected(
     return Corrected(
         solution=replace(
             solution,
-            graph=PoseGraph.from_factors(in_force, here.poses, config.graph),
+            factors=in_force,
             poses=here.poses,
             attempts=found.attempts,
             breaks=_breaks(solution, here, in_force),
@@ -112,7 +111,7 @@ class _Found:
 
     @classmethod
     def of(cls, solution: Solution) -> "_Found":
-        factors = solution.graph.factors
+        factors = solution.factors
         return cls(
             chain=[factor for factor in factors if factor.kind != "closure"],
             loops=[factor for factor in factors if factor.kind == "closure"],
@@ -192,7 +191,7 @@ def _distrusted_keys(intervals: Sequence[Distrusted], track: Track) -> dict[int,
 def _breaks(solution: Solution, here: Settled, in_force: Sequence[Factor]) -> tuple[Break, ...]:
     """What became of each break of the path, now that closures are gone or more."""
     closures = [(f.i, f.j) for f in in_force if f.kind == "closure" and id(f) in here.holding and f.i is not None]
-    before = {(f.i, f.j) for f in solution.graph.factors if f.kind == "closure"}
+    before = {(f.i, f.j) for f in solution.factors if f.kind == "closure"}
 
     def spanning(ends: Sequence[tuple[int, int]], key: int) -> int:
         return sum(min(i, j) < key <= max(i, j) for i, j in ends)

@@ -10,15 +10,11 @@ from numpy.typing import NDArray
 
 from frontends.scan import Scan
 from graph.batch import optimize
-from graph.config import PoseGraphConfig
 from graph.factors import Factor, RobustKernel
 from graph.noise import chi2_gate
-from graph.pose_graph import PoseGraph
 from graph.problem import Problem
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.noise import PLAIN
-from iceg.slam.back_end import Solution
-from iceg.slam.broken_path.estimate import BATCH
 from iceg.slam.broken_path.path_break import Outcome
 from iceg.slam.closures.attempt import Attempt, closure_factor
 from iceg.slam.closures.record import with_earlier, without_contradicted
@@ -32,6 +28,7 @@ from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.rematch import match_again
 from iceg.slam.run_warning import RunWarning
+from iceg.slam.solution import BATCH, Solution
 from iceg.slam.stages import IN_HOUSE, Stages, checked_poses
 from iceg.slam.track import Track
 
@@ -106,7 +103,6 @@ def matched_again(
     matcher: MapMatcher,
     closures: LoopClosureConfig,
     config: FinishConfig,
-    graph_config: PoseGraphConfig,
     *,
     kept: Sequence[Factor] = (),
     is_forbidden: Forbids | None = None,
@@ -120,7 +116,6 @@ def matched_again(
         matcher: for re-matching.
         closures: what counts as a closure.
         config: rounds and tolerances.
-        graph_config: of the graph.
         kept: those of the factors that are closures without a robust kernel, as those added by hand.
         is_forbidden: whether a closure between two key poses must not be.
         stages: verification and solver of the caller's own.
@@ -141,8 +136,7 @@ def matched_again(
         rounds.append(replace(done, fresh=len(graph.joined - before.joined), largest_move=largest, mean_move=mean))
         if largest < config.tolerance:
             break
-    factors = PoseGraph.from_factors([*graph.chain, *graph.loops], graph.poses, graph_config)
-    return replace(solution, graph=factors, poses=graph.poses, attempts=graph.attempts), rounds
+    return replace(solution, factors=[*graph.chain, *graph.loops], poses=graph.poses, attempts=graph.attempts), rounds
 
 
 def refined(
@@ -173,7 +167,7 @@ def refined(
     Returns:
         The final poses and factors.
     """
-    clock, factors = _Clock(), solution.graph.factors
+    clock, factors = _Clock(), solution.factors
     chain = [factor for factor in factors if not _is_robust(factor)]
     attempts, loops = without_contradicted(
         solution.attempts,
@@ -239,7 +233,7 @@ class _Graph:
 
     @classmethod
     def of(cls, solution: Solution, kept: Sequence[Factor], config: FinishConfig) -> "_Graph":
-        factors, kernel = solution.graph.factors, closure_kernel(config)
+        factors, kernel = solution.factors, closure_kernel(config)
         chain = [factor for factor in factors if factor.kind != "closure" or factor in kept]
         loops = [replace(f, kernel=kernel) for f in factors if f.kind == "closure" and f not in kept]
         return cls(poses=solution.poses, chain=chain, loops=loops, attempts=solution.attempts)
