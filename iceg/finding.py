@@ -18,7 +18,7 @@ from iceg.slam.broken_path.path_break import Outcome
 from iceg.slam.broken_path.reassigned_scans import reassigned
 from iceg.slam.completed_matcher import completed
 from iceg.slam.findings import Findings
-from iceg.slam.finish import Round, matched_again
+from iceg.slam.finish import matched_again
 from iceg.slam.kept_scans import KeptScans
 from iceg.slam.loop_closure import Forbids
 from iceg.slam.map_matcher import MapMatcher
@@ -83,7 +83,16 @@ def find(
         solution = _with_factors(solution, guided)
         track = _reassigned(track, solution, log, matcher)
     with clock.stage("finish"):
-        solution, rounds = _matched_again(solution, track, matcher, config, guided, is_forbidden, stages)
+        solution, rounds = matched_again(
+            solution,
+            track,
+            matcher,
+            config.loops,
+            config.finish,
+            kept=guided.consistent,
+            is_forbidden=is_forbidden,
+            stages=stages,
+        )
     findings = Findings(
         log=log,
         kept=kept,
@@ -134,30 +143,6 @@ def _solve(
         motions = motions_without_odometry(track, log.stamps, config.front_end.calibration, heading)
     return solve_track(
         track, motions, matcher, config.graph, config.loops, is_forbidden=is_forbidden, stages=stages, log=log
-    )
-
-
-def _matched_again(
-    solution: Solution,
-    track: Track,
-    matcher: MapMatcher,
-    config: Config,
-    guided: Corrected,
-    is_forbidden: Forbids,
-    stages: Stages,
-) -> tuple[Solution, list[Round]]:
-    """See `matched_again`; the solution as it is where there is nothing to match again, or that is switched off."""
-    if not config.finish.enabled or len(track.keys) < 2:
-        return solution, []
-    return matched_again(
-        solution,
-        track,
-        matcher,
-        config.loops,
-        config.finish,
-        kept=guided.consistent,
-        is_forbidden=is_forbidden,
-        stages=stages,
     )
 
 

@@ -14,13 +14,12 @@ from graph.batch import marginal_covariances
 from graph.pose_graph import PoseGraph
 from iceg.beside import InThread
 from iceg.config import Config
-from iceg.corrections.corrected import Corrected, corrected
+from iceg.corrections.corrected import corrected
 from iceg.corrections.corrections import Corrections, CorrectionsError
 from iceg.corrections.cut_findings import cut_findings
 from iceg.corrections.manual_closures import ManualClosure
 from iceg.corrections.map_frame import in_frame
 from iceg.finding import find, matcher_of
-from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.matcher import REMEMBERED
 from iceg.ice.noise import beyond_allowed
 from iceg.maps.feature_map import Landmarks, build_feature_map
@@ -33,9 +32,8 @@ from iceg.run_result.slam_result import SlamResult
 from iceg.run_result.summary import run_warnings, summarise
 from iceg.slam.agreement import Tolerance
 from iceg.slam.closures.closure import Closure, best_rival
-from iceg.slam.final_factors import FinalFactors
 from iceg.slam.findings import Findings
-from iceg.slam.finish import Finished, Round, refined
+from iceg.slam.finish import Finished, refined
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened
 from iceg.slam.progress import ProgressCallback, StageProgress
@@ -129,9 +127,19 @@ def conclude(
     with clock.stage("finish"):
         after = corrected(findings.solution, own, track, matcher, config)
         _release(matcher, track)
-        solution, finished = _finish(after, findings.rounds, track, log, matcher, config, noise)
+        finished = refined(
+            after.solution,
+            findings.rounds,
+            track,
+            matcher,
+            config.loops,
+            config.finish,
+            scan_of=log.scan,
+            noise=noise,
+            distrusted=after.distrusted,
+        )
     with clock.stage("covariances"):
-        solution = in_frame(own.frame, solution, track, config.ice.segments)
+        solution = in_frame(own.frame, finished.solution, track, config.ice.segments)
         joint = _joint_covariance(finished, solution)
         _release(matcher, track)
     trajectory = track.trajectory(solution.poses)
@@ -181,39 +189,6 @@ def _summary(counts: RunCounts, findings: Findings, corrections: Corrections, cl
     if not findings.kept.is_all:
         summary["cut"] = findings.kept.record()
     return summary
-
-
-def _finish(
-    after: Corrected,
-    rounds: Sequence[Round],
-    track: Track,
-    log: Log,
-    matcher: MapMatcher,
-    config: Config,
-    noise: RangeNoise,
-) -> tuple[Solution, Finished]:
-    """The solution with poses and map refined together, and what that did; as it is where that is switched off.
-
-    The closures that were dropped stay in the record with the reason.
-    """
-    solution = after.solution
-    if config.finish.enabled and len(track.keys) > 1:
-        finished = refined(
-            solution,
-            rounds,
-            track,
-            matcher,
-            config.loops,
-            config.finish,
-            scan_of=log.scan,
-            noise=noise,
-            distrusted=after.distrusted,
-        )
-    else:
-        factors = FinalFactors.of(solution.factors, solution.breaks, config.loops.relocalisation.min_credible)
-        finished = Finished(poses=solution.poses, factors=factors, attempts=solution.attempts, rounds=[])
-    measured = finished.factors.measured
-    return replace(solution, factors=measured, poses=finished.poses, attempts=finished.attempts), finished
 
 
 def _joint_covariance(finished: Finished, solution: Solution) -> JointCovariance:

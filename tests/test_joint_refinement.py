@@ -438,15 +438,15 @@ def test_the_finish_of_an_office(solution: Solution, track: Track, office: Simul
     def error(poses: Array) -> float:
         return trajectory_errors(poses, truth).ate_rmse
 
-    assert error(finished.poses) < 0.9 * error(without.poses)
+    assert error(finished.solution.poses) < 0.9 * error(without.solution.poses)
     last = finished.rounds[-1]
     assert last.residual_before is not None
     assert last.residual is not None
     assert last.residual < last.residual_before
     assert 0.0 < last.mean_move <= last.largest_move < 0.2
     # The factors stay as they were measured: their own optimum is where the poses were before.
-    again = optimize(finished.factors.measured, finished.poses)
-    np.testing.assert_allclose(again.poses, without.poses, atol=2e-3)
+    again = optimize(finished.solution.factors, finished.solution.poses)
+    np.testing.assert_allclose(again.poses, without.solution.poses, atol=2e-3)
     assert again.error_after == pytest.approx(without.rounds[-1].error, rel=0.01)
 
 

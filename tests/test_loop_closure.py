@@ -388,7 +388,7 @@ def test_loops_and_finish_bring_the_office_back_together(
         return float(np.hypot(error[:, 0], error[:, 1]).max())
 
     assert sum(attempt.accepted for attempt in solution.attempts) > 20
-    assert worst(finished.poses) < 0.1
+    assert worst(finished.solution.poses) < 0.1
     assert finished.rounds[-1].closures > len([a for a in solution.attempts if a.accepted])
 
 

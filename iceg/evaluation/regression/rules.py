@@ -203,7 +203,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "lost odometry": Rule(
             what="a step tells nothing across a sudden loss",
-            without={f"{_SLAM}.final_factors:without_lost_steps": lambda factors, *_: list(factors)},
+            without={f"{_SLAM}.finish:without_lost_steps": lambda factors, *_: list(factors)},
         ),
         "believed walls": Rule(
             what="poses that went part of the way to the walls keep part of the graph's covariance",
