@@ -6,7 +6,6 @@ from math import sqrt
 from frontends.laser_noise import LaserNoise, learn_laser_noise
 from frontends.matchers import make_matcher
 from frontends.scan import Log
-from graph.pose_graph import PoseGraph
 from iceg.config import Config
 from iceg.corrections.corrected import Corrected, corrected
 from iceg.corrections.corrections import Corrections
@@ -14,12 +13,12 @@ from iceg.corrections.forbidden import forbids
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import beyond_allowed
-from iceg.slam.back_end import Solution, solve_track
+from iceg.slam.back_end import solve_track
 from iceg.slam.broken_path.path_break import Outcome
 from iceg.slam.broken_path.reassigned_scans import reassigned
 from iceg.slam.completed_matcher import completed
 from iceg.slam.findings import Findings
-from iceg.slam.finish import Round, matched_again
+from iceg.slam.finish import matched_again
 from iceg.slam.kept_scans import KeptScans
 from iceg.slam.loop_closure import Forbids
 from iceg.slam.map_matcher import MapMatcher
@@ -34,6 +33,7 @@ from iceg.slam.passes import track_guided, track_with_sweep
 from iceg.slam.progress import ProgressCallback
 from iceg.slam.recording.held_readings import with_odometry_between_readings
 from iceg.slam.recording.repeated_scans import without_frozen_scans
+from iceg.slam.solution import Solution
 from iceg.slam.stage_clock import StageClock
 from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
@@ -80,10 +80,19 @@ def find(
         is_forbidden = forbids(corrections.forbidden, track)
         solution = _solve(track, log, matcher, calibration, heading, config, is_forbidden, stages)
         guided = corrected(solution, corrections, track, matcher, config)
-        solution = _with_factors(solution, guided, config)
+        solution = _with_factors(solution, guided)
         track = _reassigned(track, solution, log, matcher)
     with clock.stage("finish"):
-        solution, rounds = _matched_again(solution, track, matcher, config, guided, is_forbidden, stages)
+        solution, rounds = matched_again(
+            solution,
+            track,
+            matcher,
+            config.loops,
+            config.finish,
+            kept=guided.consistent,
+            is_forbidden=is_forbidden,
+            stages=stages,
+        )
     findings = Findings(
         log=log,
         kept=kept,
@@ -94,7 +103,7 @@ def find(
         gyro=gyro,
         track=track,
         calibration=calibration,
-        solution=_without_factors(solution, guided, config),
+        solution=_without_factors(solution, guided),
         rounds=tuple(rounds),
     )
     return findings, matcher
@@ -137,46 +146,16 @@ def _solve(
     )
 
 
-def _matched_again(
-    solution: Solution,
-    track: Track,
-    matcher: MapMatcher,
-    config: Config,
-    guided: Corrected,
-    is_forbidden: Forbids,
-    stages: Stages,
-) -> tuple[Solution, list[Round]]:
-    """See `matched_again`; the solution as it is where there is nothing to match again, or that is switched off."""
-    if not config.finish.enabled or len(track.keys) < 2:
-        return solution, []
-    return matched_again(
-        solution,
-        track,
-        matcher,
-        config.loops,
-        config.finish,
-        config.graph,
-        kept=guided.consistent,
-        is_forbidden=is_forbidden,
-        stages=stages,
-    )
-
-
-def _with_factors(solution: Solution, guided: Corrected, config: Config) -> Solution:
+def _with_factors(solution: Solution, guided: Corrected) -> Solution:
     """The graph with closures by hand that fit it more, at the poses that they lead to."""
     if not guided.consistent:
         return solution
-    together, poses = [*solution.graph.factors, *guided.consistent], guided.solution.poses
-    return replace(solution, graph=PoseGraph.from_factors(together, poses, config.graph), poses=poses)
+    return replace(solution, factors=[*solution.factors, *guided.consistent], poses=guided.solution.poses)
 
 
-def _without_factors(solution: Solution, guided: Corrected, config: Config) -> Solution:
+def _without_factors(solution: Solution, guided: Corrected) -> Solution:
     """The graph without them again, at the poses as they are."""
-    if not guided.consistent:
-        return solution
-    gone = set(map(id, guided.consistent))
-    left = [factor for factor in solution.graph.factors if id(factor) not in gone]
-    return replace(solution, graph=PoseGraph.from_factors(left, solution.poses, config.graph))
+    return replace(solution, factors=[factor for factor in solution.factors if factor not in guided.consistent])
 
 
 def _reassigned(track: Track, solution: Solution, log: Log, matcher: MapMatcher) -> Track:

@@ -14,13 +14,12 @@ from graph.batch import marginal_covariances
 from graph.pose_graph import PoseGraph
 from iceg.beside import InThread
 from iceg.config import Config
-from iceg.corrections.corrected import Corrected, corrected
+from iceg.corrections.corrected import corrected
 from iceg.corrections.corrections import Corrections, CorrectionsError
 from iceg.corrections.cut_findings import cut_findings
 from iceg.corrections.manual_closures import ManualClosure
 from iceg.corrections.map_frame import in_frame
 from iceg.finding import find, matcher_of
-from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.matcher import REMEMBERED
 from iceg.ice.noise import beyond_allowed
 from iceg.maps.feature_map import Landmarks, build_feature_map
@@ -32,14 +31,13 @@ from iceg.run_result.run_summary import LaserSummary, RunCounts, RunSummary
 from iceg.run_result.slam_result import SlamResult
 from iceg.run_result.summary import run_warnings, summarise
 from iceg.slam.agreement import Tolerance
-from iceg.slam.back_end import Solution
 from iceg.slam.closures.closure import Closure, best_rival
-from iceg.slam.final_factors import FinalFactors
 from iceg.slam.findings import Findings
-from iceg.slam.finish import Finished, Round, refined
+from iceg.slam.finish import Finished, refined
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened
 from iceg.slam.progress import ProgressCallback, StageProgress
+from iceg.slam.solution import Solution
 from iceg.slam.stage_clock import StageClock
 from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
@@ -129,9 +127,19 @@ def conclude(
     with clock.stage("finish"):
         after = corrected(findings.solution, own, track, matcher, config)
         _release(matcher, track)
-        solution, finished = _finish(after, findings.rounds, track, log, matcher, config, noise)
+        finished = refined(
+            after.solution,
+            findings.rounds,
+            track,
+            matcher,
+            config.loops,
+            config.finish,
+            scan_of=log.scan,
+            noise=noise,
+            distrusted=after.distrusted,
+        )
     with clock.stage("covariances"):
-        solution = in_frame(own.frame, solution, track, config)
+        solution = in_frame(own.frame, finished.solution, track, config.ice.segments)
         joint = _joint_covariance(finished, solution)
         _release(matcher, track)
     trajectory = track.trajectory(solution.poses)
@@ -154,7 +162,7 @@ def conclude(
         key_poses=solution.poses,
         covariances=joint.marginals,
         joint=joint,
-        graph=solution.graph,
+        graph=PoseGraph.from_factors(solution.factors, solution.poses, config.graph),
         landmarks=landmarks,
         grid=grid,
         walls=finished.walls,
@@ -183,44 +191,9 @@ def _summary(counts: RunCounts, findings: Findings, corrections: Corrections, cl
     return summary
 
 
-def _finish(
-    after: Corrected,
-    rounds: Sequence[Round],
-    track: Track,
-    log: Log,
-    matcher: MapMatcher,
-    config: Config,
-    noise: RangeNoise,
-) -> tuple[Solution, Finished]:
-    """The solution with poses and map refined together, and what that did; as it is where that is switched off.
-
-    The closures that were dropped stay in the record with the reason.
-    """
-    solution = after.solution
-    if config.finish.enabled and len(track.keys) > 1:
-        finished = refined(
-            solution,
-            rounds,
-            track,
-            matcher,
-            config.loops,
-            config.finish,
-            scan_of=log.scan,
-            noise=noise,
-            distrusted=after.distrusted,
-        )
-    else:
-        factors = FinalFactors.of(solution.graph.factors, solution.breaks, config.loops.relocalisation.min_credible)
-        finished = Finished(poses=solution.poses, factors=factors, attempts=solution.attempts, rounds=[])
-        if factors.are_all_believed:
-            return solution, finished
-    graph = PoseGraph.from_factors(finished.factors.measured, finished.poses, config.graph)
-    return replace(solution, graph=graph, poses=finished.poses, attempts=finished.attempts), finished
-
-
 def _joint_covariance(finished: Finished, solution: Solution) -> JointCovariance:
     """Of the key poses: as the walls tell, else the graph."""
-    factors, known = solution.graph.factors, finished.covariances
+    factors, known = solution.factors, finished.covariances
     if known is None:
         known = marginal_covariances(factors, solution.poses)
     return JointCovariance(poses=solution.poses, marginals=known, information=finished.information, factors=factors)

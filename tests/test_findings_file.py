@@ -38,7 +38,7 @@ def test_written_again_it_is_the_same_to_the_byte(file: Path, tmp_path: Path) ->
     findings = read_findings(file)
     assert [key.index for key in findings.track.keys] == [0, 2, 4]
     assert [attempt.reason for attempt in findings.solution.attempts] == ["fits"]
-    assert [factor.kind for factor in findings.solution.graph.factors] == ["prior", "odometry", "ice", "closure"]
+    assert [factor.kind for factor in findings.solution.factors] == ["prior", "odometry", "ice", "closure"]
     write_findings(tmp_path / "again.npz", findings)
     assert (tmp_path / "again.npz").read_bytes() == file.read_bytes()
 

@@ -16,13 +16,14 @@ from graph.se2 import between, compose, expmap, transform_points
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.ice.matcher import IceMatcher
 from iceg.pipeline import run
-from iceg.slam.back_end import Solution, solve_track
+from iceg.slam.back_end import solve_track
 from iceg.slam.config import FinishConfig, FrontEndConfig, JointRefinementConfig, LoopClosureConfig, SlamConfigError
 from iceg.slam.finish import Finished, matched_again, refined
 from iceg.slam.joint import _wall_kernels as kernels
 from iceg.slam.joint._system_kernels import JointSystem, PointsOnLines, fill, normal_equations, product
 from iceg.slam.joint.refinement import Clouds, key_clouds, refine_jointly
 from iceg.slam.odometry.motions import motions_of
+from iceg.slam.solution import Solution
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
 
@@ -394,7 +395,7 @@ def test_points_of_key_scans_and_of_scans_between(office: Simulation, track: Tra
 
 def test_points_that_stand_for_many_tell_more(solution: Solution, track: Track, office: Simulation) -> None:
     config = JointRefinementConfig(max_points=20_000, scans_per_key=1)
-    clouds, factors = key_clouds(track, office.log.scan, config), solution.graph.factors
+    clouds, factors = key_clouds(track, office.log.scan, config), solution.factors
     few, some, many = (
         refine_jointly(factors, solution.poses, replace(clouds, stand_for=n), config) for n in (1.0, 4.0, 32.0)
     )
@@ -409,7 +410,7 @@ def test_points_that_stand_for_many_tell_more(solution: Solution, track: Track, 
 
 def test_points_whose_variances_are_larger_tell_less(solution: Solution, track: Track, office: Simulation) -> None:
     config = JointRefinementConfig(max_points=20_000, scans_per_key=1)
-    clouds, factors = key_clouds(track, office.log.scan, config), solution.graph.factors
+    clouds, factors = key_clouds(track, office.log.scan, config), solution.factors
     usual, doubted = (
         refine_jointly(factors, solution.poses, replace(clouds, variance_scale=scale), config).information
         for scale in (1.0, 4.0)
@@ -423,7 +424,7 @@ def test_points_whose_variances_are_larger_tell_less(solution: Solution, track: 
 
 def finished_with(solution: Solution, track: Track, office: Simulation, matcher: IceMatcher, joint: bool) -> Finished:
     config = FinishConfig(joint=JointRefinementConfig(enabled=joint))
-    found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), config, PoseGraphConfig())
+    found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), config)
     return refined(found, rounds, track, matcher, LoopClosureConfig(), config, scan_of=office.log.scan)
 
 
@@ -437,15 +438,15 @@ def test_the_finish_of_an_office(solution: Solution, track: Track, office: Simul
     def error(poses: Array) -> float:
         return trajectory_errors(poses, truth).ate_rmse
 
-    assert error(finished.poses) < 0.9 * error(without.poses)
+    assert error(finished.solution.poses) < 0.9 * error(without.solution.poses)
     last = finished.rounds[-1]
     assert last.residual_before is not None
     assert last.residual is not None
     assert last.residual < last.residual_before
     assert 0.0 < last.mean_move <= last.largest_move < 0.2
     # The factors stay as they were measured: their own optimum is where the poses were before.
-    again = optimize(finished.factors.measured, finished.poses)
-    np.testing.assert_allclose(again.poses, without.poses, atol=2e-3)
+    again = optimize(finished.solution.factors, finished.solution.poses)
+    np.testing.assert_allclose(again.poses, without.solution.poses, atol=2e-3)
     assert again.error_after == pytest.approx(without.rounds[-1].error, rel=0.01)
 
 

@@ -190,7 +190,7 @@ def test_a_near_closure_enters_at_once(track: Track) -> None:
 
 def test_a_far_closure_alone_stays_out_and_says_so(track: Track) -> None:
     solution = _run_scripted(track, {30: _closing_match(track, 0, 30, 1.0)}, confirmations=3).solution()
-    assert all(factor.kind != "closure" for factor in solution.graph.factors)
+    assert all(factor.kind != "closure" for factor in solution.factors)
     assert [attempt.accepted for attempt in solution.attempts] == [False]
     assert "alone and far off" in solution.attempts[0].reason
 
@@ -379,7 +379,7 @@ def test_loops_and_finish_bring_the_office_back_together(
     solution = solve_track(
         track, motions_of(track, office.log.odometry, OdometryModel()), matcher, PoseGraphConfig(), LoopClosureConfig()
     )
-    found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), FinishConfig(), PoseGraphConfig())
+    found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), FinishConfig())
     config = FinishConfig()
     finished = refined(found, rounds, track, matcher, LoopClosureConfig(), config, scan_of=office.log.scan)
 
@@ -388,7 +388,7 @@ def test_loops_and_finish_bring_the_office_back_together(
         return float(np.hypot(error[:, 0], error[:, 1]).max())
 
     assert sum(attempt.accepted for attempt in solution.attempts) > 20
-    assert worst(finished.poses) < 0.1
+    assert worst(finished.solution.poses) < 0.1
     assert finished.rounds[-1].closures > len([a for a in solution.attempts if a.accepted])
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from graph.factors import Factor
+from iceg.slam.broken_path.lost_steps import without_lost_steps
 from iceg.slam.broken_path.path_break import Break, FailureKind, Outcome, TrackingFailure
 from iceg.slam.closure_config import ViewChangeConfig
-from iceg.slam.final_factors import without_lost_steps
 from iceg.slam.track import UNKNOWN_STEP
 
 _STEP = np.array([0.5, 0.0, 0.1])

@@ -19,7 +19,6 @@ from iceg.ice.matcher import IceMatcher
 from iceg.slam import back_end
 from iceg.slam.broken_path import place_search, relocalisation
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
-from iceg.slam.broken_path.estimate import Estimate
 from iceg.slam.broken_path.hypothesis_verification import FitCount
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_single_steps
@@ -29,6 +28,7 @@ from iceg.slam.closures.attempt import Attempt, Place, closure_factor
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.config import FrontEndConfig, LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.solution import Solution
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
 
@@ -120,7 +120,7 @@ def _relocalised(
     kind: FailureKind | None = FailureKind.TRACKING_LOSS,
     spanning: Sequence[Attempt] = (),
     config: LoopClosureConfig | None = None,
-) -> Estimate:
+) -> Solution:
     """With the places found similar; closures found on the way span the path."""
     monkeypatch.setattr(place_search, "similar_places", lambda *_: [(_EARLIER, key) for key in places])
     monkeypatch.setattr(relocalisation, "HypothesisVerifier", _HypothesisVerifier)
@@ -133,13 +133,18 @@ def _searched(
     kind: FailureKind | None = FailureKind.TRACKING_LOSS,
     spanning: Sequence[Attempt] = (),
     config: LoopClosureConfig | None = None,
-) -> Estimate:
+) -> Solution:
     factors = _path(track) + [closure_factor(closure) for closure in spanning]
-    before = Estimate(factors=factors, poses=_poses(track), attempts=list(spanning))
+    before = _solution(factors, _poses(track), spanning)
     failures = {}
     if kind is not None:
         failures[_BREAK] = _carried(reason="nothing matched what was known before", kind=kind)
     return relocalise(_Closer(track, places, config), track, before, failures)
+
+
+def _solution(factors: list[Factor], poses: Array, attempts: Sequence[Attempt] = ()) -> Solution:
+    everywhere = np.ones(len(poses), dtype=np.bool_)
+    return Solution(factors=factors, poses=poses, attempts=list(attempts), searchable=everywhere)
 
 
 def _moved(track: Track, key: int, correction: Array) -> Array:
@@ -236,7 +241,7 @@ def test_what_the_path_does_not_know_takes_no_robot_that_was_carried(
     path = [
         factor if is_known or factor.j != _BREAK else replace(factor, covariance=unknown) for factor in _path(track)
     ]
-    before = Estimate(factors=path, poses=_poses(track), attempts=[])
+    before = _solution(path, _poses(track))
     failures = {_BREAK: TrackingFailure(kind=FailureKind.UNKNOWN_MOTION, reason="nothing told the way there")}
     found = relocalise(_Closer(track, places), track, before, failures)
     assert any(attempt.accepted for attempt in found.attempts) != is_known
@@ -328,11 +333,9 @@ def test_few_pairs_are_matched_where_tracking_never_failed_and_bridges_are_few(
     before = closer.match_anywhere(0, first - 1 - min(config.support_offsets), _poses(track))
     after = closer.match_anywhere(first + n_bridges - 1 - config.reference_half, last, _poses(track))
     spanning = [before] * 20 + [after] * 20  # as many as settle what little explains
-    estimate = Estimate(
-        factors=_path(track) + [closure_factor(c) for c in spanning], poses=_poses(track), attempts=spanning
-    )
+    solution = _solution(_path(track) + [closure_factor(c) for c in spanning], _poses(track), spanning)
     failures = {first: _carried(reason="the odometry jumped", kind=FailureKind.NO_MATCH)} if has_failed else {}
-    relocalise(closer, track, estimate, failures)
+    relocalise(closer, track, solution, failures)
     assert asked == [expected]
 
 
@@ -367,8 +370,8 @@ def test_a_part_that_only_a_later_one_is_tied_to_moves_with_it(track: Track, mon
         key: _carried(reason="nothing matched what was known before", kind=FailureKind.TRACKING_LOSS)
         for key in (before, third)
     }
-    estimate = Estimate(factors=_path(track), poses=poses, attempts=[])
-    found = relocalise(_Closer(track, places), track, estimate, failures)
+    solution = _solution(_path(track), poses)
+    found = relocalise(_Closer(track, places), track, solution, failures)
     assert [(at.key, at.outcome) for at in found.breaks] == [(before, "joined"), (third, "joined")]
     np.testing.assert_allclose(found.poses[second], T_map_second, atol=0.05)
     np.testing.assert_allclose(found.poses[120], T_map_third[120], atol=0.05)
@@ -389,8 +392,8 @@ def test_what_spans_one_suspect_step_is_heard_before_what_spans_two(
         second: _carried(reason="scripted", kind=FailureKind.TRACKING_LOSS),
         _BREAK: _carried(reason="scripted", kind=FailureKind.NO_MATCH),
     }
-    estimate = Estimate(factors=_path(track), poses=poses, attempts=[])
-    found = relocalise(_Closer(track, places | within), track, estimate, failures)
+    solution = _solution(_path(track), poses)
+    found = relocalise(_Closer(track, places | within), track, solution, failures)
     assert [(at.key, at.outcome) for at in found.breaks] == [(second, "joined"), (_BREAK, "joined")]
     assert sum(attempt.accepted for attempt in found.attempts) == len(pairs)
     np.testing.assert_allclose(found.poses[80], T_second[80], atol=0.05)
@@ -519,7 +522,7 @@ def test_two_key_poses_are_joined_by_one_closure_only(track: Track) -> None:
     factors = [*_path(track), closure_factor(before)]
     assert before.match is not None
     fresh = replace(before, key_new=new, match=replace(before.match, T_ref_cur=between(poses[0], poses[new])))
-    now = Estimate(factors=factors, poses=poses, attempts=[before]).closed([before, fresh])
+    now = _solution(factors, poses, [before]).closed([before, fresh])
     closures = [(factor.i, factor.j) for factor in now.factors if factor.kind == "closure"]
     assert closures == [(before.key_old, before.key_new), (0, new)]
     assert [(a.key_old, a.key_new) for a in now.attempts] == closures

@@ -12,7 +12,7 @@ from graph.measurement import RelativePose
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
-from iceg.slam.back_end import BackEnd, Solution
+from iceg.slam.back_end import BackEnd
 from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, describe_vote, unsettled
 from iceg.slam.closure_config import PlaceVotesConfig, VerificationConfig
 from iceg.slam.closures.attempt import Attempt, Place
@@ -22,6 +22,7 @@ from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.finish import matched_again
 from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.solution import Solution
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
 
@@ -190,7 +191,7 @@ def _script(track: Track, *, misfit_elsewhere: float) -> dict[int, Attempt]:
 
 
 def _closures(solution: Solution) -> int:
-    return sum(factor.kind == "closure" for factor in solution.graph.factors)
+    return sum(factor.kind == "closure" for factor in solution.factors)
 
 
 def test_where_two_rows_of_places_are_about_as_strong_nothing_is_closed_and_it_is_said(track: Track) -> None:
@@ -264,7 +265,7 @@ def test_the_finish_closes_nothing_across_what_is_ambiguous(track: Track) -> Non
 
     def across(solution: Solution) -> int:
         config = FinishConfig(rounds=1)
-        done, _ = matched_again(solution, track, matcher, LoopClosureConfig(), config, PoseGraphConfig())
+        done, _ = matched_again(solution, track, matcher, LoopClosureConfig(), config)
         return sum(attempt.key_old < middle <= attempt.key_new for attempt in done.attempts)
 
     assert across(plain) > 0

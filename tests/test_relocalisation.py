@@ -33,6 +33,7 @@ from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.odometry.motions import motions_of
+from iceg.slam.solution import Solution
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
 
@@ -249,7 +250,7 @@ def test_what_the_drift_left_behind_is_found_by_place_recognition(log: Log, monk
     track = track_log(log, IceMatcher(), OdometryModel(), FrontEndConfig())
     monkeypatch.setattr(back_end, "LoopCloser", _Shortsighted)
 
-    def solved(track: Track, *, relocalise: bool) -> back_end.Solution:
+    def solved(track: Track, *, relocalise: bool) -> Solution:
         config = LoopClosureConfig(relocalise=relocalise)
         return back_end.solve_track(
             track, motions_of(track, log.odometry, OdometryModel()), IceMatcher(), PoseGraphConfig(), config

@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.factors import Factor
-from graph.pose_graph import PoseGraph
 from iceg.config import Config
 from iceg.corrections.by_hand import closures_by_hand
 from iceg.corrections.corrections import Corrections, Distrusted, Pinned
@@ -15,13 +14,13 @@ from iceg.corrections.forbidden import forbids
 from iceg.corrections.judged import Judged
 from iceg.corrections.settled import Settled, contradiction, settled
 from iceg.corrections.verdicts import from_verdicts
-from iceg.slam.back_end import Solution
 from iceg.slam.broken_path.path_break import Break, Outcome
-from iceg.slam.closures.attempt import FORBIDDEN, Attempt, closure_factor
+from iceg.slam.closures.attempt import FORBIDDEN, closure_factor
 from iceg.slam.closures.closure import Closure
 from iceg.slam.config import FinishConfig
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.run_warning import RunWarning
+from iceg.slam.solution import Solution
 from iceg.slam.track import Track
 
 
@@ -62,81 +61,31 @@ def corrected(
     corrections = from_verdicts(corrections, solution.attempts, track)
     if not (corrections.forbidden or corrections.added or corrections.pinned or corrections.distrusted):
         return Corrected(solution=solution)
-    found, not_tried = _without_forbidden(_Found.of(solution), corrections, track)
-    found, unmatched = _pinned(found, corrections.pinned, track)
     distrusted = _distrusted_keys(corrections.distrusted, track)
-    found = found.loosened(distrusted)
+    found, not_tried = _without_forbidden(solution, corrections, track)
+    found, pinned, unmatched = _pinned(_loosened(found, distrusted), corrections.pinned, track)
     by_hand = closures_by_hand(corrections.added, track, matcher, solution.poses, config)
     added = [each.factor for each in by_hand if each.factor is not None]
-    here = settled(
-        [*found.chain, *found.loops, *added], [f for f in added if f.kernel is not None], solution.poses, config.finish
-    )
+    here = settled([*found.factors, *added], [f for f in added if f.kernel is not None], solution.poses, config.finish)
     judged = [Judged.of(each, here, solution.poses, config.finish) for each in by_hand]
     lost = {id(each.factor) for each in judged if each.is_lost}
     in_force = [factor for factor in here.factors if id(factor) not in lost]
     return Corrected(
-        solution=replace(
-            solution,
-            graph=PoseGraph.from_factors(in_force, here.poses, config.graph),
-            poses=here.poses,
-            attempts=found.attempts,
-            breaks=_breaks(solution, here, in_force),
-        ),
+        solution=replace(found, factors=in_force, poses=here.poses, breaks=_breaks(solution, here, in_force)),
         by_hand=tuple(each.record(track) for each in judged),
         consistent=tuple(each.factor for each in judged if each.factor is not None and each.is_consistent),
         distrusted=frozenset(distrusted),
         warnings=(
             *not_tried,
             *unmatched,
-            *_contradicted_pins(found.pinned, here, solution.poses, track, config.finish),
+            *_contradicted_pins(pinned, here, solution.poses, track, config.finish),
             *(warning for each in judged if (warning := each.warning()) is not None),
         ),
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Found:
-    """What the program has found, as far as it is corrected.
-
-    Attributes:
-        chain: the factors without a robust kernel, pinned closures among them.
-        loops: the closures under robust kernels.
-        pinned: the pinned of the program's own closures.
-        attempts: the record of closures tried.
-    """
-
-    chain: list[Factor]
-    loops: list[Factor]
-    pinned: list[Factor]
-    attempts: list[Attempt]
-
-    @classmethod
-    def of(cls, solution: Solution) -> "_Found":
-        factors = solution.graph.factors
-        return cls(
-            chain=[factor for factor in factors if factor.kind != "closure"],
-            loops=[factor for factor in factors if factor.kind == "closure"],
-            pinned=[],
-            attempts=solution.attempts,
-        )
-
-    def loosened(self, by_key: dict[int, float]) -> "_Found":
-        """The same, whatever measures one of some key poses surer by less."""
-        if not by_key:
-            return self
-
-        def loose(factor: Factor) -> Factor:
-            if factor.i is None:
-                return factor
-            loosest = max(by_key.get(factor.i, 1.0), by_key.get(factor.j, 1.0))
-            return factor if loosest == 1.0 else replace(factor, covariance=loosest**2 * factor.covariance)
-
-        kept = set(map(id, self.pinned))
-        chain = [factor if id(factor) in kept else loose(factor) for factor in self.chain]
-        return replace(self, chain=chain, loops=[loose(factor) for factor in self.loops])
-
-
-def _without_forbidden(found: _Found, corrections: Corrections, track: Track) -> tuple[_Found, list[RunWarning]]:
+def _without_forbidden(found: Solution, corrections: Corrections, track: Track) -> tuple[Solution, list[RunWarning]]:
+    """Without the closures that are forbidden, and a warning for each that was not even tried."""
     is_forbidden = forbids(corrections.forbidden, track)
     attempts = [
         replace(attempt, accepted=False, removed=False, reason=f"{FORBIDDEN}; {attempt.reason}")
@@ -144,18 +93,31 @@ def _without_forbidden(found: _Found, corrections: Corrections, track: Track) ->
         else attempt
         for attempt in found.attempts
     ]
-    loops = [loop for loop in found.loops if loop.i is None or not is_forbidden(loop.i, loop.j)]
+    factors = [f for f in found.factors if f.kind != "closure" or f.i is None or not is_forbidden(f.i, f.j)]
     warnings = []
     tried = {(attempt.key_old, attempt.key_new) for attempt in found.attempts}
     for each in corrections.forbidden:
         if each.is_single and not tried & _ends(each.one[0], each.other[0], track):
             sentence = f"{each.where}: no closure between scans {each.one[0]} and {each.other[0]} was tried"
             warnings.append(RunWarning(kind="corrections", sentence=sentence, scan=each.one[0]))
-    return replace(found, attempts=attempts, loops=loops), warnings
+    return replace(found, factors=factors, attempts=attempts), warnings
 
 
-def _pinned(found: _Found, pins: Sequence[Pinned], track: Track) -> tuple[_Found, list[RunWarning]]:
-    attempts, pinned, warnings = list(found.attempts), list(found.pinned), []
+def _loosened(found: Solution, by_key: dict[int, float]) -> Solution:
+    """The same, whatever measures one of some key poses surer by less."""
+
+    def loose(factor: Factor) -> Factor:
+        if factor.i is None:
+            return factor
+        loosest = max(by_key.get(factor.i, 1.0), by_key.get(factor.j, 1.0))
+        return factor if loosest == 1.0 else replace(factor, covariance=loosest**2 * factor.covariance)
+
+    return replace(found, factors=[loose(factor) for factor in found.factors])
+
+
+def _pinned(found: Solution, pins: Sequence[Pinned], track: Track) -> tuple[Solution, list[Factor], list[RunWarning]]:
+    """With pinned closures without a robust kernel, before the others; these, and a warning for each not matched."""
+    attempts, pinned, warnings = list(found.attempts), [], []
     for pin in pins:
         ends = _ends(pin.scan_i, pin.scan_j, track)
         row = next((k for k, a in enumerate(attempts) if (a.key_old, a.key_new) in ends and a.match is not None), None)
@@ -169,8 +131,9 @@ def _pinned(found: _Found, pins: Sequence[Pinned], track: Track) -> tuple[_Found
         attempts[row] = replace(attempts[row], accepted=True, removed=False, reason=f"pinned; {attempts[row].reason}")
         pinned.append(closure_factor(attempts[row]))
     ends_of_pinned = {(factor.i, factor.j) for factor in pinned}
-    loops = [loop for loop in found.loops if (loop.i, loop.j) not in ends_of_pinned]
-    return replace(found, attempts=attempts, loops=loops, pinned=pinned, chain=[*found.chain, *pinned]), warnings
+    chain = [factor for factor in found.factors if factor.kind != "closure"]
+    loops = [f for f in found.factors if f.kind == "closure" and (f.i, f.j) not in ends_of_pinned]
+    return replace(found, factors=[*chain, *pinned, *loops], attempts=attempts), pinned, warnings
 
 
 def _ends(scan_i: int, scan_j: int, track: Track) -> set[tuple[int, int]]:
@@ -192,7 +155,7 @@ def _distrusted_keys(intervals: Sequence[Distrusted], track: Track) -> dict[int,
 def _breaks(solution: Solution, here: Settled, in_force: Sequence[Factor]) -> tuple[Break, ...]:
     """What became of each break of the path, now that closures are gone or more."""
     closures = [(f.i, f.j) for f in in_force if f.kind == "closure" and id(f) in here.holding and f.i is not None]
-    before = {(f.i, f.j) for f in solution.graph.factors if f.kind == "closure"}
+    before = {(f.i, f.j) for f in solution.factors if f.kind == "closure"}
 
     def spanning(ends: Sequence[tuple[int, int]], key: int) -> int:
         return sum(min(i, j) < key <= max(i, j) for i, j in ends)

@@ -10,14 +10,12 @@ from graph.batch import optimize
 from graph.dense import congruence
 from graph.factors import Factor
 from graph.measurement import RelativePose
-from graph.pose_graph import PoseGraph
 from graph.se2 import adjoint, between, compose, inverse
 from iceg.corrections.corrections import CorrectionsError
-from iceg.slam.back_end import Solution
-from iceg.slam.broken_path.estimate import BATCH
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.findings import Findings
 from iceg.slam.kept_scans import KeptScans
+from iceg.slam.solution import BATCH, Solution
 from iceg.slam.track import Track
 
 
@@ -111,14 +109,14 @@ class _Cut:
 
 
 def _solution(findings: Findings, cut: _Cut, track: Track, at: NDArray[np.int64]) -> Solution:
-    before, config = findings.solution, findings.config.graph
+    before = findings.solution
     poses = compose(before.poses[cut.keys], cut.T_key_new)
-    factors = _factors(before.graph.factors, cut, poses) + _over_gaps(findings, cut, track, at)
+    factors = _factors(before.factors, cut, poses) + _over_gaps(findings, cut, track, at)
     poses = optimize(factors, poses, BATCH).poses
     rows = {key: row for key in before.odometry_jumps if (row := cut.row(key)) is not None}
     return replace(
         before,
-        graph=PoseGraph.from_factors(factors, poses, config),
+        factors=factors,
         poses=poses,
         attempts=[found for attempt in before.attempts if (found := _attempt(attempt, cut)) is not None],
         searchable=before.searchable[cut.keys],

@@ -7,37 +7,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.elementary import arctan2, cos_sin
-from graph.pose_graph import PoseGraph
 from graph.se2 import compose
-from iceg.config import Config
 from iceg.corrections.corrections import MapFrame
 from iceg.ice.config import SegmentConfig
 from iceg.ice.segments import extract_segments
-from iceg.slam.back_end import Solution
+from iceg.slam.solution import Solution
 from iceg.slam.track import Track
 
 _LOOKED_AT = 400
 """Key scans whose walls are asked, spread over the path."""
 
 
-def in_frame(frame: MapFrame, solution: Solution, track: Track, config: Config) -> Solution:
+def in_frame(frame: MapFrame, solution: Solution, track: Track, config: SegmentConfig) -> Solution:
     """A solution in the frame of the map that is asked for; of its factors only priors know of frames.
 
     Args:
         frame: what is asked for; scans counted as the track counts them.
         solution: the graph and its key poses.
         track: key scans.
-        config: of the graph, and of the straight segments that are taken for walls.
+        config: of the straight segments that are taken for walls.
     """
     if frame.is_as_found:
         return solution
-    T_new_map = _transform(frame, track, solution.poses, config.ice.segments)
+    T_new_map = _transform(frame, track, solution.poses, config)
     poses = compose(T_new_map, solution.poses)
     factors = [
         factor.measuring(compose(T_new_map, factor.T_i_j)) if factor.i is None else factor
-        for factor in solution.graph.factors
+        for factor in solution.factors
     ]
-    return replace(solution, graph=PoseGraph.from_factors(factors, poses, config.graph), poses=poses)
+    return replace(solution, factors=factors, poses=poses)
 
 
 def walls_heading(track: Track, key_poses: NDArray[np.float64], config: SegmentConfig) -> float:

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from graph.batch import optimize
 from graph.factors import Factor
 from graph.problem import Problem
-from iceg.slam.broken_path.estimate import BATCH
 from iceg.slam.config import FinishConfig
+from iceg.slam.solution import BATCH
 
 _GAIN = 1e-6
 """Costs that differ by less are equal."""

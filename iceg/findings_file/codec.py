@@ -93,7 +93,7 @@ def _findings(table: Table, facts: Mapping[str, Any]) -> Findings:
         gyro=None if facts["gyro"] is None else _gyro(facts["gyro"]),
         track=track,
         calibration=_calibration(facts["calibration"]),
-        solution=solution_of(table, facts["solution"], len(track.keys), config.graph),
+        solution=solution_of(table, facts["solution"], len(track.keys)),
         rounds=tuple(Round(**done) for done in facts["rounds"]),
     )
 

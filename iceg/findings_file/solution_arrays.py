@@ -7,23 +7,22 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.config import PoseGraphConfig
+from graph.batch import check_determined
 from graph.factors import Factor, FactorKind, RobustKernel
 from graph.limits import LIMITS
-from graph.pose_graph import PoseGraph
 from iceg.findings_file.match_arrays import match_arrays, matches_of
 from iceg.findings_file.table import Table
-from iceg.slam.back_end import Solution
 from iceg.slam.broken_path.path_break import Break, Outcome
 from iceg.slam.broken_path.place_votes import Vote
 from iceg.slam.closures.attempt import Attempt, Place
+from iceg.slam.solution import Solution
 
 _KINDS: tuple[FactorKind, ...] = get_args(FactorKind)
 
 
 def solution_arrays(solution: Solution) -> dict[str, NDArray[Any]]:
     """The arrays of a solution."""
-    factors, attempts = solution.graph.factors, solution.attempts
+    factors, attempts = solution.factors, solution.attempts
     kernels = _kernels(factors)
     places = [[*place.T_old_new, place.misfit] for attempt in attempts for place in attempt.places]
     return {
@@ -47,7 +46,7 @@ def solution_arrays(solution: Solution) -> dict[str, NDArray[Any]]:
 def solution_facts(solution: Solution) -> dict[str, Any]:
     """What there is to say of a solution besides arrays, for JSON."""
     return {
-        "kernels": [None if kernel is None else asdict(kernel) for kernel in _kernels(solution.graph.factors)],
+        "kernels": [None if kernel is None else asdict(kernel) for kernel in _kernels(solution.factors)],
         "closure_reasons": [attempt.reason for attempt in solution.attempts],
         "odometry_jumps": list(map(int, solution.odometry_jumps)),
         "breaks": [asdict(found) for found in solution.breaks],
@@ -55,7 +54,7 @@ def solution_facts(solution: Solution) -> dict[str, Any]:
     }
 
 
-def solution_of(table: Table, facts: Mapping[str, Any], n_keys: int, config: PoseGraphConfig) -> Solution:
+def solution_of(table: Table, facts: Mapping[str, Any], n_keys: int) -> Solution:
     """The solution again.
 
     Raises:
@@ -70,8 +69,10 @@ def solution_of(table: Table, facts: Mapping[str, Any], n_keys: int, config: Pos
     named = [*jumps, *(found.key for found in breaks), *(key for vote in ambiguous for key in (vote.first, vote.last))]
     if any(not 0 <= key < n_keys for key in named):
         raise table.error(f"found key poses {str(named)[:80]}, expected 0 to {n_keys - 1}")
+    factors = _factors(table, facts, n_keys)
+    check_determined(factors, n_keys)
     return Solution(
-        graph=PoseGraph.from_factors(_factors(table, facts, n_keys), poses, config),
+        factors=factors,
         poses=poses,
         attempts=_attempts(table, facts, n_keys),
         searchable=table.flags("graph_searchable", n_keys),

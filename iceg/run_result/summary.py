@@ -8,7 +8,6 @@ from frontends.scan import Log
 from graph.measurement import RelativePose
 from iceg.run_result.path_uncertainty import LeastKnown
 from iceg.run_result.run_summary import RoundSummary, RunCounts
-from iceg.slam.back_end import Solution
 from iceg.slam.broken_path.path_break import describe_break
 from iceg.slam.broken_path.place_votes import describe_vote
 from iceg.slam.finish import Round
@@ -16,6 +15,7 @@ from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.gyro import GyroFinding
 from iceg.slam.recording.standstill import describe_dead
 from iceg.slam.run_warning import RunWarning
+from iceg.slam.solution import Solution
 from iceg.slam.track import Track
 
 
@@ -42,7 +42,7 @@ def summarise(
     Returns:
         Counts, warnings and calibration under the names of `summary.json`; lengths in metres, angles in radians.
     """
-    factors = solution.graph.factors
+    factors = solution.factors
     matches = [key.match for key in track.keys if isinstance(key.match, RelativePose)]
     kinds = ("prior", "odometry", "ice", "closure")
     return {

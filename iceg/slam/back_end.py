@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,7 @@ from graph.odometry import OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose, wrap_angle
 from iceg.slam.agreement import is_small
-from iceg.slam.broken_path.estimate import Estimate
-from iceg.slam.broken_path.path_break import Break, FailureKind, TrackingFailure
+from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
 from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, unsettled
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.broken_path.view_change import ViewChanges, judged_by_view
@@ -27,31 +26,9 @@ from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.solution import Solution
 from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Solution:
-    """The solved graph.
-
-    Attributes:
-        graph: every factor once, solved by iSAM2.
-        poses: (k, 3) T_map_robot of the key poses.
-        attempts: every loop closure that was tried.
-        searchable: (k,) which key scans later ones are matched against; the others lie in confirmed areas.
-        odometry_jumps: key poses whose match contradicted odometry.
-        breaks: where the path from scan to scan does not hold.
-        ambiguous: where no loop was closed, since several places fit as well.
-    """
-
-    graph: PoseGraph
-    poses: NDArray[np.float64]
-    attempts: list[Attempt]
-    searchable: NDArray[np.bool_]
-    odometry_jumps: tuple[int, ...]
-    breaks: tuple[Break, ...] = ()
-    ambiguous: tuple[Vote, ...] = ()
 
 
 class BackEnd:
@@ -140,16 +117,16 @@ class BackEnd:
         return motion.covariance * max(1.0, distance2 / config.beyond_chance_distance2)
 
     def solution(self) -> Solution:
-        """The graph as it stands."""
+        """The graph as it stands, a copy; closures that still wait for others to say the same are no part of it."""
         attempts = self.attempts.copy()
         for index in self._pending:
             attempt = attempts[index]
             attempts[index] = replace(attempt, accepted=False, reason=f"{self._why_pending(attempt)}; {attempt.reason}")
         return Solution(
-            graph=self.graph,
+            factors=list(self.graph.factors),
             poses=self.graph.all_poses(),
             attempts=attempts,
-            searchable=self._closer.passes.searchable,
+            searchable=self._closer.passes.searchable.copy(),
             odometry_jumps=tuple(self.odometry_jumps),
             ambiguous=unsettled(self._unclear, attempts),
         )
@@ -329,20 +306,7 @@ def solve_track(
     failures = back_end.failures
     if log is not None:
         failures = judged_by_view(failures, ViewChanges(log, track, closer.judge, closures.view), closures.failures)
-    on_the_way = back_end.solution()
-    before = Estimate(factors=list(on_the_way.graph.factors), poses=on_the_way.poses, attempts=on_the_way.attempts)
-    after = relocalise(closer, track, before, failures)
-    graph = on_the_way.graph
-    if after.factors is not before.factors:
-        graph = PoseGraph.from_factors(after.factors, after.poses, graph_config)
-    return replace(
-        on_the_way,
-        graph=graph,
-        poses=after.poses,
-        attempts=after.attempts,
-        breaks=after.breaks,
-        ambiguous=(*unsettled(on_the_way.ambiguous, after.attempts), *after.ambiguous),
-    )
+    return relocalise(closer, track, back_end.solution(), failures)
 
 
 def _front_end_failures(track: Track) -> dict[int, TrackingFailure]:

@@ -6,11 +6,11 @@ from typing import Any
 from frontends.laser_noise import LaserNoise
 from frontends.scan import Log
 from iceg.config import Config
-from iceg.slam.back_end import Solution
 from iceg.slam.finish import Round
 from iceg.slam.kept_scans import KeptScans
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.gyro import GyroFinding
+from iceg.slam.solution import Solution
 from iceg.slam.track import Track
 
 

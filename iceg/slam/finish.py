@@ -10,28 +10,25 @@ from numpy.typing import NDArray
 
 from frontends.scan import Scan
 from graph.batch import optimize
-from graph.config import PoseGraphConfig
 from graph.factors import Factor, RobustKernel
 from graph.noise import chi2_gate
-from graph.pose_graph import PoseGraph
 from graph.problem import Problem
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.noise import PLAIN
-from iceg.slam.back_end import Solution
-from iceg.slam.broken_path.estimate import BATCH
+from iceg.slam.broken_path.lost_steps import without_lost_steps
 from iceg.slam.broken_path.path_break import Outcome
-from iceg.slam.closures.attempt import Attempt, closure_factor
+from iceg.slam.closures.attempt import closure_factor
 from iceg.slam.closures.record import with_earlier, without_contradicted
 from iceg.slam.config import FinishConfig, LoopClosureConfig
-from iceg.slam.final_factors import FinalFactors
 from iceg.slam.joint.covariance import PoseInformation
-from iceg.slam.joint.refinement import Clouds, JointRefinement, key_clouds, refine_jointly
+from iceg.slam.joint.refinement import JointRefinement, key_clouds, refine_jointly
 from iceg.slam.joint.wall_claims import claims_warning
 from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.rematch import match_again
 from iceg.slam.run_warning import RunWarning
+from iceg.slam.solution import BATCH, Solution
 from iceg.slam.stages import IN_HOUSE, Stages, checked_poses
 from iceg.slam.track import Track
 
@@ -80,9 +77,8 @@ class Finished:
     """The finished graph.
 
     Attributes:
-        poses: (k, 3) T_map_robot of the key poses.
-        factors: those in force.
-        attempts: the record of all closures tried.
+        solution: its factors with the covariances in which one may believe, see `without_lost_steps`; the poses are
+            those of poses and map refined together, if they were.
         rounds: one entry for each.
         covariances: (k, 3, 3) marginal covariances of the poses, None where only the graph knows them.
         information: what these rest on, None where they are.
@@ -90,9 +86,7 @@ class Finished:
         warnings: of what the covariances claim.
     """
 
-    poses: NDArray[np.float64]
-    factors: FinalFactors
-    attempts: list[Attempt]
+    solution: Solution
     rounds: list[Round]
     covariances: NDArray[np.float64] | None = None
     information: PoseInformation | None = None
@@ -106,7 +100,6 @@ def matched_again(
     matcher: MapMatcher,
     closures: LoopClosureConfig,
     config: FinishConfig,
-    graph_config: PoseGraphConfig,
     *,
     kept: Sequence[Factor] = (),
     is_forbidden: Forbids | None = None,
@@ -120,29 +113,35 @@ def matched_again(
         matcher: for re-matching.
         closures: what counts as a closure.
         config: rounds and tolerances.
-        graph_config: of the graph.
         kept: those of the factors that are closures without a robust kernel, as those added by hand.
         is_forbidden: whether a closure between two key poses must not be.
         stages: verification and solver of the caller's own.
 
     Returns:
-        The solution with every closure under a robust kernel, those last, and one entry for each round.
+        The solution with every closure under a robust kernel, those last, and one entry for each round; the solution as
+        it is, and none, where the finish is switched off or there is nothing to match.
     """
+    if not config.enabled or len(track.keys) < 2:
+        return solution, []
     limits = replace(closures, max_passes=config.max_passes)
     closer = LoopCloser(matcher, track, limits, _parts(solution), is_forbidden, stages)
     closer.passes.searchable[:] = solution.searchable
-    clock = _Clock()
-    graph, done = _solved("solve", _Graph.of(solution, kept, config), clock, stages)
-    rounds = [done]
+    clock, kernel = _Clock(), closure_kernel(config)
+    chain = [factor for factor in solution.factors if factor.kind != "closure" or factor in kept]
+    loops = [replace(f, kernel=kernel) for f in solution.factors if f.kind == "closure" and f not in kept]
+    poses, done = _solved("solve", chain, loops, solution.poses, clock, stages)
+    attempts, rounds = solution.attempts, [done]
     for _ in range(config.rounds if closures.enabled or closures.revisits else 0):
-        before = graph
-        graph, done = _solved("rematch", _rematched(graph, closer, track, config), clock, stages)
-        largest, mean = _moves(before.poses, graph.poses)
-        rounds.append(replace(done, fresh=len(graph.joined - before.joined), largest_move=largest, mean_move=mean))
-        if largest < config.tolerance:
+        joined = _joined(loops)
+        sure, outliers = _judged(loops, poses)
+        tried = match_again(closer, track, poses, sure, outliers, config)
+        attempts = with_earlier(tried, attempts)
+        loops = [*sure, *(closure_factor(attempt, kernel) for attempt in tried if attempt.accepted)]
+        poses, done = _solved("rematch", chain, loops, poses, clock, stages)
+        rounds.append(replace(done, fresh=len(_joined(loops) - joined)))
+        if done.largest_move < config.tolerance:
             break
-    factors = PoseGraph.from_factors([*graph.chain, *graph.loops], graph.poses, graph_config)
-    return replace(solution, graph=factors, poses=graph.poses, attempts=graph.attempts), rounds
+    return replace(solution, factors=[*chain, *loops], poses=poses, attempts=attempts), rounds
 
 
 def refined(
@@ -171,36 +170,36 @@ def refined(
         distrusted: key poses whose points are not to be believed.
 
     Returns:
-        The final poses and factors.
+        The final poses and factors; the poses as they are where the finish is switched off, or there is one alone.
     """
-    clock, factors = _Clock(), solution.graph.factors
-    chain = [factor for factor in factors if not _is_robust(factor)]
+    min_credible = closures.relocalisation.min_credible
+    if not config.enabled or len(track.keys) < 2:
+        measured = without_lost_steps(solution.factors, solution.breaks, min_credible)
+        return Finished(solution=replace(solution, factors=measured), rounds=[])
+    clock = _Clock()
     attempts, loops = without_contradicted(
         solution.attempts,
-        [factor for factor in factors if _is_robust(factor)],
+        [factor for factor in solution.factors if _is_robust(factor)],
         solution.poses,
         config.outlier_weight,
     )
-    poses, done = solution.poses, list(rounds)
-    covariances, information, walls, warning = None, None, WallPieces.none(), None
-    final = FinalFactors.of([*chain, *loops], solution.breaks, closures.relocalisation.min_credible)
-    if config.joint.enabled:
-        clouds = key_clouds(track, scan_of, config.joint, noise).without(distrusted)
-        if matcher.judge is matcher:  # what halves of scans say of ICE they say of the points
-            clouds = replace(clouds, variance_scale=track.match_covariance_scale)
-        joint, last = _joint(final, poses, clouds, config, _parts(solution), clock)
-        poses, covariances = joint.poses, joint.covariances
-        information, walls = joint.information, joint.walls
-        warning = claims_warning(joint.variance_factor, config.joint, are_walls_believed=covariances is not None)
-        done.append(replace(last, closures=len(loops)))
+    solved = [*(factor for factor in solution.factors if not _is_robust(factor)), *loops]
+    # Odometry still holds in their place, while poses and map are refined, the parts that nothing else ties.
+    measured = without_lost_steps(solved, solution.breaks, min_credible)
+    found, done = replace(solution, factors=measured, attempts=attempts), list(rounds)
+    if not config.joint.enabled:
+        return Finished(solution=found, rounds=done)
+    clouds = key_clouds(track, scan_of, config.joint, noise).without(distrusted)
+    if matcher.judge is matcher:  # what halves of scans say of ICE they say of the points
+        clouds = replace(clouds, variance_scale=track.match_covariance_scale)
+    joint = refine_jointly(solved, found.poses, clouds, config.joint, _parts(found), measured)
+    warning = claims_warning(joint.variance_factor, config.joint, are_walls_believed=joint.covariances is not None)
     return Finished(
-        poses=poses,
-        factors=final,
-        attempts=attempts,
-        rounds=done,
-        covariances=covariances,
-        information=information,
-        walls=walls,
+        solution=replace(found, poses=joint.poses),
+        rounds=[*done, _joint_round(joint, found.poses, len(loops), clock)],
+        covariances=joint.covariances,
+        information=joint.information,
+        walls=joint.walls,
         warnings=() if warning is None else (warning,),
     )
 
@@ -221,47 +220,18 @@ class _Clock:
         return round(self._last - last, 4)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Graph:
-    """The graph between two steps of the finish.
+def _joined(loops: Sequence[Factor]) -> set[tuple[int | None, int]]:
+    """Key poses that closures join."""
+    return {(factor.i, factor.j) for factor in loops}
 
-    Attributes:
-        poses: (k, 3) T_map_robot of the key poses.
-        chain: the factors without a robust kernel.
-        loops: the closures in force, each with its robust kernel.
-        attempts: the record of all closures tried.
-    """
 
-    poses: NDArray[np.float64]
-    chain: list[Factor]
-    loops: list[Factor]
-    attempts: list[Attempt]
-
-    @classmethod
-    def of(cls, solution: Solution, kept: Sequence[Factor], config: FinishConfig) -> "_Graph":
-        factors, kernel = solution.graph.factors, closure_kernel(config)
-        chain = [factor for factor in factors if factor.kind != "closure" or factor in kept]
-        loops = [replace(f, kernel=kernel) for f in factors if f.kind == "closure" and f not in kept]
-        return cls(poses=solution.poses, chain=chain, loops=loops, attempts=solution.attempts)
-
-    @property
-    def joined(self) -> set[tuple[int | None, int]]:
-        """Key poses that closures join."""
-        return {(factor.i, factor.j) for factor in self.loops}
-
-    def judged(self) -> tuple[list[Factor], list[Factor]]:
-        """The closures that agree with the poses, and those that their robust kernel takes for outliers."""
-        if not self.loops:
-            return [], []
-        weights = Problem.of(self.loops, len(self.poses)).evaluate(self.poses).weights.tolist()
-        pairs = list(zip(self.loops, weights, strict=True))
-        return [loop for loop, weight in pairs if weight >= 1.0], [loop for loop, weight in pairs if weight < 1.0]
-
-    def with_tried(self, sure: list[Factor], tried: list[Attempt], config: FinishConfig) -> "_Graph":
-        """The same with the closures that stay and those of the last attempts that were accepted."""
-        kernel = closure_kernel(config)
-        fresh = [closure_factor(attempt, kernel) for attempt in tried if attempt.accepted]
-        return replace(self, loops=[*sure, *fresh], attempts=with_earlier(tried, self.attempts))
+def _judged(loops: Sequence[Factor], poses: NDArray[np.float64]) -> tuple[list[Factor], list[Factor]]:
+    """The closures that agree with the poses, and those that their robust kernel takes for outliers."""
+    if not loops:
+        return [], []
+    weights = Problem.of(loops, len(poses)).evaluate(poses).weights.tolist()
+    pairs = list(zip(loops, weights, strict=True))
+    return [loop for loop, weight in pairs if weight >= 1.0], [loop for loop, weight in pairs if weight < 1.0]
 
 
 def _is_robust(factor: Factor) -> bool:
@@ -274,26 +244,27 @@ def _parts(solution: Solution) -> list[int]:
     return parts + [vote.first for vote in solution.ambiguous]
 
 
-def _rematched(graph: _Graph, closer: LoopCloser, track: Track, config: FinishConfig) -> _Graph:
-    """The graph with closures where none tied two passes, and with the outliers tried again."""
-    sure, outliers = graph.judged()
-    tried = match_again(closer, track, graph.poses, sure, outliers, config)
-    return graph.with_tried(sure, tried, config)
-
-
-def _solved(stage: Stage, graph: _Graph, clock: _Clock, stages: Stages) -> tuple[_Graph, Round]:
-    factors = [*graph.chain, *graph.loops]
+def _solved(
+    stage: Stage,
+    chain: Sequence[Factor],
+    loops: Sequence[Factor],
+    guess: NDArray[np.float64],
+    clock: _Clock,
+    stages: Stages,
+) -> tuple[NDArray[np.float64], Round]:
+    """The (k, 3) optimum of path and closures together."""
+    factors = [*chain, *loops]
     if stages.solver is None:
-        result = optimize(factors, graph.poses, BATCH)
+        result = optimize(factors, guess, BATCH)
         poses, before, after = result.poses, result.error_before, result.error_after
     else:
-        poses = checked_poses(stages.solver(factors, graph.poses), len(graph.poses))
+        poses = checked_poses(stages.solver(factors, guess), len(guess))
         problem = Problem.of(factors, len(poses))
-        before, after = (float(problem.evaluate(at).losses.sum()) for at in (graph.poses, poses))
-    largest, mean = _moves(graph.poses, poses)
-    return replace(graph, poses=poses), Round(
+        before, after = (float(problem.evaluate(at).losses.sum()) for at in (guess, poses))
+    largest, mean = _moves(guess, poses)
+    return poses, Round(
         stage=stage,
-        closures=len(graph.loops),
+        closures=len(loops),
         error_before=before,
         error=after,
         largest_move=largest,
@@ -308,31 +279,20 @@ def _moves(before: NDArray[np.float64], after: NDArray[np.float64]) -> tuple[flo
     return float(distances.max()), float(distances.mean())
 
 
-def _joint(
-    factors: FinalFactors,
-    poses: NDArray[np.float64],
-    clouds: Clouds,
-    config: FinishConfig,
-    parts: Sequence[int],
-    clock: _Clock,
-) -> tuple[JointRefinement, Round]:
-    """Refine poses and map together."""
-    refined = refine_jointly(factors.solved, poses, clouds, config.joint, parts, factors.measured)
-    largest, mean = _moves(poses, refined.poses)
-    return (
-        refined,
-        Round(
-            stage="joint",
-            closures=0,
-            error_before=refined.error_before,
-            error=refined.error,
-            largest_move=largest,
-            mean_move=mean,
-            residual_before=refined.residual_before,
-            residual=refined.residual,
-            covariances_from="graph" if refined.covariances is None else "walls",
-            walls_share=round(refined.share, 4),
-            variance_factor=round(refined.variance_factor, 4),
-            seconds=clock.lap(),
-        ),
+def _joint_round(joint: JointRefinement, before: NDArray[np.float64], closures: int, clock: _Clock) -> Round:
+    """What the joint refinement did."""
+    largest, mean = _moves(before, joint.poses)
+    return Round(
+        stage="joint",
+        closures=closures,
+        error_before=joint.error_before,
+        error=joint.error,
+        largest_move=largest,
+        mean_move=mean,
+        residual_before=joint.residual_before,
+        residual=joint.residual,
+        covariances_from="graph" if joint.covariances is None else "walls",
+        walls_share=round(joint.share, 4),
+        variance_factor=round(joint.variance_factor, 4),
+        seconds=clock.lap(),
     )

@@ -2,17 +2,16 @@
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from graph.odometry import OdometryMotion
-from graph.pose_graph import PoseGraph
 from iceg.config import Config
-from iceg.slam.back_end import BackEnd, Solution
+from iceg.slam.back_end import BackEnd
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.solution import Solution
 from iceg.slam.stages import Stages
 from iceg.slam.track import KeyScan, Track
 
@@ -43,7 +42,6 @@ class IncrementalGraph:
         nothing = np.zeros(0, dtype=np.int64)
         track = Track(keys=keys, key_of_scan=nothing, T_key_scan=np.zeros((0, 3)), failures=0, lost=lost)
         self._keys = keys
-        self._config = config
         self._closer = LoopCloser(matcher, track, config.loops, stages=stages)
         self._back_end = BackEnd(track, self._closer, config.graph)
         self._lookahead = max(0, *config.loops.support_offsets)
@@ -76,10 +74,8 @@ class IncrementalGraph:
         return self._back_end.graph.all_poses()
 
     def solution(self) -> Solution:
-        """The graph so far, a copy; closures that still wait for others to say the same are no part of it."""
-        solution = self._back_end.solution()
-        graph = PoseGraph.from_factors(solution.graph.factors, solution.poses, self._config.graph)
-        return replace(solution, graph=graph, searchable=solution.searchable.copy())
+        """The graph so far, see `BackEnd.solution`."""
+        return self._back_end.solution()
 
     def _solved(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """The newest key pose as iSAM2 has it."""

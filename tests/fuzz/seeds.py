@@ -233,15 +233,14 @@ def findings() -> bytes:
     from graph.factors import Factor, RobustKernel
     from graph.measurement import NoMatch, RelativePose
     from graph.odometry import OdometryModel, OdometryMotion
-    from graph.pose_graph import PoseGraph
     from iceg.config import Config
     from iceg.findings_file.codec import write_findings
-    from iceg.slam.back_end import Solution
     from iceg.slam.closures.attempt import Attempt, Place
     from iceg.slam.findings import Findings
     from iceg.slam.kept_scans import KeptScans
     from iceg.slam.odometry.calibration import OdometryCalibration
     from iceg.slam.odometry.gyro import GyroFinding
+    from iceg.slam.solution import Solution
     from iceg.slam.track import KeyScan, Track
 
     n, poses = 6, np.array([[0.2 * k, 0.0, 0.0] for k in range(6)])
@@ -284,11 +283,10 @@ def findings() -> bytes:
         Factor(kind="closure", i=0, j=2, T_i_j=poses[4], covariance=sure, kernel=RobustKernel(name="dcs", width=5.0)),
     ]
     solution = Solution(
-        graph=PoseGraph.from_factors(factors, poses[::2]),
+        factors=factors,
         poses=poses[::2],
         attempts=[attempt],
         searchable=np.ones(3, dtype=np.bool_),
-        odometry_jumps=(),
     )
     found = Findings(
         log=log,

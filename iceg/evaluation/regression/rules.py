@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 
 from iceg.config import Config
 from iceg.evaluation.errors import EvaluationError
-from iceg.slam.broken_path.estimate import Estimate
 from iceg.slam.broken_path.path_break import TrackingFailure
 from iceg.slam.broken_path.place_votes import Vote
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.closure_config import ConfirmedAreaConfig
 from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.solution import Solution
 from iceg.slam.track import Track
 
 Change = Callable[[Config], Config]
@@ -81,12 +81,12 @@ def _second(_self: object, second: Any, *_args: object, **_named: object) -> Any
 def _only_after_a_loss(
     closer: LoopCloser,
     track: Track,
-    estimate: Estimate,
+    solution: Solution,
     failures: Mapping[int, TrackingFailure],
-) -> Estimate:
+) -> Solution:
     if not any(failure.is_lost for failure in failures.values()):
-        return estimate
-    return relocalise(closer, track, estimate, failures)
+        return solution
+    return relocalise(closer, track, solution, failures)
 
 
 def _with_loops(**settings: Any) -> Change:  # noqa: ANN401
@@ -103,7 +103,7 @@ _FRONT_END = f"{_SLAM}.tracking.front_end:FrontEnd"
 _CHECK = f"{_SLAM}.tracking.odometry_check:OdometryCheck"
 _BACK_END = f"{_SLAM}.back_end:BackEnd"
 _VOTES = f"{_SLAM}.broken_path.place_votes:PlaceVotes"
-_RELOCALISATION: dict[str, Any] = {f"{_SLAM}.back_end:relocalise": lambda _closer, _track, estimate, *_: estimate}
+_RELOCALISATION: dict[str, Any] = {f"{_SLAM}.back_end:relocalise": lambda _closer, _track, solution, *_: solution}
 
 RULES: Mapping[str, Rule] = MappingProxyType(
     {
@@ -203,7 +203,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "lost odometry": Rule(
             what="a step tells nothing across a sudden loss",
-            without={f"{_SLAM}.final_factors:without_lost_steps": lambda factors, *_: list(factors)},
+            without={f"{_SLAM}.finish:without_lost_steps": lambda factors, *_: list(factors)},
         ),
         "believed walls": Rule(
             what="poses that went part of the way to the walls keep part of the graph's covariance",

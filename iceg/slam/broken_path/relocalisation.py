@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 from graph.se2 import compose, inverse
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
-from iceg.slam.broken_path.estimate import Estimate
 from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
 from iceg.slam.broken_path.path_break import Break, FailureKind, Outcome, TrackingFailure
 from iceg.slam.broken_path.path_parts import PathParts
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_parts, about_single_steps
 from iceg.slam.broken_path.place_search import PlaceSearch
-from iceg.slam.broken_path.place_votes import Vote
+from iceg.slam.broken_path.place_votes import Vote, unsettled
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.solution import Solution
 from iceg.slam.track import Track
 
 
@@ -40,37 +40,37 @@ class _Decision(Enum):
 
 
 def relocalise(
-    closer: LoopCloser, track: Track, estimate: Estimate, failures: Mapping[int, TrackingFailure]
-) -> Estimate:
+    closer: LoopCloser, track: Track, solution: Solution, failures: Mapping[int, TrackingFailure]
+) -> Solution:
     """Join the parts of a path that no loop closure ties together, and say where it is broken.
 
     Args:
         closer: matches and verifies; its settings say how much is tried, and how much must agree.
         track: key scans.
-        estimate: the graph as the path and the closures on the way made it.
+        solution: the graph as the path and the closures on the way made it.
         failures: by key pose, where the path may be broken.
 
     Returns:
-        The estimate with more closures and fewer wrong ones.
+        The solution with more closures and fewer wrong ones.
     """
     if not (closer.config.enabled and closer.config.relocalise):
-        return estimate
-    search = _Relocalisation(closer, track, estimate, failures)
+        return solution
+    search = _Relocalisation(closer, track, solution, failures)
     search.run()
-    return search.estimate()
+    return search.solution()
 
 
 class _Relocalisation:
     """State of the search: the estimate as it changes, what was tried, what was found out about the path."""
 
     def __init__(
-        self, closer: LoopCloser, track: Track, estimate: Estimate, failures: Mapping[int, TrackingFailure]
+        self, closer: LoopCloser, track: Track, solution: Solution, failures: Mapping[int, TrackingFailure]
     ) -> None:
         self._track = track
         self._config = closer.config
-        self._now = estimate
-        self._steps = BridgeEdges(track, estimate.factors, failures, closer.config)
-        self._places = PlaceSearch(closer, track, estimate.factors)
+        self._now = solution
+        self._steps = BridgeEdges(track, solution.factors, failures, closer.config)
+        self._places = PlaceSearch(closer, track, solution.factors)
         self._verifier = HypothesisVerifier(closer, track)
         self._breaks: dict[int, Break] = {}
         self._ambiguous: dict[int, Vote] = {}
@@ -88,7 +88,7 @@ class _Relocalisation:
         for key in self._lost():
             self._part(key)
 
-    def estimate(self) -> Estimate:
+    def solution(self) -> Solution:
         """What was found, with a record of the similar places tried in vain."""
         attempts = self._now.attempts
         closed = {attempt.pair for attempt in attempts if attempt.accepted}
@@ -97,7 +97,7 @@ class _Relocalisation:
             attempts=[*attempts, *self._places.in_vain(closed)],
             breaks=tuple(self._breaks[key] for key in sorted(self._breaks)),
             # closures that tie the path as it is settle nothing: both beat it
-            ambiguous=tuple(self._ambiguous.values()),
+            ambiguous=(*unsettled(self._now.ambiguous, attempts), *self._ambiguous.values()),
         )
 
     # What is looked for, and in which order it is tried.

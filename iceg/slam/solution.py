@@ -1,4 +1,4 @@
-"""A graph with its closures and the breaks of its path, and what becomes of it as more is found out."""
+"""A solved graph with its closures and the breaks of its path, and what becomes of it as more is found out."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -20,24 +20,28 @@ BATCH = BatchConfig(max_iterations=50, relative_tolerance=1e-6, absolute_toleran
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Estimate:
-    """A graph, what is known of its closures, and where its path is broken.
+class Solution:
+    """A solved graph, what is known of its closures, and where its path is broken.
 
     Attributes:
-        factors: in force.
+        factors: in force, each once.
         poses: (k, 3) T_map_robot of the key poses.
-        attempts: every loop closure tried.
-        breaks: in the order of the path.
-        ambiguous: where several places explain what was seen about as well.
+        attempts: every loop closure that was tried.
+        searchable: (k,) which key scans later ones are matched against; the others lie in confirmed areas.
+        odometry_jumps: key poses whose match contradicted odometry.
+        breaks: where the path from scan to scan does not hold, in its order.
+        ambiguous: where no loop was closed, since several places fit as well.
     """
 
     factors: list[Factor]
     poses: NDArray[np.float64]
     attempts: list[Attempt]
+    searchable: NDArray[np.bool_]
+    odometry_jumps: tuple[int, ...] = ()
     breaks: tuple[Break, ...] = ()
     ambiguous: tuple[Vote, ...] = ()
 
-    def closed(self, closures: Sequence[Attempt]) -> "Estimate":
+    def closed(self, closures: Sequence[Attempt]) -> "Solution":
         """With more closures, but those between key poses that one joins already, and solved."""
         joined = {(factor.i, factor.j) for factor in self.factors if factor.kind == "closure"}
         fresh = [closure for closure in closures if closure.pair not in joined]
@@ -57,7 +61,7 @@ class Estimate:
         correction: NDArray[np.float64],
         moving: NDArray[np.bool_],
         near: Tolerance,
-    ) -> "Estimate":
+    ) -> "Solution":
         """Without an edge of the path and the closures that contradict others, what follows moved to where these say.
 
         Args:
