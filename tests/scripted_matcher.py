@@ -43,6 +43,11 @@ class ScriptedMatcher(ScanByScan):
         self, reference: Any, scan: Scan, T_ref_guess: NDArray[np.float64], covariance_guess: NDArray[np.float64]
     ) -> RelativePose | NoMatch: ...
 
+    def match_unguided(
+        self, reference: Any, scan: Scan, T_ref_guess: NDArray[np.float64], covariance_guess: NDArray[np.float64]
+    ) -> RelativePose | NoMatch:
+        return self.match(reference, scan, T_ref_guess, covariance_guess)
+
     def judged(self, reference: Any) -> LocalMap:
         raise NotImplementedError
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.compiled import compiled
+from iceg.ice._held_kernels import _add_chance, _held, _lengths
 from iceg.ice._refinement_kernels import partner
 from iceg.ice._score_grid_kernels import score_grid
 from iceg.ice.scored import Scored
@@ -41,6 +42,8 @@ class Reading(NamedTuple):
         max_step: … and largest.
         edge_mass: with more weight than this on the edge of the largest grid a direction is unobservable.
         weak_sigma: standard deviation it is given [m or rad].
+        doubtful_length: see `_held_kernels._add_chance` [m], …
+        similar_per_metre: … as this [1/m].
     """
 
     n_picks: int
@@ -54,6 +57,8 @@ class Reading(NamedTuple):
     max_step: float
     edge_mass: float
     weak_sigma: float
+    doubtful_length: float
+    similar_per_metre: float
 
 
 class Weighed(NamedTuple):
@@ -66,6 +71,8 @@ class Weighed(NamedTuple):
         weights: (side, side, side) normalised scores on the grid.
         weak: (3,) which axes are unobservable.
         ratios: (3,) see `_unevenness` and `_pretence`; 1 where unobservable.
+        slides: (2, 3) directions of the position and the turns that go along, see `_held_kernels._held`, …
+        is_sliding: (2,) … and which are as good as unobservable, since too little holds them.
     """
 
     covariance: F64
@@ -74,6 +81,8 @@ class Weighed(NamedTuple):
     weights: F64
     weak: Bool
     ratios: F64
+    slides: F64
+    is_sliding: Bool
 
     @classmethod
     def empty(cls, side: int) -> "Weighed":
@@ -85,6 +94,8 @@ class Weighed(NamedTuple):
             np.empty((side, side, side)),
             np.empty(3, np.bool_),
             np.empty(3),
+            np.empty((2, 3)),
+            np.empty(2, np.bool_),
         )
 
 
@@ -323,12 +334,13 @@ def _moments(costs: F64, best: float, per_cost: float, steps: F64, second: F64, 
 
 
 @compiled
-def score_covariance(scored: Scored, pose: F64, reading: Reading, out: Weighed) -> None:
+def score_covariance(scored: Scored, pose: F64, guess: F64, reading: Reading, out: Weighed) -> None:
     """Second moment of the scores around an optimum, on a grid along the principal axes of its Hessian.
 
     Args:
         scored: the points and the reference.
         pose: (3,) the optimum.
+        guess: (3, 3) covariance of where the search began, tangent space of the robot.
         reading: how the scores are taken and read.
         out: output.
     """
@@ -361,9 +373,24 @@ def score_covariance(scored: Scored, pose: F64, reading: Reading, out: Weighed) 
         for b in range(3):
             second[a, b] *= sqrt(out.ratios[a] * out.ratios[b])
     _turned(out.axes, second, out.covariance)
+    _add_slides(scored.points, found, guess, reach * reach, reading, out)
     for a in range(3):
         for b in range(a):
             out.covariance[b, a] = out.covariance[a, b]
+
+
+@compiled
+def _add_slides(points: F64, found: Residuals, guess: F64, most: float, reading: Reading, out: Weighed) -> None:
+    """What a match may be off where little holds it, unless a direction is unobservable by the scores already."""
+    out.is_sliding[:] = False
+    if out.weak[0] or out.weak[1] or out.weak[2]:
+        return
+    lengths, held, added = np.empty(len(points)), np.empty(2), np.empty(2)
+    _lengths(points, lengths)
+    _held(found.levers[_LAGS:], found.own_levers[_LAGS:], lengths, out.slides, held)
+    _add_chance(out.slides, held, guess, reading.doubtful_length, reading.similar_per_metre, out.covariance, added)
+    for k in range(2):
+        out.is_sliding[k] = added[k] > most
 
 
 @compiled

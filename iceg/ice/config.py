@@ -257,9 +257,16 @@ class CovarianceConfig:
     weak_sigma: float = 1.0
     """Standard deviation given to a direction the match cannot observe [m, rad]: gates and closures compute with it,
     the path takes nothing from there."""
+    doubtful_length: float = 0.2
+    """Where nothing has measured the guess of a match, so much wall that holds it along some direction is as probably
+    something else [m]: a door's edge, a chair or a person. Of twice as much that is one in seventeen, and so on with
+    the fourth power."""
+    similar_per_metre: float = 20.0
+    """So many similar things lie within reach for each metre of the guess's standard deviation [1/m]: where something
+    else holds a match, its squared error is so many times the cube of that deviation."""
 
     def __post_init__(self) -> None:
-        positive = ("min_sigma", "independence", "points", "max_step", "weak_sigma")
+        positive = ("min_sigma", "independence", "points", "max_step", "weak_sigma", "doubtful_length")
         check_numbers(self, IceConfigError, positive=positive)
         check_between(self, IceConfigError, points=_COUNTS, max_step=(1e-4, 10.0), weak_sigma=(0.0, 100.0))
 

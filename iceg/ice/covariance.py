@@ -35,7 +35,8 @@ class ScoreCovariance:
 
     Attributes:
         covariance: (3, 3) tangent space of the robot at the optimum, order x, y, θ.
-        weak_directions: (k, 3) unit vectors along which the scores do not fall off inside the window.
+        weak_directions: (k, 3) unit vectors along which the scores do not fall off inside the window, or which so
+            little holds that they tell nothing.
         weights: (5, 5, 5) normalised scores on the grid, axis i along `axes[:, i]`.
         axes: (3, 3) columns: principal directions of the grid in the tangent space.
         steps: (3,) spacing along each axis [m or rad].
@@ -49,7 +50,12 @@ class ScoreCovariance:
 
 
 def score_covariance(
-    scan_points: ScanPoints, local_map: LocalMap, refined: Refined, scale: float, config: CovarianceConfig
+    scan_points: ScanPoints,
+    local_map: LocalMap,
+    refined: Refined,
+    scale: float,
+    config: CovarianceConfig,
+    guess: NDArray[np.float64] | None = None,
 ) -> ScoreCovariance:
     """Weigh a grid of poses around the optimum by its scores; Σ = K/s − uuᵀ/s².
 
@@ -62,12 +68,17 @@ def score_covariance(
     residuals are noise, and many points average it away; correlated ones tell of a reference that is not quite right,
     and many points repeat the same error.
 
+    A direction that little holds may be held by something else: how far that leads astray depends on how far off a
+    guess was that nothing has measured (`_held_kernels`).
+
     Args:
         scan_points: points of the new scan.
         local_map: the reference.
         refined: the optimum.
         scale: width of the Cauchy score [m].
         config: noise level, share of independent points, window.
+        guess: (3, 3) covariance of where the search began, tangent space of the robot; None where something has
+            measured that, as odometry.
 
     Returns:
         The covariance with its weak directions.
@@ -85,12 +96,17 @@ def score_covariance(
         max_step=config.max_step,
         edge_mass=_EDGE_MASS,
         weak_sigma=config.weak_sigma,
+        doubtful_length=config.doubtful_length,
+        similar_per_metre=config.similar_per_metre,
     )
     found = Weighed.empty(_SIDE)
-    kernels.score_covariance(scored, refined.T_ref_cur, reading, found)
+    began = np.zeros((3, 3)) if guess is None else np.ascontiguousarray(guess)
+    kernels.score_covariance(scored, refined.T_ref_cur, began, reading, found)
+    slides = found.slides[found.is_sliding]
+    slides /= np.sqrt((slides**2).sum(axis=1, keepdims=True))
     return ScoreCovariance(
         covariance=found.covariance,
-        weak_directions=found.axes[:, found.weak].T.copy(),
+        weak_directions=np.concatenate([found.axes[:, found.weak].T, slides]),
         weights=found.weights,
         axes=found.axes,
         steps=found.steps,

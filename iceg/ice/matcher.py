@@ -224,6 +224,17 @@ class IceMatcher:
         refined = self._find(reference, scan, T_ref_guess, covariance_guess)
         return refined if isinstance(refined, NoMatch) else self._measured(reference, scan, refined)
 
+    def match_unguided(
+        self,
+        reference: LocalMap,
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> RelativePose | NoMatch:
+        """As `match`, from a guess that nothing has measured: what holds next to nothing may have led it astray."""
+        refined = self._find(reference, scan, T_ref_guess, covariance_guess)
+        return refined if isinstance(refined, NoMatch) else self._measured(reference, scan, refined, covariance_guess)
+
     def match_near(self, reference: LocalMap, scan: Scan, T_ref_guess: NDArray[np.float64]) -> RelativePose | NoMatch:
         """The match nearest to a (3,) guess that is right but for centimetres: along what is weak it stays there."""
         scan_points = self._points(scan)
@@ -237,10 +248,12 @@ class IceMatcher:
     def _too_few(self, n_points: int) -> NoMatch:
         return NoMatch(reason=f"only {n_points} beams returned, a match needs {self.config.refinement.min_points}")
 
-    def _measured(self, reference: LocalMap, scan: Scan, refined: Refined) -> RelativePose:
-        """A pose with its covariance and what speaks for it."""
-        scan_points = self._points(scan)
-        scores = score_covariance(scan_points, reference, refined, self.config.refinement.scale, self.config.covariance)
+    def _measured(
+        self, reference: LocalMap, scan: Scan, refined: Refined, covariance_guess: NDArray[np.float64] | None = None
+    ) -> RelativePose:
+        """A pose with its covariance and what speaks for it; that of a guess that led there, if it may have misled."""
+        scan_points, scale = self._points(scan), self.config.refinement.scale
+        scores = score_covariance(scan_points, reference, refined, scale, self.config.covariance, covariance_guess)
         return RelativePose(
             T_ref_cur=refined.T_ref_cur,
             covariance=scores.covariance,

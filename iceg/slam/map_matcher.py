@@ -50,6 +50,16 @@ class MapMatcher(Matcher, Protocol):
         """Compare a scan with a reference at a given (3,) pose, in both directions."""
         ...
 
+    def match_unguided(
+        self,
+        reference: Any,  # noqa: ANN401
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> RelativePose | NoMatch:
+        """As `match`, from a guess that nothing has measured: what holds next to nothing may have led it astray."""
+        ...
+
     def match_near(
         self,
         reference: Any,  # noqa: ANN401

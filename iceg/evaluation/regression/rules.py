@@ -93,6 +93,11 @@ def _with_loops(**settings: Any) -> Change:  # noqa: ANN401
     return lambda config: replace(config, loops=replace(config.loops, **settings))
 
 
+def _believing_little(config: Config) -> Config:
+    covariance = replace(config.ice.covariance, similar_per_metre=0.0)
+    return replace(config, ice=replace(config.ice, covariance=covariance))
+
+
 def _without_joint_refinement(config: Config) -> Config:
     joint = replace(config.finish.joint, enabled=False)
     return replace(config, finish=replace(config.finish, joint=joint))
@@ -149,6 +154,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "covered": Rule(
             what="scans that see nothing are not matched", without={f"{_SLAM}.tracking.front_end:is_blind": _no}
+        ),
+        "held by chance": Rule(
+            what="a direction that next to no wall holds is known no better than the guess allows",
+            config=_believing_little,
         ),
         "halves of scans": Rule(
             what="matches count less where halves of scans disagree",

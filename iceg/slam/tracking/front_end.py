@@ -267,7 +267,8 @@ class FrontEnd:
         if self.is_blind:
             return COVERED
         reference = self._matched.reference
-        match = self._matcher.match(reference, scan, self._T_track_robot, self.motion.covariance)
+        matched = self._matcher.match if self._knows_motion else self._matcher.match_unguided
+        match = matched(reference, scan, self._T_track_robot, self.motion.covariance)
         if isinstance(match, NoMatch):
             return match
         instead = self._check.judge(
