@@ -73,7 +73,7 @@ def test_along_a_curved_wall_nothing_holds_a_slide_that_turns_with_it(radius: fl
     assert found[0] == pytest.approx(0.0, abs=1e-9)
     slide = directions[0] * np.sign(directions[0, 1])
     # The robot is radius - 1 off the middle: it goes along by as much as it turns about that.
-    np.testing.assert_allclose(slide, [0.0, 1.0, 1.0 / (radius - 1.0)] if radius > 2.0 else [0.0, 1.0, 1.0], atol=1e-6)
+    np.testing.assert_allclose(slide, [0.0, 1.0, 1.0 / (radius - 1.0)], atol=1e-6)
 
 
 @given(turn=st.floats(-3.1, 3.1), seed=st.integers(0, 1000))

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from graph.compiled import compiled
 
 F64 = NDArray[np.float64]
-Bool = NDArray[np.bool_]
 
 _WIDEST_GAP = 0.6
 """Neighbouring points farther apart than this are of two surfaces [m]."""

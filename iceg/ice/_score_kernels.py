@@ -340,7 +340,7 @@ def score_covariance(scored: Scored, pose: F64, guess: F64, reading: Reading, ou
     Args:
         scored: the points and the reference.
         pose: (3,) the optimum.
-        guess: (3, 3) covariance of where the search began, tangent space of the robot.
+        guess: (3, 3) covariance of where the search began, tangent space of the robot; 0 where it was measured.
         reading: how the scores are taken and read.
         out: output.
     """
@@ -381,9 +381,12 @@ def score_covariance(scored: Scored, pose: F64, guess: F64, reading: Reading, ou
 
 @compiled
 def _add_slides(points: F64, found: Residuals, guess: F64, most: float, reading: Reading, out: Weighed) -> None:
-    """What a match may be off where little holds it, unless a direction is unobservable by the scores already."""
+    """What a match may be off where little holds it, unless a direction is unobservable by the scores already.
+
+    Nothing, if its guess was measured: then its covariance is zero here.
+    """
     out.is_sliding[:] = False
-    if out.weak[0] or out.weak[1] or out.weak[2]:
+    if out.weak[0] or out.weak[1] or out.weak[2] or (guess[0, 0] == 0.0 and guess[1, 1] == 0.0):
         return
     lengths, held, added = np.empty(len(points)), np.empty(2), np.empty(2)
     _lengths(points, lengths)
