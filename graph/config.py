@@ -4,13 +4,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 from graph.errors import GraphError
-from graph.ranges import check_between, check_magnitudes
+from graph.ranges import CheckedSettings, between, positive
 
 Factorization = Literal["CHOLESKY", "QR"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class PoseGraphConfig:
+class PoseGraphConfig(CheckedSettings, error=GraphError):
     """How the graph is solved while it grows; quick rather than exact, since `graph.batch` makes the end result exact.
 
     Attributes:
@@ -26,21 +26,14 @@ class PoseGraphConfig:
         prior_sigma: standard deviation of the first pose [m, rad]; small, because it defines the map frame.
     """
 
-    relinearize_threshold: float = 0.1
-    relinearize_skip: int = 20
+    relinearize_threshold: float = positive(0.1)
+    relinearize_skip: int = positive(20)
     settle_iterations: int = 0
     snapshot_before_closure: bool = False
     factorization: Factorization = "CHOLESKY"
-    prior_sigma: float = 1e-3
+    prior_sigma: float = between(1e-3, 1e-6, 10.0)
 
     def __post_init__(self) -> None:
-        if self.relinearize_threshold <= 0.0:
-            raise GraphError(f"relinearize_threshold is positive, found {self.relinearize_threshold}")
-        if self.relinearize_skip < 1:
-            raise GraphError(f"relinearize_skip is at least 1, found {self.relinearize_skip}")
-        if self.settle_iterations < 0:
-            raise GraphError(f"settle_iterations is not negative, found {self.settle_iterations}")
+        super().__post_init__()
         if self.factorization not in {"CHOLESKY", "QR"}:
             raise GraphError(f"factorization is CHOLESKY or QR, found {self.factorization!r}")
-        check_between(self, GraphError, prior_sigma=(1e-6, 10.0))
-        check_magnitudes(self, GraphError)

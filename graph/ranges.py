@@ -2,7 +2,7 @@
 
 import dataclasses
 import math
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from graph.errors import IcegError
 
@@ -43,6 +43,27 @@ def number_in(text: str, low: float, high: float, what: str, error: type[IcegErr
     return value
 
 
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class CheckedSettings:
+    """Settings refused outside the ranges that their fields are marked with (`between`, `positive`), or below 0.
+
+    Args:
+        error: raised where a number is out of range; what the class derives from says it, if left out.
+        prefix: before the names of fields in messages.
+    """
+
+    _error: ClassVar[type[IcegError]] = IcegError
+    _prefix: ClassVar[str] = ""
+
+    def __init_subclass__(cls, *, error: type[IcegError] | None = None, prefix: str = "") -> None:
+        super().__init_subclass__()
+        cls._error, cls._prefix = error or cls._error, prefix
+
+    def __post_init__(self) -> None:
+        check_numbers(self, self._error)
+        check_marked(self, self._error, self._prefix)
+
+
 def between(default: Number, least: float, most: float) -> Number:
     """A field of a dataclass of settings that must lie in a range, both ends counted in; see `check_marked`."""
     return dataclasses.field(default=default, metadata={"bounds": (least, most)})
@@ -68,13 +89,12 @@ def check_marked(settings: "DataclassInstance", error: type[IcegError], prefix: 
     check_between(settings, error, prefix, **marks)
 
 
-def check_numbers(settings: "DataclassInstance", error: type[IcegError], *, positive: tuple[str, ...] = ()) -> None:
-    """Refuse negative and enormous numbers among the fields of a dataclass of settings.
+def check_numbers(settings: "DataclassInstance", error: type[IcegError]) -> None:
+    """Refuse negative and enormous numbers among the fields of a dataclass of settings, and zero where marked so.
 
     Args:
         settings: the dataclass; what it nests checks itself.
         error: raised where a number is out of range.
-        positive: fields that must not be zero either, besides those that are marked so.
 
     Raises:
         IcegError: of the type given, with the field, what was found and what was expected.
@@ -83,8 +103,7 @@ def check_numbers(settings: "DataclassInstance", error: type[IcegError], *, posi
         value = getattr(settings, field.name)
         if isinstance(value, bool) or not isinstance(value, int | float):
             continue
-        is_positive = field.name in positive or "positive" in field.metadata
-        if is_positive and not 0 < value < math.inf:
+        if "positive" in field.metadata and not 0 < value < math.inf:
             least = "1 or more" if isinstance(value, int) else "a positive number"
             raise error(f"found {field.name} {shown_number(value)}, expected {least}")
         if not value >= 0:

@@ -73,9 +73,30 @@ def test_bad_settings_in_a_file_are_a_usage_error(
     assert error.count("\n") == 1
 
 
-def test_a_flag_out_of_range_is_a_usage_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["run", "a.clf", "-o", str(tmp_path / "out"), "--grid.resolution", "-1"]) == 2
-    assert "resolution is -1.0" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("flags", "complaint"),
+    [
+        (["--grid.resolution", "-1"], "--grid.resolution: found resolution -1.0, expected 0 or more"),
+        (
+            ["--ice.segments.gap", "1", "--ice.segments.min-points", "1"],
+            "--ice.segments.min-points: found min_points 1, expected a number from 2 to 10000",
+        ),
+        (
+            ["--ice.features.min-angle", "3rad"],
+            "--ice.features.min-angle: found min_angle 3.0, expected a number from 0 to 1.5708 (in radians)",
+        ),
+        (
+            ["--ice.refinement.scale", "2", "--ice.refinement.coarse-scale", "1"],
+            "--ice.refinement.scale: found scale 2.0 m, expected at most coarse_scale, 1.0 m",
+        ),
+        (["--log.range-max", "-1"], "--log.range-max: range_max is -1.0 m, expected more than 0.0 m, at most 10000 m"),
+    ],
+)
+def test_a_flag_out_of_range_is_a_usage_error(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], flags: list[str], complaint: str
+) -> None:
+    assert main(["run", "a.clf", "-o", str(tmp_path / "out"), *flags]) == 2
+    assert capsys.readouterr().err == f"iceg: {complaint}\n"
 
 
 @pytest.mark.parametrize("flag", [["--loops.odometry-doubt", "3"], ["--loops.odometry-doubt=3"]])

@@ -123,7 +123,7 @@ def test_importing_the_configuration_is_light() -> None:
 @pytest.mark.parametrize(
     ("setting", "value", "complaint"),
     [
-        ("grid.resolution", "inf", "resolution is inf m, expected a positive number from 0.0001 to 100000"),
+        ("grid.resolution", "inf", "found resolution inf, expected a number from 0.0001 to 100000"),
         ("loops.spacing", "-1.0", "found spacing -1.0, expected 0 or more"),
         ("loops.place_confirmations", "0", "found place_confirmations 0, expected 1 or more"),
         ("finish.rounds", "-1", "found rounds -1, expected 0 or more"),

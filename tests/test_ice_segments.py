@@ -217,5 +217,5 @@ def test_segments_turn_with_the_mount_of_the_laser(x: float, y: float, heading: 
 
 
 def test_settings_out_of_range_are_refused() -> None:
-    with pytest.raises(IceConfigError, match="min_points must be at least 2, found 1"):
+    with pytest.raises(IceConfigError, match="found min_points 1, expected a number from 2"):
         SegmentConfig(min_points=1)

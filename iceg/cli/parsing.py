@@ -59,7 +59,7 @@ def _parsed(entry: Entry, words: Sequence[str], name: str) -> Command:
         _with_flags_of(entry, flags_of(settings, names) if names else None), args=words, prog=f"iceg {name}"
     )
     own = {field.name: getattr(parsed, field.name) for field in _own_fields(entry.kind)}
-    chosen = with_flags(settings, parsed.flags) if names else settings
+    chosen = with_flags(settings, parsed.flags, entry.prefix) if names else settings
     return entry.kind(**{**own, "settings": chosen})
 
 

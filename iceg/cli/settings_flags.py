@@ -17,8 +17,9 @@ from typing import Annotated, Any, TypeVar, Union
 import tyro
 from tyro.constructors import PrimitiveConstructorSpec
 
+from graph.errors import IcegError
 from graph.units import RADIAN, shown_angle
-from iceg.settings_file import field_documentation
+from iceg.settings_file import ConfigError, field_documentation
 
 Settings = TypeVar("Settings")
 
@@ -110,21 +111,39 @@ def listed_flags_of(settings: Any, names: Sequence[str]) -> Any:  # noqa: ANN401
     return dataclasses.make_dataclass("Listed", made, frozen=True, kw_only=True)()
 
 
-def with_flags(settings: Settings, flags: Any) -> Settings:  # noqa: ANN401
+def with_flags(settings: Settings, flags: Any, prefix: str) -> Settings:  # noqa: ANN401
     """The settings with the values that the parser found.
 
     Args:
         settings: an instance of a dataclass of settings.
         flags: what `flags_of` has made of them, parsed.
+        prefix: of their flags, such as `log.`.
 
     Raises:
-        IcegError: a value is out of range.
+        ConfigError: a value is out of range, with the flag.
     """
     changed: dict[str, Any] = {}
     for field in dataclasses.fields(flags):
         value, before = getattr(flags, field.name), getattr(settings, field.name)
-        changed[field.name] = with_flags(before, value) if dataclasses.is_dataclass(before) else value
-    return dataclasses.replace(settings, **changed)  # type: ignore[type-var]
+        is_stage = dataclasses.is_dataclass(before)
+        changed[field.name] = with_flags(before, value, f"{prefix}{field.name}.") if is_stage else value
+    try:
+        return dataclasses.replace(settings, **changed)  # type: ignore[type-var]
+    except IcegError as err:
+        refused = [name for name in changed if _is_refused(settings, name, changed[name])] or changed
+        named = ", ".join(f"--{prefix}{name}".replace("_", "-") for name in refused)
+        hints = typing.get_type_hints(type(settings), include_extras=True)
+        in_radians = " (in radians)" if any(_unwrapped(hints[name])[1] for name in refused) else ""
+        raise ConfigError(f"{named}: {err}{in_radians}") from err
+
+
+def _is_refused(settings: Any, name: str, value: object) -> bool:  # noqa: ANN401
+    """Whether settings do not take a value even if nothing else changes."""
+    try:
+        dataclasses.replace(settings, **{name: value})
+    except IcegError:
+        return True
+    return False
 
 
 def parse_angle(text: str) -> float:

@@ -5,7 +5,7 @@ from math import pi
 from typing import Literal
 
 from graph.errors import IcegError
-from graph.ranges import check_between, check_numbers
+from graph.ranges import CheckedSettings, between, positive
 from graph.units import Radians
 
 Fitness = Literal["points", "probabilistic", "paper"]
@@ -23,23 +23,23 @@ _COUNTS = (1, 10_000)
 """What lengths [m] and counts may be, so that no reference fills the memory and no search lasts for ever."""
 
 
-def _require(condition: bool, message: str) -> None:
-    if not condition:
-        raise IceConfigError(message)
+@dataclass(frozen=True, kw_only=True)
+class _IceSettings(CheckedSettings, error=IceConfigError):
+    """Settings of ICE."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class SegmentConfig:
+class SegmentConfig(_IceSettings):
     """How a scan is cut into straight segments."""
 
-    gap: float = 0.3
+    gap: float = positive(0.3)
     """Neighbouring points farther apart than this plus four beam spacings start a new cluster [m]."""
-    split: float = 0.03
+    split: float = positive(0.03)
     """A cluster splits where a point lies farther than this from its line [m], or than split_sigmas if that is more."""
     split_sigmas: float = 3.5
     """A cluster splits only where a point lies farther from its line than so many standard deviations of the scan's
     noise."""
-    min_points: int = 3
+    min_points: int = between(3, 2, 10_000)
     """Fewest points of a segment."""
     min_length: float = 0.2
     """Shortest segment [m]."""
@@ -47,38 +47,28 @@ class SegmentConfig:
     """Fewest points of a segment that is a wall: in the local map its points lie on the line."""
     wall_length: float = 0.6
     """Shortest segment that is a wall [m]."""
-    range_noise: float = 0.01
+    range_noise: float = positive(0.01)
     """Least standard deviation of a point across its line [m]."""
-
-    def __post_init__(self) -> None:
-        for name in ("gap", "split", "range_noise"):
-            _require(getattr(self, name) > 0, f"segments.{name} must be positive, found {getattr(self, name)}")
-        _require(self.min_points >= 2, f"segments.min_points must be at least 2, found {self.min_points}")
-        check_numbers(self, IceConfigError)
 
 
 @dataclass(frozen=True, kw_only=True)
-class FeatureConfig:
+class FeatureConfig(_IceSettings):
     """Which corners, wall ends and intersections are kept."""
 
     corner_gap: float = 0.5
     """Facing ends of two segments closer than this make a corner [m]."""
     extension: float = 4.0
     """Farthest a wall is extended to an intersection [m]."""
-    min_angle: Radians = 25.0 * pi / 180.0
+    min_angle: Radians = positive(25.0 * pi / 180.0, most=0.5 * pi)
     """Smallest angle between the two walls of a corner or intersection [rad]."""
     weak_sigma: float = 0.5
     """Standard deviation along the wall of an end that is only occluded or cut off [m]."""
     merge_radius: float = 0.25
     """Features of different scans closer than this are one feature of the local map [m]."""
 
-    def __post_init__(self) -> None:
-        _require(0 < self.min_angle < pi / 2, f"features.min_angle must lie in (0, π/2), found {self.min_angle}")
-        check_numbers(self, IceConfigError)
-
 
 @dataclass(frozen=True, kw_only=True)
-class HypothesisConfig:
+class HypothesisConfig(_IceSettings):
     """How pairs of features become relative poses and how these are ranked."""
 
     search: Search = "hierarchy"
@@ -88,9 +78,9 @@ class HypothesisConfig:
     ±2 m and ±90° 96 % in 0.6 ms, 92 % in 11 ms, 57 % in 4 ms, 78 % in 15 ms."""
     seed: int = 0
     """Start of the random numbers of the genetic and the evolutionary search."""
-    population: int = 20
+    population: int = positive(20, *_COUNTS)
     """Population of the genetic and the evolutionary search, a third of the poses of one generation."""
-    generations: int = 40
+    generations: int = positive(40, *_COUNTS)
     """Most generations of the genetic and the evolutionary search."""
     fitness: Fitness = "points"
     """Ranking: dense point agreement, features weighed by their covariances, or equations (1)-(3) of the paper. Points
@@ -99,66 +89,45 @@ class HypothesisConfig:
     89 % in 83 ms."""
     opening_gate: Radians = 20.0 * pi / 180.0
     """Largest difference between the opening angles of two paired features [rad]."""
-    field_sigma: float = 0.2
+    field_sigma: float = positive(0.2, *_WIDTHS)
     """Width of the likelihood field that ranks hypotheses by points [m]."""
-    ranking_points: int = 90
+    ranking_points: int = between(90, 10, 10_000)
     """Points of the scan used to rank one hypothesis."""
-    sifting_points: int = 30
+    sifting_points: int = positive(30, *_COUNTS)
     """Points of the scan used to sift all hypotheses before they are ranked."""
-    candidates: int = 12
+    candidates: int = positive(12, *_COUNTS)
     """Most distinct hypotheses that are refined."""
     lead: float = 0.8
     """A hypothesis is refined if its correlation is at least this share of the best."""
-    alternatives: int = 10
+    alternatives: int = positive(10, *_COUNTS)
     """Distinct hypotheses that are compared where the place may be ambiguous (loop closing after much drift)."""
     sigmas: float = 3.0
     """Size of the search window in standard deviations of the guess."""
-    min_window: float = 0.15
+    min_window: float = between(0.15, *_REACHES)
     """Smallest half-width of the search window [m]."""
     min_turn: Radians = 5.0 * pi / 180.0
     """Smallest half-width of the search window in heading [rad]."""
 
-    trusted_window: float = 0.3
+    trusted_window: float = between(0.3, *_REACHES)
     """In a larger window a credible polished guess ends the search only if it hardly moved: it may have slid along a
     corridor [m]."""
-    wide_window: float = 1.0
+    wide_window: float = between(1.0, *_REACHES)
     """Half-width of the window of a second try, when nothing in the first explains the scan [m]."""
     wide_turn: Radians = 75.0 * pi / 180.0
     """Half-width in heading of the window of a second try [rad]."""
 
-    def __post_init__(self) -> None:
-        positive = ("field_sigma", "sifting_points", "candidates", "alternatives", "population", "generations")
-        check_numbers(self, IceConfigError, positive=positive)
-        check_between(
-            self,
-            IceConfigError,
-            field_sigma=_WIDTHS,
-            population=_COUNTS,
-            generations=_COUNTS,
-            ranking_points=_COUNTS,
-            sifting_points=_COUNTS,
-            candidates=_COUNTS,
-            alternatives=_COUNTS,
-            wide_window=_REACHES,
-            min_window=_REACHES,
-            trusted_window=_REACHES,
-        )
-        _require(
-            self.ranking_points >= 10, f"hypotheses.ranking_points must be at least 10, found {self.ranking_points}"
-        )
-
 
 @dataclass(frozen=True, kw_only=True)
-class RefinementConfig:
+class RefinementConfig(_IceSettings):
     """Polish of a hypothesis on all points, point to line."""
 
     enabled: bool = True
     """Off leaves the pose as the features give it."""
-    scale: float = 0.04
+    scale: float = between(0.04, *_WIDTHS)
     """Final width of the Cauchy weight [m]."""
-    coarse_scale: float = 0.5
+    coarse_scale: float = between(0.5, *_WIDTHS)
     """Width at which the first, wide stage starts [m]."""
-    iterations: int = 20
+    iterations: int = between(20, 0, 10_000)
     """Most Gauss-Newton steps of the fine stage."""
     tracking_prior: float = 3.0
     """Pull of odometry on a pose between two key scans, in points."""
@@ -166,9 +135,9 @@ class RefinementConfig:
     """The guess is taken without further hypotheses when this share of the points agrees after its polish."""
     wide_below: float = 0.6
     """Below this share the search is repeated in the wide window."""
-    min_inliers: float = 0.45
+    min_inliers: float = between(0.45, 0.0, 1.0)
     """A match needs at least this share of its points on the reference."""
-    min_points: int = 15
+    min_points: int = positive(15)
     """Fewest returns of a scan that is matched."""
     new_overlap: float = 0.3
     """Least share of the beams on the map in a scan that is matched though it sees much new."""
@@ -187,88 +156,65 @@ class RefinementConfig:
     """Surfels within this of the laser are judged by its beams [m]."""
     contradiction_reach: float = 20.0
     """Surfaces farther than this from a laser contradict nothing: its heading is not known that well [m]."""
-    margin: float = 0.2
+    margin: float = positive(0.2)
     """A beam sees a surface of the reference if it ends within this of it [m]."""
-    across: float = 0.15
+    across: float = positive(0.15)
     """A beam contradicts a surface seen at a flat angle only if it ends this far beyond it [m]."""
 
     def __post_init__(self) -> None:
-        _require(self.min_points >= 1, f"refinement.min_points must be at least 1, found {self.min_points}")
-        _require(
-            0 < self.scale <= self.coarse_scale,
-            f"refinement: need 0 < scale <= coarse_scale, found {self.scale} and {self.coarse_scale}",
-        )
-        check_numbers(self, IceConfigError, positive=("margin", "across"))
-        _require(0 <= self.min_inliers <= 1, f"refinement.min_inliers must lie in [0, 1], found {self.min_inliers}")
-        check_numbers(self, IceConfigError)
-        check_between(self, IceConfigError, scale=_WIDTHS, coarse_scale=_WIDTHS, iterations=(0, 10_000))
+        super().__post_init__()
+        if self.scale > self.coarse_scale:
+            raise IceConfigError(f"found scale {self.scale} m, expected at most coarse_scale, {self.coarse_scale} m")
 
 
 @dataclass(frozen=True, kw_only=True)
-class LocalMapConfig:
+class LocalMapConfig(_IceSettings):
     """The reference: surfels and features of recent and revisited key scans."""
 
-    cell: float = 0.1
+    cell: float = between(0.1, *_CELLS)
     """Reference points in one cell that face the same way are averaged to one surfel [m]."""
-    reach: float = 25.0
+    reach: float = positive(25.0, *_REACHES)
     """Points farther than this from the newest key pose are left out [m], unless its scan sees much beyond."""
-    fine_radius: float = 0.4
+    fine_radius: float = positive(0.4, *_REACHES)
     """Farthest correspondence of the fine stage [m]."""
-    coarse_cell: float = 0.2
+    coarse_cell: float = between(0.2, *_CELLS)
     """Cell of the wide field [m]."""
-    coarse_radius: float = 1.0
+    coarse_radius: float = positive(1.0, *_REACHES)
     """Farthest correspondence of the wide stage [m]."""
-    normal_reach: float = 0.2
+    normal_reach: float = positive(0.2)
     """Neighbours up to this far on either side give a point its normal [m]."""
-    sharpen: float = 0.0
+    sharpen: float = between(0.0, 0.0, 1.0)
     """Surfels gather where most points of a wall lie that are spread by so much [m]."""
 
     def __post_init__(self) -> None:
-        check_numbers(self, IceConfigError, positive=("reach", "fine_radius", "coarse_radius", "normal_reach"))
-        check_between(
-            self,
-            IceConfigError,
-            cell=_CELLS,
-            coarse_cell=_CELLS,
-            reach=_REACHES,
-            fine_radius=_REACHES,
-            coarse_radius=_REACHES,
-            sharpen=(0.0, 1.0),
-        )
-        _require(
-            0 < self.cell <= self.coarse_cell,
-            f"local_map: need 0 < cell <= coarse_cell, found {self.cell} and {self.coarse_cell}",
-        )
+        super().__post_init__()
+        if self.cell > self.coarse_cell:
+            raise IceConfigError(f"found cell {self.cell} m, expected at most coarse_cell, {self.coarse_cell} m")
 
 
 @dataclass(frozen=True, kw_only=True)
-class CovarianceConfig:
+class CovarianceConfig(_IceSettings):
     """Covariance from the correlation scores around the optimum."""
 
-    min_sigma: float = 0.004
+    min_sigma: float = positive(0.004)
     """The residuals of a match are never taken to be smaller than this [m]."""
-    independence: float = 0.8
+    independence: float = positive(0.8)
     """Share of the points that count as independent where neighbouring residuals are uncorrelated (correlation
     lessens it further); calibrated against simulated truth."""
-    points: int = 60
+    points: int = positive(60, *_COUNTS)
     """Points of the scan used for the scores."""
-    max_step: float = 0.15
+    max_step: float = positive(0.15, 1e-4, 10.0)
     """Largest spacing of the score grid; two of them on each side bound the window [m, rad]."""
-    weak_sigma: float = 1.0
+    weak_sigma: float = positive(1.0, most=100.0)
     """Standard deviation given to a direction the match cannot observe [m, rad]: gates and closures compute with it,
     the path takes nothing from there."""
-    doubtful_length: float = 0.2
+    doubtful_length: float = positive(0.2)
     """Where nothing has measured the guess of a match, so much wall that holds it along some direction is as probably
     something else [m]: a door's edge, a chair or a person. Of twice as much that is one in seventeen, and so on with
     the fourth power."""
     similar_per_metre: float = 20.0
     """So many similar things lie within reach for each metre of the guess's standard deviation [1/m]: where something
     else holds a match, its squared error is so many times the cube of that deviation."""
-
-    def __post_init__(self) -> None:
-        positive = ("min_sigma", "independence", "points", "max_step", "weak_sigma", "doubtful_length")
-        check_numbers(self, IceConfigError, positive=positive)
-        check_between(self, IceConfigError, points=_COUNTS, max_step=(1e-4, 10.0), weak_sigma=(0.0, 100.0))
 
 
 @dataclass(frozen=True, kw_only=True)
