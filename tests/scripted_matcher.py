@@ -43,6 +43,11 @@ class ScriptedMatcher(ScanByScan):
         self, reference: Any, scan: Scan, T_ref_guess: NDArray[np.float64], covariance_guess: NDArray[np.float64]
     ) -> RelativePose | NoMatch: ...
 
+    def position_information(self, reference: Any, scan: Scan, T_ref_cur: NDArray[np.float64]) -> NDArray[np.float64]:
+        """As if a wall stood on every side."""
+        del reference, scan, T_ref_cur
+        return 1e8 * np.eye(2)
+
     def match_unguided(
         self, reference: Any, scan: Scan, T_ref_guess: NDArray[np.float64], covariance_guess: NDArray[np.float64]
     ) -> RelativePose | NoMatch:

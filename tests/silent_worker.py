@@ -7,7 +7,8 @@ import time
 from iceg.kernels.signatures import listed_kernels
 
 if __name__ == "__main__":
-    for place, kernel in enumerate(listed_kernels()):
-        if kernel.stage in ("matching", "sweep"):
-            os.write(sys.stdout.fileno(), bytes([place, True]))
+    for stage in ("matching", "sweep"):
+        for place, kernel in enumerate(listed_kernels()):
+            if kernel.stage == stage:
+                os.write(sys.stdout.fileno(), bytes([place, True]))
     time.sleep(600)

@@ -22,7 +22,15 @@ from iceg.ice.hypotheses import SearchWindow, distinct, pair_hypotheses, search_
 from iceg.ice.local_map import LocalMap, View, box_around
 from iceg.ice.noise import PLAIN
 from iceg.ice.points import ScanPoints, extract_points
-from iceg.ice.refinement import FACING, Refined, approach, evaluate_points, polish_on_features, refine_on_points
+from iceg.ice.refinement import (
+    FACING,
+    Refined,
+    approach,
+    evaluate_points,
+    polish_on_features,
+    position_information,
+    refine_on_points,
+)
 from iceg.ice.search import breed_hypotheses, evolve_hypotheses, grid_hypotheses
 from iceg.ice.segments import segment_rows, smoothed_on_segments
 from iceg.ice.tracking import Followed, Limits, Polish, Standing, follow_scans
@@ -273,6 +281,13 @@ class IceMatcher:
         """Compare scans with a local map at given poses, (n, 3), in both directions, all counts together."""
         points = [self._points(scan) for scan in scans]
         return agreement(scans, points, reference, T_ref_scans, self.config.refinement)
+
+    def position_information(
+        self, reference: LocalMap, scan: Scan, T_ref_cur: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(2, 2) how well a scan measures its position at a (3,) pose, in the robot's frame [1/m²], not its heading."""
+        refined = evaluate_points(self._points(scan), reference, T_ref_cur, self.config.refinement)
+        return position_information(refined, self.config.covariance.min_sigma)
 
     def join(self, scans: Sequence[Scan]) -> JoinedScans:
         """One scan or more, prepared for `agreements`."""

@@ -1,10 +1,12 @@
 """Polish of a hypothesis: on all points (point to line) or on the coinciding features."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from graph import dense
 from iceg.ice import _hypothesis_kernels as hypothesis_kernels
 from iceg.ice import _refinement_kernels as kernels
 from iceg.ice.config import RefinementConfig
@@ -15,6 +17,8 @@ from iceg.ice.points import ScanPoints
 FACING = 0.3
 """Least cosine between the normals of a point and of its surfel."""
 _ANY_FACING = -2.0
+_LEAST_TURN = 1e-9
+"""A heading is taken to be measured by no less [m²]."""
 _COARSE_SCALE = 0.15
 _COARSE_ITERATIONS = 10
 _COARSE_POINTS = 120
@@ -119,6 +123,20 @@ def evaluate_points(
         prior_weight=0.0,
         facing=FACING,
     )
+
+
+def position_information(refined: Refined, least_residual: float) -> NDArray[np.float64]:
+    """(2, 2) how well the position of a polished pose is measured, in the robot's frame [1/m²], whatever its heading.
+
+    Args:
+        refined: the pose.
+        least_residual: the residuals are never taken to be smaller [m].
+    """
+    position, lever, turn = refined.hessian[:2, :2], refined.hessian[:2, 2], refined.hessian[2, 2]
+    without_turn = position - np.outer(lever, lever) / max(turn, _LEAST_TURN)  # Schur complement
+    c, s = math.cos(refined.T_ref_cur[2]), math.sin(refined.T_ref_cur[2])
+    in_robot = dense.congruence(np.array([[c, s], [-s, c]]), without_turn)
+    return in_robot / max(refined.residual, least_residual) ** 2
 
 
 def _descend(

@@ -108,6 +108,12 @@ class CompletedMatcher:
         """What the judge says."""
         return self.judge.agreement(reference.local_map, scan, T_ref_cur)
 
+    def position_information(
+        self, reference: JudgedReference, scan: Scan, T_ref_cur: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """What the judge says."""
+        return self.judge.position_information(reference.local_map, scan, T_ref_cur)
+
     def match_near(
         self, reference: JudgedReference, scan: Scan, T_ref_guess: NDArray[np.float64]
     ) -> RelativePose | NoMatch:

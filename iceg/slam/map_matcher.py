@@ -50,6 +50,15 @@ class MapMatcher(Matcher, Protocol):
         """Compare a scan with a reference at a given (3,) pose, in both directions."""
         ...
 
+    def position_information(
+        self,
+        reference: Any,  # noqa: ANN401
+        scan: Scan,
+        T_ref_cur: NDArray[np.float64],
+    ) -> NDArray[np.float64]:
+        """(2, 2) how well a scan measures its position at a (3,) pose, in the robot's frame [1/m²], not its heading."""
+        ...
+
     def match_unguided(
         self,
         reference: Any,  # noqa: ANN401

@@ -129,6 +129,26 @@ class OdometryCheckConfig(SlamSettings, prefix="odometry check: "):
 
 
 @dataclass(frozen=True, kw_only=True)
+class VelocityFilterConfig(SlamSettings, prefix="velocity filter: "):
+    """How a robot goes on from scan to scan where no odometry tells."""
+
+    ahead_at_first: float = positive(0.2)
+    """Standard deviation of the velocity along the robot before any match tells it [m per scan]."""
+    aside_at_first: float = positive(0.05)
+    """Standard deviation of the velocity to its side [m per scan]."""
+    change_ahead: float = positive(0.06)
+    """Standard deviation by which the velocity along the robot changes from one scan to the next [m per scan]."""
+    change_aside: float = positive(0.01)
+    """Standard deviation by which the velocity to its side changes [m per scan]."""
+    kept_aside: float = between(0.7, 0.0, 1.0)
+    """Share of the velocity to the side that is left after a scan: robots go ahead."""
+    points_together: float = positive(3.0)
+    """So many points of a scan in a row err together: it measures its position as well as the rest of them."""
+    match_deviation: float = positive(0.01)
+    """Standard deviation of a match at least [m]."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class TrackingConfig(SlamSettings):
     """Which pose of a scan is believed, and when tracking is lost."""
 
@@ -152,6 +172,8 @@ class TrackingConfig(SlamSettings):
     """After so many scans that neither odometry nor a match speaks for, a robot may be anywhere."""
     max_step: float = 10.0
     """No robot moves farther from one scan to the next [m]: 180 km/h at 5 Hz."""
+    velocity: VelocityFilterConfig = field(default_factory=VelocityFilterConfig)
+    """How it goes on where no odometry tells."""
     unknown_odometry: OdometryModel = field(
         default_factory=lambda: OdometryModel(
             along_per_metre=0.3,

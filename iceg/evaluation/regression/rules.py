@@ -98,6 +98,12 @@ def _believing_little(config: Config) -> Config:
     return replace(config, ice=replace(config.ice, covariance=covariance))
 
 
+def _running_away(config: Config) -> Config:
+    newest = replace(config.front_end.tracking.velocity, change_ahead=1e3, change_aside=1e3, kept_aside=1.0)
+    tracking = replace(config.front_end.tracking, velocity=newest)
+    return replace(config, front_end=replace(config.front_end, tracking=tracking))
+
+
 def _without_joint_refinement(config: Config) -> Config:
     joint = replace(config.finish.joint, enabled=False)
     return replace(config, finish=replace(config.finish, joint=joint))
@@ -158,6 +164,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "held by chance": Rule(
             what="a direction that next to no wall holds is known no better than the guess allows",
             config=_believing_little,
+        ),
+        "velocity filter": Rule(
+            what="without odometry a robot goes on as all matches say together, not as the newest one",
+            config=_running_away,
         ),
         "halves of scans": Rule(
             what="matches count less where halves of scans disagree",

@@ -12,6 +12,9 @@ from graph import dense
 _WIDTHS = (0.125, 0.25, 0.5, 1.0, 2.0)
 """Rates of turning at which a robot may be half as fast as straight on, in parts of their root mean square: the one
 that explains the steps best is taken."""
+_HELD = 0.2
+"""As by so much of a step are the coefficients of the turns held at zero: where next to nothing is seen they would
+explain its noise."""
 _LEAST_RATE = 1e-4
 """The root mean square is never taken to be smaller [rad per interval]."""
 
@@ -29,7 +32,7 @@ def usual_velocities(
 
     With ω the rate of turning from scan to scan and w one of a few widths, the velocity along and across is taken for
     a + b · mean(1 / (1 + (ω/w)²)) + c · mean(ω), by least squares over the steps that are seen, each by its time; b
-    and c are held at zero as by one step more. A turn is as fast as all of them are in the mean.
+    and c are held at zero as by a part of a step. A turn is as fast as all of them are in the mean.
 
     Args:
         velocities: (n, 3) of the steps along, across and of their turns, per usual interval [m or rad].
@@ -63,5 +66,5 @@ def usual_velocities(
 def _regressed(design: Floats, values: Floats, weights: Floats, seen: NDArray[np.bool_]) -> Floats:
     """(n, k) the values that (n, p) features foretell, of which the first is constant; learned from those seen."""
     weighted = design[seen] * weights[:, None]
-    information = dense.matmul(weighted.T, design[seen]) + np.diag([0.0, *np.ones(design.shape[1] - 1)])
+    information = dense.matmul(weighted.T, design[seen]) + np.diag([0.0, *np.full(design.shape[1] - 1, _HELD)])
     return dense.matmul(design, dense.solve(information, dense.matmul(weighted.T, values[seen])))

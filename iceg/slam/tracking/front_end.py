@@ -22,6 +22,7 @@ from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan, Track
 from iceg.slam.tracking.odometry_check import Expectation, OdometryCheck
 from iceg.slam.tracking.sight import is_blind, sees_next_to_nothing, sees_nothing
+from iceg.slam.tracking.velocity_filter import VelocityFilter
 
 Floats = NDArray[np.float64]
 
@@ -70,6 +71,7 @@ class FrontEnd:
         self._unknown_scans = 0
         self._T_track_robot = np.zeros(3)
         self._newest_step = (np.zeros(3), np.zeros(3))
+        self._velocity: VelocityFilter | None = None
         self.failures = 0
         self.lost: list[int] = []
         self.breaks: list[int] = []
@@ -132,9 +134,12 @@ class FrontEnd:
         if step is not None and is_sudden and self._goes_on(scan, step):
             self.breaks.append(index)
             step = None
+        is_told = step is not None or foretold is not None
         if step is None:
             step, noise = self._constant_velocity() if foretold is None else foretold, self._unknown
             self._forget_motion()
+        if is_told:
+            self._velocity = None
         self.motion = noise.extend(self.motion, step)
         self._follow(scan, compose(before, step))
         if self._is_key(scan):
@@ -162,7 +167,7 @@ class FrontEnd:
         if not len(poses):
             return poses
         before = poses[-2] if len(poses) > 1 else self._T_track_robot
-        self.is_blind, self._matched, self.motion = False, self._local, found.motion
+        self.is_blind, self._matched, self.motion, self._velocity = False, self._local, found.motion, None
         self._T_track_robot, self._newest_step = poses[-1].copy(), (before, poses[-1].copy())
         if found.points is not None:
             scan = Scan(ranges=ranges[len(poses) - 1], geometry=geometry)
@@ -191,9 +196,12 @@ class FrontEnd:
         return math.hypot(*step[:2]) <= max(self._config.odometry_check.jump_distance, longest)
 
     def _constant_velocity(self) -> Floats:
-        """The newest step once more; none after one that only odometry took."""
-        step = between(*self._newest_step)
-        return step if math.hypot(step[0], step[1]) <= self._config.tracking.max_step else np.zeros(3)
+        """The step that a robot makes which goes on as the matches say."""
+        newest = between(*self._newest_step)
+        if self._velocity is None:
+            is_step = math.hypot(newest[0], newest[1]) <= self._config.tracking.max_step
+            self._velocity = VelocityFilter(newest[:2] if is_step else np.zeros(2), self._config.tracking.velocity)
+        return self._velocity.step(float(newest[2]))
 
     def _found_after(self, scan: Scan, step: Floats, guess: Floats) -> Floats | NoMatch:
         """Pose of a scan if the robot made a step that leads to `guess`."""
@@ -248,6 +256,9 @@ class FrontEnd:
             self._T_track_robot, self._newest_step = guess, (straight_on, guess)
         else:
             self._T_track_robot, self._newest_step = found, (before, found)
+            if self._velocity is not None:
+                information = self._matcher.position_information(self._matched.reference, scan, found)
+                self._velocity.correct(between(guess, found)[:2], information)
 
     def _find(self, local_map: _LocalMap, scan: Scan, guess: Floats, expected: Expectation) -> Floats | NoMatch:
         """Pose of a scan on a local map, in the track frame."""
