@@ -53,7 +53,9 @@ with odometry) two end far worse, one of them 4.3 m off instead of .46 m (random
 192 random scenes (seeds 192 to 383) say that odometry was widened too soon and scans of few returns given up too early:
 they were made before either was changed. The 182 scenes without odometry are those of the seeds 0 to 767; half of them
 were first run when both rules stood. The rows of *robust closures* on logs and faults are of a kernel that faded from a
-χ² of 5 on, where one true closure in six lies.
+χ² of 5 on, where one true closure in six lies. *Velocity filter* moves nothing once a log has been tracked a second
+time. The first pass alone, which is all that scans added one by one get, errs without it 1.21 times as far on those 230
+scenes, and 1.33 times as far from scan to tenth scan (p below 1e-4 for both).
 """
 
 
