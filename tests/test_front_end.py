@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from frontends.scan import Log, Scan, ScanGeometry
@@ -266,6 +267,36 @@ def test_a_few_beams_from_afar_are_matched_and_begin_no_new_ground(is_lost: bool
         front_end.add(index, Scan(ranges=ranges, geometry=geometry), np.array([0.1, 0.0, 0.0]))
     assert (front_end.failures > 30) == is_lost
     assert not front_end.lost
+
+
+class WatchedMatcher(TruthMatcher):
+    """Remembers where scans were looked for."""
+
+    def __init__(self, truth: NDArray[np.float64]) -> None:
+        super().__init__(truth)
+        self.guesses: list[NDArray[np.float64]] = []
+
+    def track(
+        self,
+        reference: NDArray[np.float64],
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> NDArray[np.float64] | NoMatch:
+        self.guesses.append(T_ref_guess)
+        return super().track(reference, scan, T_ref_guess, covariance_guess)
+
+
+def test_a_robot_found_far_off_is_not_looked_for_as_far_again() -> None:
+    """It is carried farther than any robot moves in a scan, found there, and stands."""
+    truth = np.zeros((7, 3))
+    truth[:, 0] = [0.0, 0.0, 0.1, 0.2, 30.0, 30.0, 30.0]  # the first for scan 0, which is not asked for
+    matcher = WatchedMatcher(truth)
+    front_end = FrontEnd(matcher, None, _CONFIG)
+    poses = np.array([front_end.add(k, _scan(k + 1), None) for k in range(6)])
+    assert_allclose(poses[:, 0], truth[1:, 0], atol=0.05)
+    assert matcher.guesses[2][0] < 1.0
+    assert_allclose(matcher.guesses[3], truth[4], atol=1e-6)
 
 
 def test_without_odometry_the_velocity_is_taken_as_constant() -> None:

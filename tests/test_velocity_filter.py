@@ -87,7 +87,7 @@ def test_a_robot_between_two_walls_is_told_by_its_turn_that_it_stands() -> None:
         expected = velocity.step(0.14)
         heading += 0.14
         normal = np.array([np.sin(heading), np.cos(heading)])  # of the walls, in the robot's frame
-        velocity.correct(-expected[:2] * normal * normal, 1e8 * np.outer(normal, normal))
+        velocity.correct(-(expected[:2] @ normal) * normal, 1e8 * np.outer(normal, normal))
     assert np.abs(velocity.velocity).max() < 0.03
 
 

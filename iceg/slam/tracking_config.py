@@ -143,7 +143,7 @@ class VelocityFilterConfig(SlamSettings, prefix="velocity filter: "):
     kept_aside: float = between(0.7, 0.0, 1.0)
     """Share of the velocity to the side that is left after a scan: robots go ahead."""
     points_together: float = positive(3.0)
-    """So many points of a scan in a row err together: it measures its position as well as the rest of them."""
+    """So many points of a scan measure its position as one does: those in a row err together."""
     match_deviation: float = positive(0.01)
     """Standard deviation of a match at least [m]."""
 

@@ -13,8 +13,8 @@ _WIDTHS = (0.125, 0.25, 0.5, 1.0, 2.0)
 """Rates of turning at which a robot may be half as fast as straight on, in parts of their root mean square: the one
 that explains the steps best is taken."""
 _HELD = 0.2
-"""As by so much of a step are the coefficients of the turns held at zero: where next to nothing is seen they would
-explain its noise."""
+"""The coefficients of the turns are held at zero as by so much of a step, lest they explain noise where next to nothing
+is seen."""
 _LEAST_RATE = 1e-4
 """The root mean square is never taken to be smaller [rad per interval]."""
 

@@ -196,10 +196,10 @@ class FrontEnd:
         return math.hypot(*step[:2]) <= max(self._config.odometry_check.jump_distance, longest)
 
     def _constant_velocity(self) -> Floats:
-        """The step that a robot makes which goes on as the matches say."""
+        """The step that a robot makes which goes on as the matches say; who was just found far off stands."""
         newest = between(*self._newest_step)
-        if self._velocity is None:
-            is_step = math.hypot(newest[0], newest[1]) <= self._config.tracking.max_step
+        is_step = math.hypot(newest[0], newest[1]) <= self._config.tracking.max_step
+        if self._velocity is None or not is_step:
             self._velocity = VelocityFilter(newest[:2] if is_step else np.zeros(2), self._config.tracking.velocity)
         return self._velocity.step(float(newest[2]))
 
