@@ -89,10 +89,14 @@ def test_a_study_compares_each_rule_with_nothing_switched_off(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        (Bench(long=True), "--groups, --long and --baseline need --parts regression"),
+        (Bench(long=True), "--seeds, --odometry and --baseline need --parts regression"),
+        (Bench(seeds="1-2"), "--seeds, --odometry and --baseline need --parts regression"),
         (Bench(parts=("regression",), workers=0), "--workers 0"),
         (Ablation(off=("near odometry",)), "need --rules"),
         (Ablation(rules=True, off=("witchcraft",)), "--off 'witchcraft', expected some of relocalisation"),
+        (Ablation(seeds="1-2"), "--seeds, --odometry and --workers need --rules"),
+        (Ablation(rules=True, odometry=("none",)), "--odometry needs --seeds"),
+        (Bench(parts=("regression",), seeds="1-2", groups=("logs",)), "--seeds and --groups or --long, expected one"),
         (Ablation(rules=True, faults=True), "no logs, --faults or --scales"),
     ],
 )

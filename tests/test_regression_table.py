@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -10,6 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from frontends.logs import read_log
+from frontends.simulator.random_scenes.devices import Quality
+from frontends.simulator.random_scenes.scene import drawn_odometry
 from iceg.demo import demo_log_path, demo_truth_path
 from iceg.evaluation.bench.tables import write_csv
 from iceg.evaluation.degradation import DEGRADATIONS
@@ -20,6 +23,7 @@ from iceg.evaluation.regression.comparison import changed_cells, compare
 from iceg.evaluation.regression.kept import BASELINE
 from iceg.evaluation.regression.lasers import LASERS
 from iceg.evaluation.regression.outcome import Outcome, read_outcomes, write_outcomes
+from iceg.evaluation.regression.random_cells import in_words, random_cells
 from iceg.evaluation.regression.recordings import Recording, recording_of, with_noise
 from iceg.evaluation.regression.runner import outcomes
 from iceg.evaluation.regression.totals import Totals
@@ -140,6 +144,31 @@ def test_without_public_logs_the_embedded_one_and_simulations_are_left() -> None
     assert {cell.source for cell in cells(None) if cell.group in {"logs", "faults"}} == {"office"}
     with pytest.raises(EvaluationError, match="worlds"):
         chosen(None, ("worlds",))
+
+
+def test_random_scenes_are_chosen_by_their_seeds_and_the_wheels_they_draw() -> None:
+    everything = random_cells("40-75")
+    assert [cell.source for cell in everything] == [f"random:{seed}" for seed in range(40, 76)]
+    by_wheels = [random_cells("40-75", (quality,)) for quality in get_args(Quality)]
+    assert sorted(cell.name for some in by_wheels for cell in some) == sorted(cell.name for cell in everything)
+    without = random_cells("40-75", ("none",))[0]
+    assert not recording_of(without, None).log.has_odometry
+    assert [cell.source for cell in random_cells("7")] == ["random:7"]
+    assert in_words("40-75") == "random scenes 40-75"
+    assert in_words("40-75", ("fair", "none")) == "random scenes 40-75, odometry fair or none"
+
+
+@pytest.mark.parametrize("seeds", ["", "a", "-3", "7-", "9-8", "1-2-3", "0-10000", "\u0663", "1 - 2"])
+def test_what_is_no_range_of_seeds_is_refused(seeds: str) -> None:
+    with pytest.raises(EvaluationError, match=f"found seeds '{seeds}', expected one or a range"):
+        random_cells(seeds)
+
+
+def test_a_range_of_seeds_without_such_wheels_is_told() -> None:
+    (quality,) = {drawn_odometry(3)}
+    others = tuple(other for other in get_args(Quality) if other != quality)
+    with pytest.raises(EvaluationError, match=r"found no scene with odometry .* among seeds 3"):
+        random_cells("3", others)
 
 
 def test_lasers_see_as_far_and_as_wide_as_they_are_named() -> None:

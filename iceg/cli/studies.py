@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
     from iceg.evaluation.bench.logs import BenchLog
     from iceg.evaluation.bench.outcome import Outcome
+    from iceg.evaluation.regression.cells import Cell
     from iceg.evaluation.regression.outcome import Outcome as RegressionOutcome
 
 Groups = Annotated[
@@ -27,6 +28,18 @@ Groups = Annotated[
 Long = Annotated[
     tyro.conf.FlagCreatePairsOff[bool],
     tyro.conf.arg(help="Regression table: every cell there is, instead of a sample that takes some ten minutes."),
+]
+Seeds = Annotated[
+    str | None,
+    tyro.conf.arg(
+        metavar="A-B",
+        help="Regression table: instead of its cells the random scenes of these seeds, such as 5000-5099.",
+        help_behavior_hint="",
+    ),
+]
+Odometry = Annotated[
+    tuple[Literal["good", "fair", "poor", "none"], ...],
+    tyro.conf.arg(help="--seeds: only robots whose odometry is so good; left out: any.", help_behavior_hint=""),
 ]
 
 
@@ -81,6 +94,8 @@ class Bench:
     ] = ()
     groups: Groups = ()
     long: Long = False
+    seeds: Seeds = None
+    odometry: Odometry = ()
     baseline: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -104,8 +119,9 @@ class Bench:
                 if self.file is None
                 else "--data and --parts belong to the benchmark without FILE"
             )
-        if not has_regression and (self.groups or self.long or self.baseline is not None):
-            raise UsageError("--groups, --long and --baseline need --parts regression")
+        if not has_regression and (_chooses_cells(self) or self.baseline is not None):
+            raise UsageError("--groups, --long, --seeds, --odometry and --baseline need --parts regression")
+        _check_choice(self)
         if self.workers is not None and self.workers < 1:
             raise UsageError(f"found --workers {self.workers}, expected at least 1")
         check_directory(self.output, overwrite=True)
@@ -118,24 +134,26 @@ class Bench:
     def _real_logs(self, telling: Telling) -> None:
         from iceg.evaluation.bench.real_logs import PARTS, real_log_tables
 
-        data = _public_logs(self.data, telling)
         tables = [part for part in self.parts if part != "regression"] if self.parts else PARTS
+        data = None if self.seeds is not None and not tables else _public_logs(self.data, telling)
         for name, rows in real_log_tables(data, self.output, tables):
             telling.table(name, name.replace("-", " ").capitalize(), rows)
         if "regression" in self.parts:
             self._regression(data, telling)
 
     def _regression(self, data: Path | None, telling: Telling) -> None:
-        from iceg.evaluation.regression.cells import chosen
         from iceg.evaluation.regression.comparison import changed_cells
         from iceg.evaluation.regression.kept import BASELINE
         from iceg.evaluation.regression.outcome import read_outcomes
         from iceg.evaluation.regression.study import compared_by_group, outcomes_of, total_rows
 
         before = read_outcomes(self.baseline or BASELINE)
-        cells = chosen(data, self.groups, short=not self.long)
+        cells, _ = _chosen_cells(self, data)
         after = outcomes_of(cells, data, self.output, self.workers or _cores(), _Counted(len(cells), telling))
         telling.table("regression", "Regression table", total_rows(after))
+        if not {one.name for one in before} & {one.name for one in after}:
+            telling.say("The baseline has none of these cells: --baseline names an earlier regression.csv that does.")
+            return
         telling.table("against_baseline", "Against the baseline", compared_by_group(before, after))
         changed = changed_cells(before, after)
         telling.table("changed_cells", f"Cells that changed: {len(changed)}", changed)
@@ -217,6 +235,8 @@ class Ablation:
     ] = ()
     groups: Groups = ()
     long: Long = False
+    seeds: Seeds = None
+    odometry: Odometry = ()
     workers: Annotated[
         int | None,
         tyro.conf.arg(metavar="N", help="--rules: runs at a time; left out: one for each core.", help_behavior_hint=""),
@@ -238,8 +258,8 @@ class Ablation:
         if self.rules:
             self._without_rules(telling)
             return
-        if self.off or self.groups or self.long or self.workers is not None:
-            raise UsageError("--off, --groups, --long and --workers need --rules")
+        if self.off or _chooses_cells(self) or self.workers is not None:
+            raise UsageError("--off, --groups, --long, --seeds, --odometry and --workers need --rules")
         check_directory(self.output, overwrite=True)
         logs = logs_to_judge(self.logs, None if self.logs else _public_logs(self.data, telling))
         if self.scales is not None:
@@ -268,7 +288,6 @@ class Ablation:
         telling.table("settings", "", rows)
 
     def _without_rules(self, telling: Telling) -> None:
-        from iceg.evaluation.regression.cells import chosen
         from iceg.evaluation.regression.rules import RULES, unknown_rules
         from iceg.evaluation.regression.study import rule_rows
         from iceg.results import check_directory
@@ -278,13 +297,14 @@ class Ablation:
         unknown = unknown_rules(self.off)
         if unknown:
             raise UsageError(f"found --off '{unknown[0]}', expected some of {', '.join(RULES)}")
+        _check_choice(self)
         if self.workers is not None and self.workers < 1:
             raise UsageError(f"found --workers {self.workers}, expected at least 1")
         check_directory(self.output, overwrite=True)
-        rules, data = self.off or tuple(RULES), _public_logs(self.data, telling)
-        cells = chosen(data, self.groups, short=not self.long)
+        rules, data = self.off or tuple(RULES), None if self.seeds is not None else _public_logs(self.data, telling)
+        cells, on = _chosen_cells(self, data)
         tell = _Counted(len(cells) * (1 + len(rules)), telling)
-        rows = rule_rows(cells, data, rules, self.output, self.workers or _cores(), tell)
+        rows = rule_rows(cells, data, rules, self.output, self.workers or _cores(), tell, on)
         telling.table("rules", "", rows)
 
 
@@ -334,6 +354,29 @@ class Nees:
                 telling.say(f"{one.scene} {one.seed}: {means}")
             telling.table("nees", "", summarise(judged))
             telling.say(f"Tables and picture are in {self.output}: nees.csv, nees-runs.csv and nees.png")
+
+
+def _chooses_cells(command: Bench | Ablation) -> bool:
+    """Whether it says which cells of the regression table to run."""
+    return bool(command.groups or command.long or command.seeds is not None or command.odometry)
+
+
+def _check_choice(command: Bench | Ablation) -> None:
+    """Refuse options that choose cells in two ways."""
+    if command.seeds is None and command.odometry:
+        raise UsageError("--odometry needs --seeds")
+    if command.seeds is not None and (command.groups or command.long):
+        raise UsageError("found --seeds and --groups or --long, expected one of them")
+
+
+def _chosen_cells(command: Bench | Ablation, data: Path | None) -> "tuple[list[Cell], str]":
+    """The cells of the regression table that a command is about; what they are, "" for their groups."""
+    from iceg.evaluation.regression.cells import chosen
+    from iceg.evaluation.regression.random_cells import in_words, random_cells
+
+    if command.seeds is None:
+        return chosen(data, command.groups, short=not command.long), ""
+    return random_cells(command.seeds, command.odometry), in_words(command.seeds, command.odometry)
 
 
 def _public_logs(given: Path | None, telling: Telling) -> Path | None:

@@ -13,7 +13,7 @@ from frontends.simulator.random_scenes.ground import CELL, Cells, Ground, Points
 from frontends.simulator.random_scenes.plans import LARGE, PLANS, WIDE, Kind
 from frontends.simulator.random_scenes.route import plan_route
 from frontends.simulator.random_scenes.site import Site
-from frontends.simulator.robot import Driving, Route, Waypoint
+from frontends.simulator.robot import Driving, OdometryModel, Route, Waypoint
 from frontends.simulator.scene import Scene
 from frontends.simulator.simulation import Simulation, simulate
 from frontends.simulator.world import SimulatorError, World
@@ -68,7 +68,7 @@ def random_scene(seed: int, kind: Kind | None = None, *, length: float | None = 
     """
     if seed < 0:
         raise SimulatorError(f"a random scene needs a seed of 0 or more, found {seed}")
-    kind = kind or KINDS[seed % len(KINDS)]
+    kind = kind or kind_of(seed)
     plan_rng, device_rng, route_rng, people_rng, dark_rng = np.random.default_rng(seed).spawn(5)
     site = Site(rng=plan_rng)
     PLANS[kind](site)
@@ -78,8 +78,7 @@ def random_scene(seed: int, kind: Kind | None = None, *, length: float | None = 
     speed = route_rng.uniform(0.4, 0.8) * (1.6 if kind in LARGE else 1.0)
     driving = Driving(speed=speed, acceleration=max(0.5, speed**2 / (2 * _BRAKING)))
     points = plan_route(ground, length or drawn, route_rng)
-    laser_name, laser = random_laser(device_rng, _REACH_OUTSIDE if kind in WIDE else 0.0)
-    quality, odometry = random_odometry(device_rng)
+    (laser_name, laser), (quality, odometry) = _devices(device_rng, kind)
     T_start_site = inverse(_start(points))
     scene = Scene(
         name=f"random-{seed}-{kind}-{laser_name}-{quality}",
@@ -93,6 +92,18 @@ def random_scene(seed: int, kind: Kind | None = None, *, length: float | None = 
         odometry=odometry,
     )
     return RandomScene(scene=scene, driving=driving, kind=kind, laser=laser_name, odometry=quality)
+
+
+def kind_of(seed: int) -> Kind:
+    """The kind of place that a seed draws."""
+    return KINDS[seed % len(KINDS)]
+
+
+def drawn_odometry(seed: int) -> Quality:
+    """How good the wheels are that a seed draws for the kind of place it draws, without drawing the rest."""
+    _, device_rng, *_ = np.random.default_rng(seed).spawn(2)
+    _, (quality, _) = _devices(device_rng, kind_of(seed))
+    return quality
 
 
 def simulate_random(
@@ -133,6 +144,11 @@ def named_seed(name: str) -> int | None:
     if not (seed.isascii() and seed.isdigit() and len(seed) <= _MOST_DIGITS):
         raise SimulatorError(f"found scene '{name}', expected random:SEED with a whole number of 0 or more")
     return int(seed)
+
+
+def _devices(rng: np.random.Generator, kind: Kind) -> tuple[tuple[str, Laser], tuple[Quality, OdometryModel]]:
+    """Laser and wheels of a robot for a kind of place."""
+    return random_laser(rng, _REACH_OUTSIDE if kind in WIDE else 0.0), random_odometry(rng)
 
 
 def _start(points: Points) -> Points:

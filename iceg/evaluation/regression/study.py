@@ -43,7 +43,13 @@ def outcomes_of(cells: Sequence[Cell], data: Path | None, output: Path, workers:
 
 
 def rule_rows(
-    cells: Sequence[Cell], data: Path | None, rules: Sequence[str], output: Path, workers: int, tell: Tell
+    cells: Sequence[Cell],
+    data: Path | None,
+    rules: Sequence[str],
+    output: Path,
+    workers: int,
+    tell: Tell,
+    on: str = "",
 ) -> list[Row]:
     """Run cells as they are and with each rule switched off, and compare.
 
@@ -55,6 +61,7 @@ def rule_rows(
             missing.
         workers: processes at a time.
         tell: called as recordings are done.
+        on: what the cells are, for the table; their groups when left out.
 
     Returns:
         A row for nothing switched off, and one for each rule.
@@ -67,19 +74,19 @@ def rule_rows(
     for rule, done in _run(cells, data, tuple(by_rule), workers, tell):
         by_rule[rule] = _in_order(cells, [*by_rule[rule], *done])
         write_outcomes(by_rule[rule], output / f"rule-{(rule or 'nothing').replace(' ', '-')}.csv")
-    rows = compared(by_rule)
+    rows = compared(by_rule, on)
     write_csv(rows, output / RULES_TABLE)
     return rows
 
 
-def compared(tables: dict[str, list[Outcome]]) -> list[Row]:
+def compared(tables: dict[str, list[Outcome]], on: str = "") -> list[Row]:
     """A row for nothing switched off, named "", and one for each rule: what the table becomes without it."""
     before = tables[""]
     whole = Totals.of(before).row()
     del whole["CPU [s]"]
-    groups = ", ".join(dict.fromkeys(one.group for one in before))
-    rows: list[Row] = [{"off": "nothing", "on": groups, **whole}]
-    rows += [{"off": rule, "on": groups, **compare(before, after).row()} for rule, after in tables.items() if rule]
+    on = on or ", ".join(dict.fromkeys(one.group for one in before))
+    rows: list[Row] = [{"off": "nothing", "on": on, **whole}]
+    rows += [{"off": rule, "on": on, **compare(before, after).row()} for rule, after in tables.items() if rule]
     return rows
 
 

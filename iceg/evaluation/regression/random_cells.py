@@ -1,0 +1,52 @@
+"""Cells of random scenes by their seeds: samples larger than the table's own, and of one kind of robot."""
+
+import re
+from collections.abc import Sequence
+
+from frontends.simulator.random_scenes.devices import Quality
+from frontends.simulator.random_scenes.scene import drawn_odometry
+from iceg.evaluation.errors import EvaluationError
+from iceg.evaluation.regression.cells import Cell
+
+_SEEDS = re.compile(r"(\d{1,18})(?:-(\d{1,18}))?", re.ASCII)
+_MOST = 10_000
+"""Scenes of one range: more take days."""
+
+
+def random_cells(seeds: str, odometry: Sequence[Quality] = ()) -> list[Cell]:
+    """The random scenes of a range of seeds.
+
+    Args:
+        seeds: the first and the last, such as "5000-5899", or one alone.
+        odometry: only scenes whose robot has wheels of these qualities; of any when left out.
+
+    Returns:
+        A cell for each, without fault or noise.
+
+    Raises:
+        EvaluationError: no such range, or no such scene in it.
+    """
+    found = [
+        Cell(group="random", source=f"random:{seed}")
+        for seed in _range(seeds)
+        if not odometry or drawn_odometry(seed) in odometry
+    ]
+    if not found:
+        raise EvaluationError(f"found no scene with odometry {', '.join(odometry)} among seeds {seeds}")
+    return found
+
+
+def in_words(seeds: str, odometry: Sequence[Quality] = ()) -> str:
+    """What such a sample is, for a table: "random scenes 5000-5899, odometry none"."""
+    scenes = f"random scenes {seeds}"
+    return f"{scenes}, odometry {' or '.join(odometry)}" if odometry else scenes
+
+
+def _range(seeds: str) -> range:
+    match = _SEEDS.fullmatch(seeds)
+    first, last = (int(match[1]), int(match[2] or match[1])) if match else (0, -1)
+    if not 0 <= last - first < _MOST:
+        raise EvaluationError(
+            f"found seeds '{seeds}', expected one or a range of no more than {_MOST}, such as 5000-5899"
+        )
+    return range(first, last + 1)
