@@ -136,6 +136,10 @@ def test_the_velocity_is_that_of_a_gaussian_process_given_the_steps_that_see_it(
     tells = seen & (steps.variances <= config.velocity_told * model.change(scans))
     kernel = model.variance * np.exp(-np.abs(steps.times[:, None] - steps.times) / model.memory)
     row = np.cumsum(tells | np.append(True, tells[:-1]))
+    seen_for, by_usual, own = scans[seen].sum(), np.zeros(n), np.zeros(n)
+    apart = np.abs(np.subtract.outer(*[np.linspace(0.0, seen_for, 2001)[:-1]] * 2))
+    of_mean = model.variance * np.exp(-apart / model.memory).mean()
+    np.testing.assert_allclose(model.of_mean(seen_for), of_mean, rtol=1e-2)
     for one in np.unique(row):
         members = np.flatnonzero(row == one)
         known = np.flatnonzero(tells & (row != one))
@@ -145,8 +149,12 @@ def test_the_velocity_is_that_of_a_gaussian_process_given_the_steps_that_see_it(
         mean = steps.usual[members] + gain @ steps.deviations[known]
         left = kernel[np.ix_(members, members)] - gain @ kernel[np.ix_(known, members)]
         np.testing.assert_allclose(ways[members], mean * scans[members], rtol=1e-4, atol=1e-6)
-        whole = scans[members] @ left @ scans[members]
-        np.testing.assert_allclose(variances[members].sum(), whole, rtol=1e-3)
+        own[members] = scans[members] * (left @ scans[members])
+        by_usual[members] = np.where(tells[members], 0.0, scans[members] * (1.0 - gain.sum(axis=1)))
+    in_common = by_usual * by_usual.sum() * model.of_mean(seen_for)
+    for one in np.unique(row):
+        members = row == one
+        np.testing.assert_allclose(variances[members].sum(), (own + in_common)[members].sum(), rtol=1e-3)
 
 
 @given(seed=st.integers(0, 10_000), lengths=st.lists(st.integers(1, 9), min_size=1, max_size=4))
@@ -190,8 +198,27 @@ def test_the_errors_foretold_are_those_made() -> None:
     errors = ways - 5.0 * (velocities + 0.1)
     rows = [slice(start, start + 15) for start in range(20, n - 20, 40)]
     ratios = [errors[row].sum() ** 2 / variances[row].sum() for row in rows]
-    assert 0.7 < np.mean(ratios) < 1.4
+    assert 0.5 < np.mean(ratios) < 1.4
     assert 0.8 < np.mean(errors[seen] ** 2 / variances[seen]) < 1.2
+
+
+@pytest.mark.parametrize(("period", "seen_of_it", "memory"), [(24, 4, 40.0), (30, 3, 20.0)])
+def test_corridor_after_corridor_the_error_of_what_is_usual_adds_up(
+    period: int, seen_of_it: int, memory: float
+) -> None:
+    rng, n, kept = np.random.default_rng(4), 240, np.exp(-5.0 / memory)
+    seen, velocities = np.arange(n) % period < seen_of_it, np.empty(n)
+    ratios = []
+    for _ in range(300):
+        changes = rng.normal(0.0, 0.03, n)
+        velocities[0] = changes[0]
+        for k in range(1, n):
+            velocities[k] = kept * velocities[k - 1] + np.sqrt(1.0 - kept**2) * changes[k]
+        steps = steps_of(velocities + 0.1, np.full(n, 5.0), seen)
+        ways, variances = foretold(steps, CalibrationConfig(velocity_min_sigma=1e-6))
+        error = (ways - 5.0 * (velocities + 0.1))[~seen].sum()
+        ratios.append(error**2 / variances[~seen].sum())
+    assert 0.5 < np.mean(ratios) < 1.4
 
 
 def test_where_a_log_begins_the_velocity_is_that_of_any_other_place() -> None:

@@ -8,7 +8,9 @@ for Machine Learning*, 2006, appendix B). The process is Markov: of the steps th
 the first after tell of another. A step's own match does not: it enters the graph by itself, and would count twice.
 
 Steps in a row that nothing sees err together, but the factors of a graph are independent. So each gets the covariance
-of its error with that of the whole row, which lets the row end as uncertain as it is.
+of its error with that of the whole row, which lets the row end as uncertain as it is. What is usual is known as the
+mean over the time that was seen, and by how much it is wrong all rows are: each step gets its covariance with the sum
+of these errors, too, so that corridor after corridor the path ends as uncertain as it is.
 """
 
 from dataclasses import dataclass, replace
@@ -94,6 +96,11 @@ class VelocityModel:
         remembered = 1.0 - min(max(changed, _LEAST_CHANGE), 1.0 - _LEAST_CHANGE)
         return cls(variance=variance, memory=-lag / float(log(remembered)))
 
+    def of_mean(self, time: float) -> float:
+        """Variance of the mean velocity over so many intervals in a row about what is usual."""
+        memories = time / self.memory
+        return self.variance * 2.0 / memories * (1.0 - (1.0 - float(exp(-memories))) / memories)
+
     def correlation(self, times: Floats) -> Floats:
         """(n,) of velocities so many intervals apart; those that are infinitely far apart have none."""
         return exp(-np.abs(times) / self.memory)
@@ -157,7 +164,7 @@ def foretold(steps: KeySteps, config: CalibrationConfig) -> tuple[Floats, Floats
 
     Returns:
         (n,) how far each goes [m or rad], and (n,) the variances of that, each with its share of the errors that it has
-        in common with the row of steps that it belongs to.
+        in common with the row of steps that it belongs to, and with all rows.
     """
     model = VelocityModel.learned(steps, config.velocity_min_sigma)
     tells = steps.are_observed & (steps.variances <= config.velocity_told * model.change(steps.durations))
@@ -174,8 +181,10 @@ def foretold(steps: KeySteps, config: CalibrationConfig) -> tuple[Floats, Floats
     common = _correlated_time(steps, model, row_starts)
     for by, weight in ((by_before, weight_before), (by_after, weight_after)):
         common -= by * _sums(weight * steps.durations, row_starts)
-    variances = np.maximum(model.variance * steps.durations * common, config.velocity_min_sigma**2)
-    return velocities * steps.durations, variances
+    by_usual = np.where(tells, 0.0, (1.0 - weight_before - weight_after) * steps.durations)
+    of_usual = model.of_mean(float(steps.durations[steps.are_observed].sum()))
+    variances = model.variance * steps.durations * common + of_usual * by_usual * by_usual.sum()
+    return velocities * steps.durations, np.maximum(variances, config.velocity_min_sigma**2)
 
 
 def _steps(track: Track, poses: Floats, pauses: Floats) -> list[KeySteps]:
