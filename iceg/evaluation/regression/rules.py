@@ -198,6 +198,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="a robot without odometry goes slower where it turns",
             without={f"{_SLAM}.odometry.velocity:usual_velocities": _mean_velocities},
         ),
+        "uncertain usual velocity": Rule(
+            what="without odometry all corridors are known no better than the mean of the velocities seen",
+            without={f"{_SLAM}.odometry.velocity:VelocityModel.of_mean": lambda *_: 0.0},
+        ),
         "held readings": Rule(
             what="interpolates odometry where it repeats a reading and makes up for it at once",
             without={"iceg.finding:with_odometry_between_readings": _first},
