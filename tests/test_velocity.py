@@ -85,6 +85,7 @@ def steps_of(velocities: NDArray[np.float64], scans: NDArray[np.float64], seen: 
         velocities=velocities,
         variances=np.where(seen, 1e-12, 0.0),
         are_observed=seen,
+        are_asked=np.ones(len(scans), dtype=bool),
         usual=np.full(len(scans), velocities[seen].mean()),
     )
 
@@ -200,6 +201,20 @@ def test_the_errors_foretold_are_those_made() -> None:
     ratios = [errors[row].sum() ** 2 / variances[row].sum() for row in rows]
     assert 0.5 < np.mean(ratios) < 1.4
     assert 0.8 < np.mean(errors[seen] ** 2 / variances[seen]) < 1.2
+
+
+def test_where_odometry_tells_of_a_step_its_part_of_what_is_usual_is_in_no_sum() -> None:
+    rng, seen = np.random.default_rng(6), np.arange(240) % 30 < 3
+    steps = steps_of(rng.normal(0.1, 0.03, 240), np.full(240, 5.0), seen)
+    alive = replace(steps, are_asked=np.arange(240) < 60)
+    (ways, everywhere), (same, at_first) = (foretold(each, CalibrationConfig()) for each in (steps, alive))
+    np.testing.assert_array_equal(same, ways)
+    ratios = ((everywhere - at_first) / everywhere)[:60][~seen[:60]]
+    assert (ratios > 0.0).all()
+    alone = replace(steps, are_asked=np.zeros(240, dtype=bool))
+    by_row = foretold(alone, CalibrationConfig())[1]
+    rest = slice(63, 90)
+    np.testing.assert_array_equal(at_first[rest], by_row[rest])
 
 
 @pytest.mark.parametrize(("period", "seen_of_it", "memory"), [(24, 4, 40.0), (30, 3, 20.0)])

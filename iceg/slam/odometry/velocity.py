@@ -48,6 +48,7 @@ class KeySteps:
         velocities: (n,) mean velocities, per interval [m or rad].
         variances: (n,) of these, as the matches claim; 0 where nothing matched.
         are_observed: (n,) whether the matches see all directions.
+        are_asked: (n,) whether no odometry tells of them, so that the path rests on what the velocity does.
         usual: (n,) velocities that are usual, per interval [m or rad].
     """
 
@@ -56,6 +57,7 @@ class KeySteps:
     velocities: Floats
     variances: Floats
     are_observed: NDArray[np.bool_]
+    are_asked: NDArray[np.bool_]
     usual: Floats
 
     @property
@@ -124,13 +126,17 @@ def motions_without_odometry(
     Returns:
         None where the robot may have been carried; everywhere, where the matches hardly tell of its velocity.
     """
+    asked = np.ones(len(track.keys), dtype=np.bool_)
+    if track.dead:
+        asked[:] = False
+        asked[list(track.keys_without_odometry() & set(range(len(asked))))] = True
     track = replace(track, dead=[])
     if heading is None:
         poses, turns = track.T_track_scans, OdometryModel()
     else:
         poses, turns = with_headings(track, heading.headings), heading.lasting_noise.within(OdometryModel())
     pauses = pauses_along(stamps, poses)
-    known, axes = motions_of(track, poses, turns), _steps(track, poses, pauses)
+    known, axes = motions_of(track, poses, turns), _steps(track, poses, pauses, asked[1:])
     if np.count_nonzero(axes[0].are_in_a_row) < config.velocity_min_steps:
         return [None] * len(known)
     twists, variances = np.stack([foretold(steps, config) for steps in axes], axis=-1)
@@ -181,13 +187,13 @@ def foretold(steps: KeySteps, config: CalibrationConfig) -> tuple[Floats, Floats
     common = _correlated_time(steps, model, row_starts)
     for by, weight in ((by_before, weight_before), (by_after, weight_after)):
         common -= by * _sums(weight * steps.durations, row_starts)
-    by_usual = np.where(tells, 0.0, (1.0 - weight_before - weight_after) * steps.durations)
+    by_usual = np.where(tells | ~steps.are_asked, 0.0, (1.0 - weight_before - weight_after) * steps.durations)
     of_usual = model.of_mean(float(steps.durations[steps.are_observed].sum()))
     variances = model.variance * steps.durations * common + of_usual * by_usual * by_usual.sum()
     return velocities * steps.durations, np.maximum(variances, config.velocity_min_sigma**2)
 
 
-def _steps(track: Track, poses: Floats, pauses: Floats) -> list[KeySteps]:
+def _steps(track: Track, poses: Floats, pauses: Floats, are_asked: NDArray[np.bool_]) -> list[KeySteps]:
     """The steps of a track along (n_scans, 3) poses, (n_scans - 1,) intervals apart: along, across, and the turns."""
     index, later = track.key_scans, track.keys[1:]
     clock = np.append(0.0, np.cumsum(pauses))[index]
@@ -207,6 +213,7 @@ def _steps(track: Track, poses: Floats, pauses: Floats) -> list[KeySteps]:
             velocities=twists[:, axis] / durations,
             variances=claimed[:, axis] / durations**2,
             are_observed=are_observed,
+            are_asked=are_asked,
             usual=usual[:, axis],
         )
         for axis in range(3)
