@@ -101,3 +101,7 @@ class Track:
             first, last = np.searchsorted(self.key_scans, np.add(interval, 1)).tolist()
             unknown.update(range(first, last + 1))
         return unknown
+
+    def keys_left_to_velocity(self) -> set[int]:
+        """Those of them in a log whose odometry is dead somewhere; else all, as in a log without odometry."""
+        return self.keys_without_odometry() if self.dead else set(range(len(self.keys)))

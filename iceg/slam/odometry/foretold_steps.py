@@ -37,7 +37,7 @@ def foretold_steps(
     Returns:
         (n_scans - 1, 3) steps in the frame of the scan before each; None where all were tracked as well as can be.
     """
-    unknown = track.keys_without_odometry() if track.dead else range(len(track.keys))
+    unknown = track.keys_left_to_velocity()
     unseen = [k for k, key in enumerate(track.keys) if k and k in unknown and not key.is_fully_observed]
     if heading is None:
         if not unseen:

@@ -126,17 +126,15 @@ def motions_without_odometry(
     Returns:
         None where the robot may have been carried; everywhere, where the matches hardly tell of its velocity.
     """
-    asked = np.ones(len(track.keys), dtype=np.bool_)
-    if track.dead:
-        asked[:] = False
-        asked[list(track.keys_without_odometry() & set(range(len(asked))))] = True
+    left = track.keys_left_to_velocity()
+    are_asked = np.array([key in left for key in range(1, len(track.keys))], dtype=np.bool_)
     track = replace(track, dead=[])
     if heading is None:
         poses, turns = track.T_track_scans, OdometryModel()
     else:
         poses, turns = with_headings(track, heading.headings), heading.lasting_noise.within(OdometryModel())
     pauses = pauses_along(stamps, poses)
-    known, axes = motions_of(track, poses, turns), _steps(track, poses, pauses, asked[1:])
+    known, axes = motions_of(track, poses, turns), _steps(track, poses, pauses, are_asked)
     if np.count_nonzero(axes[0].are_in_a_row) < config.velocity_min_steps:
         return [None] * len(known)
     twists, variances = np.stack([foretold(steps, config) for steps in axes], axis=-1)
