@@ -19,7 +19,7 @@ from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.tracking.front_end import FrontEnd
 from iceg.slam.tracking.log_tracking import track_log
 from tests.scripted_matcher import ScriptedMatcher
-from tests.walls import see
+from tests.walls import ROOM, see
 
 _GEOMETRY = ScanGeometry(bearings=np.linspace(-1.5, 1.5, 31), range_min=0.1, range_max=20.0)
 _CONFIG = FrontEndConfig(key_scans=KeyScanConfig(distance=0.55, angle=0.5))
@@ -440,6 +440,19 @@ def test_a_turn_where_corridors_cross_is_believed_though_all_of_them_are_similar
         pose = front_end.add(index, see(np.vstack(arms), T, seed=index), step, is_sudden=is_last)
     np.testing.assert_allclose(pose, between(truth[0], truth[-1]), atol=0.05)
     assert not front_end.breaks
+
+
+@pytest.mark.parametrize("is_late", [True, False])
+def test_odometry_that_makes_up_for_what_a_scan_has_shown_leaves_the_robot_where_it_is(is_late: bool) -> None:
+    truth = np.column_stack([np.arange(0.0, 1.6, 0.1), np.zeros(16), np.zeros(16)])
+    front_end = FrontEnd(IceMatcher(), OdometryModel(), FrontEndConfig())
+    for index, T in enumerate(truth):
+        front_end.add(index, see(ROOM, T, seed=index), np.array([0.1 * (index > 0), 0.0, 0.0]))
+    makes_up = np.array([0.4, -0.6, -1.8])
+    pose = front_end.add(16, see(ROOM, truth[-1], seed=16), makes_up, is_late=is_late)
+    assert front_end.breaks == ([16] if is_late else [])
+    is_found = np.allclose(pose, between(truth[0], truth[-1]), atol=0.05)
+    assert is_found == is_late
 
 
 def test_where_odometry_is_dead_the_velocity_goes_on_and_the_way_is_unknown() -> None:

@@ -7,7 +7,7 @@ from graph.odometry import OdometryModel
 from graph.se2 import compose
 from iceg.slam.calibration_config import SuddenStepConfig
 from iceg.slam.odometry.calibration import OdometryCalibration
-from iceg.slam.recording.steps import sudden_steps
+from iceg.slam.recording.steps import late_steps, sudden_steps
 
 CONFIG = SuddenStepConfig()
 
@@ -68,3 +68,4 @@ def test_odometry_may_catch_up_one_scan_after_a_pause_but_no_later() -> None:
         moved = steps.copy()
         moved[100 + late, 0] = 5.0
         assert sudden_steps(_driven(moved), CONFIG, stamps).any() == stands_out
+        assert np.flatnonzero(late_steps(_driven(moved), CONFIG, stamps)).tolist() == ([101] if late == 1 else [])

@@ -13,7 +13,7 @@ from graph.se2 import between
 from iceg.config import Config
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
-from iceg.slam.recording.steps import sudden_steps
+from iceg.slam.recording.steps import late_steps, sudden_steps
 from iceg.slam.track import Track
 from iceg.slam.tracking.front_end import FrontEnd
 
@@ -52,7 +52,8 @@ class IncrementalTracking:
     def advance(self) -> None:
         """Track the next scan of the log, which is there."""
         index, front_end, log = len(self._key_of_scan), self.front_end, self._log
-        step, is_sudden = self._step(index)
+        step = self._step(index)
+        is_sudden, is_late = self._stands_out(index)
         self._steps.append(step)
         together = slice(index, index + (log.has_odometry and index > 0 and not is_sudden))
         found = front_end.follow(index, log.ranges[together], self._steps.rows[together], log.geometry)
@@ -61,7 +62,7 @@ class IncrementalTracking:
         else:
             scan = Scan(ranges=log.ranges[index].copy(), geometry=log.geometry)
             odometry = step if log.has_odometry and index else None
-            pose = front_end.add(index, scan, odometry, is_sudden=is_sudden)
+            pose = front_end.add(index, scan, odometry, is_sudden=is_sudden, is_late=is_late)
         self._key_of_scan.append(len(front_end.keys) - 1)
         self._T_track_scan.append(pose)
         if self._is_first_part and self._is_enough(index):
@@ -85,17 +86,22 @@ class IncrementalTracking:
         """The track so far."""
         return self.front_end.track(self._key_of_scan.rows.copy(), self._T_track_scan.rows)
 
-    def _step(self, index: int) -> tuple[NDArray[np.float64], bool]:
-        """(3,) calibrated odometry since the scan before, zero without, and whether it stands out."""
+    def _step(self, index: int) -> NDArray[np.float64]:
+        """(3,) calibrated odometry since the scan before, zero without."""
         if not (self._log.has_odometry and index):
-            return np.zeros(3), False
-        steps = self._config.front_end.calibration.sudden
-        recent = slice(max(0, index - _RECENT), index + 1)
-        odometry = self._log.odometry[recent]
-        is_sudden = bool(sudden_steps(odometry, steps, self._log.stamps[recent])[-1])
+            return np.zeros(3)
+        odometry = self._log.odometry[max(0, index - _RECENT) : index + 1]
         if not self._is_first_part:
-            odometry = self.calibration.apply(odometry, steps)
-        return between(odometry[-2], odometry[-1]), is_sudden
+            odometry = self.calibration.apply(odometry, self._config.front_end.calibration.sudden)
+        return between(odometry[-2], odometry[-1])
+
+    def _stands_out(self, index: int) -> tuple[bool, bool]:
+        """Whether odometry since the scan before is sudden, and whether it comes late after a pause."""
+        if not (self._log.has_odometry and index):
+            return False, False
+        recent, config = slice(max(0, index - _RECENT), index + 1), self._config.front_end.calibration.sudden
+        odometry, stamps = self._log.odometry[recent], self._log.stamps[recent]
+        return bool(sudden_steps(odometry, config, stamps)[-1]), bool(late_steps(odometry, config, stamps)[-1])
 
     def _is_enough(self, index: int) -> bool:
         """Whether the robot has driven and turned enough to tell what its odometry does wrong."""

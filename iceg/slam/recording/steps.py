@@ -30,11 +30,28 @@ def sudden_steps(
     Returns:
         (n - 1,) whether a step may be a jump of the odometry.
     """
-    steps = between(odometry[:-1], odometry[1:])
-    periods = np.ones(len(steps)) if stamps is None else waits(stamps)
-    periods = np.maximum(periods, np.append(1.0, periods[:-1]))  # odometry may come a scan late after a pause
-    distance, turn = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2])
-    return _stand_out(distance, config.distance, periods, config) | _stand_out(turn, config.turn, periods, config)
+    if stamps is None:
+        return _beyond(odometry, config, np.ones(len(odometry) - 1))
+    return _beyond(odometry, config, _perhaps_late(waits(stamps)))
+
+
+def late_steps(
+    odometry: NDArray[np.float64], config: SuddenStepConfig, stamps: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Which steps would be sudden, did the recorder not pause before the scan that they start from.
+
+    They are what the robot did in the pause, if odometry comes a scan late: the scan before has shown it already.
+
+    Args:
+        odometry: (n, 3) at each scan.
+        config: what is sudden.
+        stamps: (n,) of the scans [s].
+
+    Returns:
+        (n - 1,).
+    """
+    periods = waits(stamps)
+    return _beyond(odometry, config, periods) & ~_beyond(odometry, config, _perhaps_late(periods))
 
 
 def chained(start: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -55,6 +72,18 @@ def chained(start: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[n
     poses[1:, 1] = start[1] + np.cumsum(s * steps[:, 0] + c * steps[:, 1])
     poses[:, 2] = wrap_angle(heading)
     return poses
+
+
+def _perhaps_late(periods: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n - 1,) waits, where odometry may come a scan late after a pause."""
+    return np.maximum(periods, np.append(1.0, periods[:-1]))
+
+
+def _beyond(odometry: NDArray[np.float64], config: SuddenStepConfig, periods: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(n - 1,) whether the steps of (n, 3) odometry are too long for the (n - 1,) time that they took."""
+    steps = between(odometry[:-1], odometry[1:])
+    distance, turn = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2])
+    return _stand_out(distance, config.distance, periods, config) | _stand_out(turn, config.turn, periods, config)
 
 
 def _stand_out(

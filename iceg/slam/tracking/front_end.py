@@ -111,6 +111,7 @@ class FrontEnd:
         T_prev_cur: Floats | None,
         *,
         is_sudden: bool = False,
+        is_late: bool = False,
         foretold: Floats | None = None,
     ) -> Floats:
         """Track one more scan.
@@ -120,6 +121,7 @@ class FrontEnd:
             scan: the scan.
             T_prev_cur: (3,) odometry since the scan before; None where there is none.
             is_sudden: the step is much longer than others: perhaps the odometry jumped, and the robot did not.
+            is_late: it is so after a pause, which the scan before may have shown already.
             foretold: (3,) the step, where there is no odometry and an earlier pass tells of it; None where none does,
                 and the velocity is taken as constant.
 
@@ -134,6 +136,9 @@ class FrontEnd:
         if step is not None and is_sudden and self._goes_on(scan, step):
             self.breaks.append(index)
             step = None
+        if step is not None and is_late and self._stands(scan, step):
+            self.breaks.append(index)
+            step, foretold = None, np.zeros(3)
         is_told = step is not None or foretold is not None
         if step is None:
             step, noise = self._constant_velocity() if foretold is None else foretold, self._unknown
@@ -189,6 +194,14 @@ class FrontEnd:
             return _is_nearer(found[1], *guesses)
         best = max(found, key=lambda pose: self._evidence(scan, pose))
         return isinstance(best, NoMatch) or _is_nearer(best, *guesses)
+
+    def _stands(self, scan: Scan, step: Floats) -> bool:
+        """Whether a scan matches where the robot was, and nothing where the step that odometry claims leads."""
+        guess, none = compose(self._T_track_robot, step), np.zeros(3)
+        if not isinstance(self._found_after(scan, step, guess), NoMatch):
+            return False
+        found = self._found_after(scan, none, self._T_track_robot)
+        return not isinstance(found, NoMatch) and self._check.explains_more(self._local.reference, scan, found, guess)
 
     def _is_turn(self, step: Floats, usual: Floats) -> bool:
         """Whether a step that stands out does so by its turn: a robot may turn on the spot between two scans."""

@@ -144,9 +144,13 @@ class OdometryCheck:
         is_near = distance < max(config.jump_distance, sigmas * math.sqrt(max(xx, yy)))
         if is_near and turn < max(config.jump_turn, sigmas * math.sqrt(hh)):
             return True
-        there, here = (self._log_odds(reference, scan, pose) for pose in (found, guess))
         if not expected.is_known:
-            return there > here
+            return self._log_odds(reference, scan, found) > self._log_odds(reference, scan, guess)
+        return self.explains_more(reference, scan, found, guess)
+
+    def explains_more(self, reference: Reference, scan: Scan, found: Floats, expected: Floats) -> bool:
+        """Whether a (3,) pose explains what is seen so much better than where odometry has the robot that it jumped."""
+        there, here = (self._log_odds(reference, scan, pose) for pose in (found, expected))
         return there > -self._log_refused_odds and there - here > self._log_jump_odds
 
     def _log_odds(self, reference: Reference, scan: Scan, pose: Floats) -> float:
