@@ -76,7 +76,8 @@ def chained(start: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[n
 
 def _perhaps_late(periods: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n - 1,) waits, where odometry may come a scan late after a pause."""
-    return np.maximum(periods, np.append(1.0, periods[:-1]))
+    before: NDArray[np.float64] = np.append(1.0, periods[:-1])
+    return np.maximum(periods, before)
 
 
 def _beyond(odometry: NDArray[np.float64], config: SuddenStepConfig, periods: NDArray[np.float64]) -> NDArray[np.bool_]:
