@@ -37,6 +37,7 @@ from iceg.slam.solution import Solution
 from iceg.slam.stage_clock import StageClock
 from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
+from iceg.slam.tracking.between_keys import smoothed_between_keys
 from iceg.slam.tracking.split_half import with_measured_covariance_scale
 
 
@@ -76,6 +77,8 @@ def find(
     with clock.stage("graph"):
         track = with_measured_covariance_scale(track, matcher, config.front_end.split_half)
         calibration = _recalibrate(track, log, first, config)
+        if log.has_odometry:
+            track = smoothed_between_keys(track, calibration.apply(log.odometry, config.front_end.calibration.sudden))
         heading, gyro = learn_gyro(track, log, config.front_end)
         is_forbidden = forbids(corrections.forbidden, track)
         solution = _solve(track, log, matcher, calibration, heading, config, is_forbidden, stages)

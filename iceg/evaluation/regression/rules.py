@@ -202,6 +202,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="without odometry all corridors are known no better than the mean of the velocities seen",
             without={f"{_SLAM}.odometry.velocity:VelocityModel.of_mean": lambda *_: 0.0},
         ),
+        "between keys": Rule(
+            what="scans between key scans are smoothed by odometry",
+            without={"iceg.finding:smoothed_between_keys": _first},
+        ),
         "held readings": Rule(
             what="interpolates odometry where it repeats a reading and makes up for it at once",
             without={"iceg.finding:with_odometry_between_readings": _first},
