@@ -213,6 +213,13 @@ def test_the_embedded_log_is_small_and_reads_as_simulated() -> None:
     np.testing.assert_allclose(truth[:, 1:], simulation.truth, atol=1e-6)
 
 
+@pytest.mark.parametrize("sweep_time", [0.0, 0.02])
+def test_a_period_of_no_whole_number_of_ticks_is_refused(sweep_time: float) -> None:
+    laser = Laser(period=0.025, sweep_time=sweep_time)
+    with pytest.raises(SimulatorError, match=r"multiple of 0.02 s, found 0.025 s"):
+        simulate("office", laser=laser)
+
+
 def _arrays(simulation: Simulation) -> tuple[NDArray[np.floating], ...]:
     return (simulation.log.ranges, simulation.log.odometry, simulation.log.stamps, simulation.truth)
 

@@ -138,6 +138,18 @@ class OdometryModel:
         )
 
 
+def whole_ticks(period: float) -> int:
+    """How many ticks of the simulator a period takes [s].
+
+    Raises:
+        SimulatorError: no whole number of them.
+    """
+    ticks = round(period / TICK)
+    if ticks < 1 or not math.isclose(ticks * TICK, period):
+        raise SimulatorError(f"the scan period must be a multiple of {TICK} s, found {period} s")
+    return ticks
+
+
 def drive(route: Route, driving: Driving, period: float, rng: np.random.Generator) -> NDArray[np.float64]:
     """Drive along a route.
 
@@ -153,9 +165,7 @@ def drive(route: Route, driving: Driving, period: float, rng: np.random.Generato
     Raises:
         SimulatorError: when a waypoint is not reached, or the period is no multiple of the simulator's tick.
     """
-    ticks = round(period / TICK)
-    if ticks < 1 or not math.isclose(ticks * TICK, period):
-        raise SimulatorError(f"the scan period must be a multiple of {TICK} s, found {period} s")
+    ticks = whole_ticks(period)
     operator = _Operator(route.start, driving, rng)
     for here, after in _legs(route):
         operator.go_to(here, after)

@@ -10,7 +10,7 @@ from frontends.scan import Log, ScanGeometry
 from frontends.simulator.gyro import GyroModel, measure_turns
 from frontends.simulator.laser import Course, Laser, sense
 from frontends.simulator.people import walk
-from frontends.simulator.robot import TICK, Driving, OdometryModel, drive, measure_odometry
+from frontends.simulator.robot import TICK, Driving, OdometryModel, drive, measure_odometry, whole_ticks
 from frontends.simulator.scene import Scene, load_scene
 from frontends.simulator.world import SimulatorError
 from graph.elementary import cos_sin
@@ -81,14 +81,15 @@ def simulate(
         Log and truth, one row per scan, the first at the start of the route.
 
     Raises:
-        SimulatorError: no such scene, or a route that cannot be driven.
+        SimulatorError: no such scene, a route that cannot be driven, or a laser whose period is no multiple of a tick.
     """
     where = load_scene(scene) if isinstance(scene, str) else scene
     laser = laser or where.laser
     operator_rng, wheels_rng, laser_rng, gyro_rng = np.random.default_rng(seed).spawn(4)
+    ticks = whole_ticks(laser.period)
     step = laser.period if laser.sweep_time == 0 else TICK
     course = Course(T_world_robot=drive(where.route, driving or Driving(), step, operator_rng), step=step)
-    truth = course.T_world_robot[:: round(laser.period / step)]
+    truth = course.T_world_robot[:: 1 if laser.sweep_time == 0 else ticks]
     stamps = np.arange(len(truth), dtype=np.float64) * laser.period
     _check_work(where, len(truth), laser)
     log = Log(
