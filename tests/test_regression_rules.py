@@ -89,14 +89,19 @@ def test_a_study_compares_each_rule_with_nothing_switched_off(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        (Bench(long=True), "--seeds, --odometry and --baseline need --parts regression"),
-        (Bench(seeds="1-2"), "--seeds, --odometry and --baseline need --parts regression"),
+        (Bench(long=True), "--odometry, --noise and --baseline need --parts regression"),
+        (Bench(seeds="1-2"), "--odometry, --noise and --baseline need --parts regression"),
         (Bench(parts=("regression",), workers=0), "--workers 0"),
         (Ablation(off=("near odometry",)), "need --rules"),
         (Ablation(rules=True, off=("witchcraft",)), "--off 'witchcraft', expected some of relocalisation"),
-        (Ablation(seeds="1-2"), "--seeds, --odometry and --workers need --rules"),
+        (Ablation(seeds="1-2"), "--odometry, --noise and --workers need --rules"),
         (Ablation(rules=True, odometry=("none",)), "--odometry needs --seeds"),
-        (Bench(parts=("regression",), seeds="1-2", groups=("logs",)), "--seeds and --groups or --long, expected one"),
+        (
+            Bench(parts=("regression",), seeds="1-2", groups=("logs",)),
+            "--seeds, --noise, and --groups or --long, expected one",
+        ),
+        (Bench(parts=("regression",), seeds="1-2", noise="1-2"), "found two of --seeds, --noise"),
+        (Bench(noise="1-2"), "need --parts regression"),
         (Ablation(rules=True, faults=True), "no logs, --faults or --scales"),
     ],
 )

@@ -18,7 +18,7 @@ from iceg.evaluation.bench.tables import write_csv
 from iceg.evaluation.degradation import DEGRADATIONS
 from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.regression import keep
-from iceg.evaluation.regression.cells import GROUPS, LOGS, Cell, cells, chosen
+from iceg.evaluation.regression.cells import GROUPS, LOGS, Cell, cells, chosen, close_cells
 from iceg.evaluation.regression.comparison import changed_cells, compare
 from iceg.evaluation.regression.kept import BASELINE
 from iceg.evaluation.regression.lasers import LASERS
@@ -144,6 +144,13 @@ def test_without_public_logs_the_embedded_one_and_simulations_are_left() -> None
     assert {cell.source for cell in cells(None) if cell.group in {"logs", "faults"}} == {"office"}
     with pytest.raises(EvaluationError, match="worlds"):
         chosen(None, ("worlds",))
+
+
+def test_close_faults_come_with_any_seeds_of_noise(tmp_path: Path) -> None:
+    found = close_cells(tmp_path, range(11, 13))  # no public logs there
+    assert {cell.source for cell in found} == {"office"}
+    assert [cell.seed for cell in found] == [11, 12] * (len(found) // 2)
+    assert len({cell.name for cell in found}) == len(found) == 4
 
 
 def test_random_scenes_are_chosen_by_their_seeds_and_the_wheels_they_draw() -> None:

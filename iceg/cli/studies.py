@@ -42,6 +42,15 @@ Odometry = Annotated[
     tyro.conf.arg(help="--seeds: only robots whose odometry is so good; left out: any.", help_behavior_hint=""),
 ]
 
+Noise = Annotated[
+    str | None,
+    tyro.conf.arg(
+        metavar="A-B",
+        help="As --seeds, for the faults where a millimetre decides.",
+        help_behavior_hint="",
+    ),
+]
+
 
 class BenchError(IcegError):
     """Runs of a benchmark that failed."""
@@ -96,6 +105,7 @@ class Bench:
     long: Long = False
     seeds: Seeds = None
     odometry: Odometry = ()
+    noise: Noise = None
     baseline: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -120,7 +130,7 @@ class Bench:
                 else "--data and --parts belong to the benchmark without FILE"
             )
         if not has_regression and (_chooses_cells(self) or self.baseline is not None):
-            raise UsageError("--groups, --long, --seeds, --odometry and --baseline need --parts regression")
+            raise UsageError("--groups, --long, --seeds, --odometry, --noise and --baseline need --parts regression")
         _check_choice(self)
         if self.workers is not None and self.workers < 1:
             raise UsageError(f"found --workers {self.workers}, expected at least 1")
@@ -237,6 +247,7 @@ class Ablation:
     long: Long = False
     seeds: Seeds = None
     odometry: Odometry = ()
+    noise: Noise = None
     workers: Annotated[
         int | None,
         tyro.conf.arg(metavar="N", help="--rules: runs at a time; left out: one for each core.", help_behavior_hint=""),
@@ -259,7 +270,7 @@ class Ablation:
             self._without_rules(telling)
             return
         if self.off or _chooses_cells(self) or self.workers is not None:
-            raise UsageError("--off, --groups, --long, --seeds, --odometry and --workers need --rules")
+            raise UsageError("--off, --groups, --long, --seeds, --odometry, --noise and --workers need --rules")
         check_directory(self.output, overwrite=True)
         logs = logs_to_judge(self.logs, None if self.logs else _public_logs(self.data, telling))
         if self.scales is not None:
@@ -358,22 +369,26 @@ class Nees:
 
 def _chooses_cells(command: Bench | Ablation) -> bool:
     """Whether it says which cells of the regression table to run."""
-    return bool(command.groups or command.long or command.seeds is not None or command.odometry)
+    samples = (command.seeds, command.noise)
+    return bool(command.groups or command.long or command.odometry or samples != (None, None))
 
 
 def _check_choice(command: Bench | Ablation) -> None:
     """Refuse options that choose cells in two ways."""
     if command.seeds is None and command.odometry:
         raise UsageError("--odometry needs --seeds")
-    if command.seeds is not None and (command.groups or command.long):
-        raise UsageError("found --seeds and --groups or --long, expected one of them")
+    chosen = (command.groups or command.long, command.seeds is not None, command.noise is not None)
+    if sum(map(bool, chosen)) > 1:
+        raise UsageError("found two of --seeds, --noise, and --groups or --long, expected one of them")
 
 
 def _chosen_cells(command: Bench | Ablation, data: Path | None) -> "tuple[list[Cell], str]":
     """The cells of the regression table that a command is about; what they are, "" for their groups."""
-    from iceg.evaluation.regression.cells import chosen
-    from iceg.evaluation.regression.random_cells import in_words, random_cells
+    from iceg.evaluation.regression.cells import chosen, close_cells
+    from iceg.evaluation.regression.random_cells import in_words, random_cells, seed_range
 
+    if command.noise is not None:
+        return close_cells(data, seed_range(command.noise)), f"faults where a millimetre decides, noise {command.noise}"
     if command.seeds is None:
         return chosen(data, command.groups, short=not command.long), ""
     return random_cells(command.seeds, command.odometry), in_words(command.seeds, command.odometry)

@@ -112,6 +112,20 @@ def chosen(data: Path | None, groups: Sequence[Group] = (), *, short: bool = Tru
     return found
 
 
+def close_cells(data: Path | None, seeds: Sequence[int]) -> list[Cell]:
+    """The faults where a millimetre decides, with other seeds of it than those of the table.
+
+    Versions are held against the table, so that its own seeds flatter whichever was kept.
+
+    Args:
+        data: folder of the public logs; without it the embedded log is left.
+        seeds: of the noise.
+    """
+    present = _present(data)
+    close = [(source, fault) for source, fault in _CLOSE if source in present]
+    return [Cell(group="faults", source=source, fault=fault, seed=seed) for source, fault in close for seed in seeds]
+
+
 def _worlds(data: Path | None) -> Iterator[Cell]:
     for source in _world_names(data):
         yield Cell(group="worlds", source=source, is_short=True)

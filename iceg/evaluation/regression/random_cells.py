@@ -28,7 +28,7 @@ def random_cells(seeds: str, odometry: Sequence[Quality] = ()) -> list[Cell]:
     """
     found = [
         Cell(group="random", source=f"random:{seed}")
-        for seed in _range(seeds)
+        for seed in seed_range(seeds)
         if not odometry or drawn_odometry(seed) in odometry
     ]
     if not found:
@@ -42,7 +42,12 @@ def in_words(seeds: str, odometry: Sequence[Quality] = ()) -> str:
     return f"{scenes}, odometry {' or '.join(odometry)}" if odometry else scenes
 
 
-def _range(seeds: str) -> range:
+def seed_range(seeds: str) -> range:
+    """The seeds from the first to the last of "5000-5899", or one alone.
+
+    Raises:
+        EvaluationError: no such range.
+    """
     match = _SEEDS.fullmatch(seeds)
     first, last = (int(match[1]), int(match[2] or match[1])) if match else (0, -1)
     if not 0 <= last - first < _MOST:
