@@ -3,6 +3,9 @@
 from dataclasses import replace
 from math import sqrt
 
+import numpy as np
+from numpy.typing import NDArray
+
 from frontends.laser_noise import LaserNoise, learn_laser_noise
 from frontends.matchers import make_matcher
 from frontends.scan import Log
@@ -77,11 +80,12 @@ def find(
     with clock.stage("graph"):
         track = with_measured_covariance_scale(track, matcher, config.front_end.split_half)
         calibration = _recalibrate(track, log, first, config)
-        if log.has_odometry:
-            track = smoothed_between_keys(track, calibration.apply(log.odometry, config.front_end.calibration.sudden))
+        odometry = calibration.apply(log.odometry, config.front_end.calibration.sudden) if log.has_odometry else None
+        if odometry is not None:
+            track = smoothed_between_keys(track, odometry)
         heading, gyro = learn_gyro(track, log, config.front_end)
         is_forbidden = forbids(corrections.forbidden, track)
-        solution = _solve(track, log, matcher, calibration, heading, config, is_forbidden, stages)
+        solution = _solve(track, log, odometry, matcher, calibration, heading, config, is_forbidden, stages)
         guided = corrected(solution, corrections, track, matcher, config)
         solution = _with_factors(solution, guided)
         track = _reassigned(track, solution, log, matcher)
@@ -131,6 +135,7 @@ def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Con
 def _solve(
     track: Track,
     log: Log,
+    odometry: NDArray[np.float64] | None,
     matcher: MapMatcher,
     calibration: OdometryCalibration,
     heading: HeadingOdometry | None,
@@ -138,8 +143,7 @@ def _solve(
     is_forbidden: Forbids,
     stages: Stages,
 ) -> Solution:
-    if log.has_odometry:
-        odometry = calibration.apply(log.odometry, config.front_end.calibration.sudden)
+    if odometry is not None:
         motions = motions_of(track, odometry, calibration.lasting_noise)
         motions = filled_where_dead(motions, track, log.stamps, config.front_end.calibration)
     else:

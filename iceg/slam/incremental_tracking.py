@@ -1,6 +1,7 @@
 """The front end over a log that still grows: what it learns of the odometry, it learns from what there is."""
 
 from bisect import bisect_right
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,7 +54,7 @@ class IncrementalTracking:
         """Track the next scan of the log, which is there."""
         index, front_end, log = len(self._key_of_scan), self.front_end, self._log
         step = self._step(index)
-        is_sudden, is_late = self._stands_out(index)
+        is_sudden = self._stands_out(sudden_steps, index)
         self._steps.append(step)
         together = slice(index, index + (log.has_odometry and index > 0 and not is_sudden))
         found = front_end.follow(index, log.ranges[together], self._steps.rows[together], log.geometry)
@@ -62,6 +63,7 @@ class IncrementalTracking:
         else:
             scan = Scan(ranges=log.ranges[index].copy(), geometry=log.geometry)
             odometry = step if log.has_odometry and index else None
+            is_late = self._stands_out(late_steps, index)
             pose = front_end.add(index, scan, odometry, is_sudden=is_sudden, is_late=is_late)
         self._key_of_scan.append(len(front_end.keys) - 1)
         self._T_track_scan.append(pose)
@@ -95,13 +97,13 @@ class IncrementalTracking:
             odometry = self.calibration.apply(odometry, self._config.front_end.calibration.sudden)
         return between(odometry[-2], odometry[-1])
 
-    def _stands_out(self, index: int) -> tuple[bool, bool]:
-        """Whether odometry since the scan before is sudden, and whether it comes late after a pause."""
+    def _stands_out(self, told: Callable[..., NDArray[np.bool_]], index: int) -> bool:
+        """Whether odometry since the scan before is one of the steps that `sudden_steps` or `late_steps` tell."""
         if not (self._log.has_odometry and index):
-            return False, False
-        recent, config = slice(max(0, index - _RECENT), index + 1), self._config.front_end.calibration.sudden
-        odometry, stamps = self._log.odometry[recent], self._log.stamps[recent]
-        return bool(sudden_steps(odometry, config, stamps)[-1]), bool(late_steps(odometry, config, stamps)[-1])
+            return False
+        recent = slice(max(0, index - _RECENT), index + 1)
+        config = self._config.front_end.calibration.sudden
+        return bool(told(self._log.odometry[recent], config, self._log.stamps[recent])[-1])
 
     def _is_enough(self, index: int) -> bool:
         """Whether the robot has driven and turned enough to tell what its odometry does wrong."""
