@@ -165,6 +165,17 @@ def test_random_scenes_are_chosen_by_their_seeds_and_the_wheels_they_draw() -> N
     assert in_words("40-75", ("fair", "none")) == "random scenes 40-75, odometry fair or none"
 
 
+def test_random_scenes_are_driven_with_another_laser() -> None:
+    (cell,) = random_cells("7", laser="kinect")
+    (usual,) = random_cells("7")
+    log, own = recording_of(cell, None).log, recording_of(usual, None).log
+    assert log.geometry.n_beams == 640 != own.geometry.n_beams
+    assert cell.name != usual.name
+    assert in_words("7", laser="kinect") == "random scenes 7, kinect"
+    with pytest.raises(EvaluationError, match="found laser 'velodyne', expected one of sick, "):
+        random_cells("7", laser="velodyne")
+
+
 @pytest.mark.parametrize("seeds", ["", "a", "-3", "7-", "9-8", "1-2-3", "0-10000", "\u0663", "1 - 2"])
 def test_what_is_no_range_of_seeds_is_refused(seeds: str) -> None:
     with pytest.raises(EvaluationError, match=f"found seeds '{seeds}', expected one or a range"):

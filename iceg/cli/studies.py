@@ -39,16 +39,20 @@ Seeds = Annotated[
 ]
 Odometry = Annotated[
     tuple[Literal["good", "fair", "poor", "none"], ...],
-    tyro.conf.arg(help="--seeds: only robots whose odometry is so good; left out: any.", help_behavior_hint=""),
+    tyro.conf.arg(help="--seeds: only robots with such odometry; left out: any.", help_behavior_hint=""),
 ]
 
 Noise = Annotated[
     str | None,
     tyro.conf.arg(
         metavar="A-B",
-        help="As --seeds, for the faults where a millimetre decides.",
+        help="As --seeds: the faults where a millimetre decides.",
         help_behavior_hint="",
     ),
+]
+OneLaser = Annotated[
+    str | None,
+    tyro.conf.arg(metavar="NAME", help="--seeds: this laser of `iceg simulate` for all.", help_behavior_hint=""),
 ]
 
 
@@ -105,6 +109,7 @@ class Bench:
     long: Long = False
     seeds: Seeds = None
     odometry: Odometry = ()
+    laser: OneLaser = None
     noise: Noise = None
     baseline: Annotated[
         Path | None,
@@ -130,7 +135,9 @@ class Bench:
                 else "--data and --parts belong to the benchmark without FILE"
             )
         if not has_regression and (_chooses_cells(self) or self.baseline is not None):
-            raise UsageError("--groups, --long, --seeds, --odometry, --noise and --baseline need --parts regression")
+            raise UsageError(
+                "--groups, --long, --seeds, --odometry, --laser, --noise and --baseline need --parts regression"
+            )
         _check_choice(self)
         if self.workers is not None and self.workers < 1:
             raise UsageError(f"found --workers {self.workers}, expected at least 1")
@@ -247,6 +254,7 @@ class Ablation:
     long: Long = False
     seeds: Seeds = None
     odometry: Odometry = ()
+    laser: OneLaser = None
     noise: Noise = None
     workers: Annotated[
         int | None,
@@ -270,7 +278,9 @@ class Ablation:
             self._without_rules(telling)
             return
         if self.off or _chooses_cells(self) or self.workers is not None:
-            raise UsageError("--off, --groups, --long, --seeds, --odometry, --noise and --workers need --rules")
+            raise UsageError(
+                "--off, --groups, --long, --seeds, --odometry, --laser, --noise and --workers need --rules"
+            )
         check_directory(self.output, overwrite=True)
         logs = logs_to_judge(self.logs, None if self.logs else _public_logs(self.data, telling))
         if self.scales is not None:
@@ -369,14 +379,14 @@ class Nees:
 
 def _chooses_cells(command: Bench | Ablation) -> bool:
     """Whether it says which cells of the regression table to run."""
-    samples = (command.seeds, command.noise)
-    return bool(command.groups or command.long or command.odometry or samples != (None, None))
+    samples = (command.seeds, command.noise, command.laser)
+    return bool(command.groups or command.long or command.odometry or samples != (None, None, None))
 
 
 def _check_choice(command: Bench | Ablation) -> None:
     """Refuse options that choose cells in two ways."""
-    if command.seeds is None and command.odometry:
-        raise UsageError("--odometry needs --seeds")
+    if command.seeds is None and (command.odometry or command.laser is not None):
+        raise UsageError("--odometry and --laser need --seeds")
     chosen = (command.groups or command.long, command.seeds is not None, command.noise is not None)
     if sum(map(bool, chosen)) > 1:
         raise UsageError("found two of --seeds, --noise, and --groups or --long, expected one of them")
@@ -391,7 +401,8 @@ def _chosen_cells(command: Bench | Ablation, data: Path | None) -> "tuple[list[C
         return close_cells(data, seed_range(command.noise)), f"faults where a millimetre decides, noise {command.noise}"
     if command.seeds is None:
         return chosen(data, command.groups, short=not command.long), ""
-    return random_cells(command.seeds, command.odometry), in_words(command.seeds, command.odometry)
+    sample = (command.seeds, command.odometry, command.laser)
+    return random_cells(*sample), in_words(*sample)
 
 
 def _public_logs(given: Path | None, telling: Telling) -> Path | None:

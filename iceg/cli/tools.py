@@ -34,8 +34,10 @@ class Simulate:
     ]
     seed: Annotated[int, tyro.conf.arg(help="Of all that is random.")] = 0
     laser: Annotated[
-        Literal["sick", "rplidar-a1", "lds-01", "urg-04lx"] | None,
-        tyro.conf.arg(help="The laser; the scene's own unless given. All but the SICK sweep while the robot moves."),
+        Literal["sick", "rplidar-a1", "lds-01", "urg-04lx", "kinect", "realsense-d435"] | None,
+        tyro.conf.arg(
+            help="The laser; the scene's own unless given. RPLidar, LDS and URG sweep while the robot moves."
+        ),
     ] = None
     overwrite: Overwrite = False
     json: Json = False

@@ -28,7 +28,7 @@ class Cell:
     Attributes:
         group: what it is a sample of.
         source: the recording: a name of `LOGS`, of a file in `worlds/`, scene and laser of a simulation, or
-            `random:SEED`.
+            `random:SEED`, with the name of another laser than it draws behind it.
         fault: of `DEGRADATIONS`, or "none".
         seed: of a millimetre of noise on the ranges; 0 for none.
         is_short: whether it belongs to the short form.

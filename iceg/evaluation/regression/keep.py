@@ -24,6 +24,7 @@ _HEAD = """# What changes from version to version
 iceg bench --parts regression -o DIR      # the table, against the baseline; --long for every cell there is
 iceg ablation --rules -o DIR              # the same with each rule and gate switched off in turn
 iceg bench --parts regression --seeds 5000-5799 --odometry none -o DIR      # either on as many random scenes as wanted
+iceg bench --parts regression --seeds 9000-9060 --laser kinect -o DIR        # with another laser than they draw
 iceg bench --parts regression --noise 11-14 -o DIR                          # where a millimetre decides, other noise
 python -m iceg.evaluation.regression.keep DIR ... [--as-baseline]    # writes this page from DIR
 ```

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 
+from frontends.simulator.lasers import LASERS
 from frontends.simulator.random_scenes.devices import Quality
 from frontends.simulator.random_scenes.scene import drawn_odometry
 from iceg.evaluation.errors import EvaluationError
@@ -13,21 +14,26 @@ _MOST = 10_000
 """Scenes of one range: more take days."""
 
 
-def random_cells(seeds: str, odometry: Sequence[Quality] = ()) -> list[Cell]:
+def random_cells(seeds: str, odometry: Sequence[Quality] = (), laser: str | None = None) -> list[Cell]:
     """The random scenes of a range of seeds.
 
     Args:
         seeds: the first and the last, such as "5000-5899", or one alone.
         odometry: only scenes whose robot has wheels of these qualities; of any when left out.
+        laser: name of one of `frontends.simulator.lasers.LASERS` that all robots have; each the one it draws when left
+            out.
 
     Returns:
         A cell for each, without fault or noise.
 
     Raises:
-        EvaluationError: no such range, or no such scene in it.
+        EvaluationError: no such range, no such scene in it, or no such laser.
     """
+    if laser is not None and laser not in LASERS:
+        raise EvaluationError(f"found laser '{laser}', expected one of {', '.join(LASERS)}")
+    ending = "" if laser is None else f" {laser}"
     found = [
-        Cell(group="random", source=f"random:{seed}")
+        Cell(group="random", source=f"random:{seed}{ending}")
         for seed in seed_range(seeds)
         if not odometry or drawn_odometry(seed) in odometry
     ]
@@ -36,10 +42,10 @@ def random_cells(seeds: str, odometry: Sequence[Quality] = ()) -> list[Cell]:
     return found
 
 
-def in_words(seeds: str, odometry: Sequence[Quality] = ()) -> str:
-    """What such a sample is, for a table: "random scenes 5000-5899, odometry none"."""
-    scenes = f"random scenes {seeds}"
-    return f"{scenes}, odometry {' or '.join(odometry)}" if odometry else scenes
+def in_words(seeds: str, odometry: Sequence[Quality] = (), laser: str | None = None) -> str:
+    """What such a sample is, for a table: "random scenes 5000-5899, odometry none, kinect"."""
+    wheels = [f"odometry {' or '.join(odometry)}"] if odometry else []
+    return ", ".join([f"random scenes {seeds}", *wheels, *([laser] if laser else [])])
 
 
 def seed_range(seeds: str) -> range:

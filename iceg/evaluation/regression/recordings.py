@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from frontends.logs import read_log
 from frontends.scan import Log
+from frontends.simulator.lasers import LASERS as DEVICES
 from frontends.simulator.random_scenes.scene import named_seed, simulate_random
 from frontends.simulator.robot import Driving
 from frontends.simulator.simulation import simulate
@@ -86,13 +87,14 @@ def with_noise(log: Log, seed: int) -> Log:
 
 @cache
 def _simulation(source: str) -> Recording:
-    seed = named_seed(source)
+    drawn, _, other = source.partition(" ")
+    seed = named_seed(drawn)
     if seed is None:
         scene, _, laser = source.rpartition(" ")
         driving = _BRISK if scene in _LARGE else None
         simulation = simulate(scene, laser=LASERS[laser], driving=driving)
     else:
-        simulation = simulate_random(seed)
+        simulation = simulate_random(seed, laser=DEVICES[other]() if other else None)
     return Recording(log=simulation.log, truth=simulation.truth, judge=_against(simulation.truth))
 
 
