@@ -3,7 +3,7 @@
 RPLidar A1: SLAMTEC, LD108. LDS-01: ROBOTIS, HLS-LFCD2. URG-04LX: Hokuyo, C-42-3320. Where a sheet states an accuracy as
 a bound, half of it is taken for the standard deviation. Periods are multiples of the simulator's step. Depth cameras
 whose middle rows a driver makes a scan of are lasers too: Kinect and RealSense D435. Their noise grows with the square
-of the range (Khoshelham and Elberink, *Sensors* 12, 2012); here it grows evenly, to as much at 4 m.
+of the range (Khoshelham and Elberink, *Sensors* 12, 2012); here it grows evenly, to about as much at 4 m.
 """
 
 import math

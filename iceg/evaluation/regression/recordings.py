@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from frontends.logs import read_log
 from frontends.scan import Log
-from frontends.simulator.lasers import LASERS as DEVICES
+from frontends.simulator.lasers import LASERS as NAMED_LASERS
 from frontends.simulator.random_scenes.scene import named_seed, simulate_random
 from frontends.simulator.robot import Driving
 from frontends.simulator.simulation import simulate
@@ -94,7 +94,7 @@ def _simulation(source: str) -> Recording:
         driving = _BRISK if scene in _LARGE else None
         simulation = simulate(scene, laser=LASERS[laser], driving=driving)
     else:
-        simulation = simulate_random(seed, laser=DEVICES[other]() if other else None)
+        simulation = simulate_random(seed, laser=NAMED_LASERS[other]() if other else None)
     return Recording(log=simulation.log, truth=simulation.truth, judge=_against(simulation.truth))
 
 
