@@ -1,0 +1,106 @@
+"""Closures that the path refused on the way, weighed once more when all of them are known.
+
+A closure that the path does not explain is more likely a similar place than the path wrong, and it is refused. Many
+that say the same are right all the same where one match, or one closure, led the path astray. In the end both are
+weighed by truncated least squares (Yang et al., *Graduated non-convexity for robust spatial perception*, 2020): what
+does not hold, match or closure, costs as much each, so that the explanation wins that leaves less over and strains
+odometry less.
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from graph.batch import BatchResult, optimize
+from graph.factors import Factor, FactorKind, RobustKernel
+from graph.noise import largest_squared_norm
+from iceg.slam.closures.attempt import Attempt, closure_factor
+from iceg.slam.config import LoopClosureConfig
+from iceg.slam.solution import BATCH, Solution
+
+_SUSPECTS: tuple[FactorKind, ...] = ("closure", "ice")
+"""What may be wrong altogether; what is known of the rest is how far it errs."""
+
+
+def with_hindsight(solution: Solution, sets: Sequence[Sequence[Attempt]], config: LoopClosureConfig) -> Solution:
+    """Let closures in that were refused, where what they say is more probable than the path.
+
+    Args:
+        solution: the graph as it was found on the way.
+        sets: of closures that the path alone refused, and that agree with each other.
+        config: how far a true closure may be off, and how many must say the same.
+
+    Returns:
+        The solution; where closures come in, what they refute is out.
+    """
+    for refused in sets:
+        solution = _weighed(solution, refused, config)
+    return solution
+
+
+def refused_by_path(attempts: Sequence[Attempt], config: LoopClosureConfig) -> list[Attempt]:
+    """Those that would have been accepted had the path explained them."""
+    most = largest_squared_norm(config.path_probability)
+    return [attempt for attempt in attempts if not attempt.accepted and attempt.off_path**2 > most]
+
+
+def _weighed(solution: Solution, refused: Sequence[Attempt], config: LoopClosureConfig) -> Solution:
+    """The more probable of the path and of what some closures say that agree."""
+    claims = [closure_factor(attempt) for attempt in refused]
+    before = _with_doubts(solution)
+    path = _explained(before, solution.poses, config)
+    kernel = RobustKernel(name="dcs", width=path.result.gate)
+    yielding = [replace(factor, kernel=kernel) if factor.kind in _SUSPECTS else factor for factor in before]
+    led = optimize([*yielding, *claims], solution.poses, BATCH).poses
+    ways = (_explained([*before, *claims], poses, config) for poses in (solution.poses, led))
+    found = min(ways, key=lambda way: way.cost)
+    holds = found.result.inliers.tolist()
+    let_in = {id(attempt) for attempt, held in zip(refused, holds[len(solution.factors) :], strict=True) if held}
+    if len(let_in) < config.confirmations or found.cost >= path.cost + 0.5 * path.result.gate * len(claims):
+        return solution
+    factors = [factor for factor, held in zip([*solution.factors, *claims], holds, strict=True) if held]
+    closed = {(factor.i, factor.j) for factor in factors if factor.kind == "closure"}
+    return replace(
+        solution,
+        factors=factors,
+        poses=found.result.poses,
+        attempts=[_judged(attempt, closed, is_let_in=id(attempt) in let_in) for attempt in solution.attempts],
+    )
+
+
+def _with_doubts(solution: Solution) -> list[Factor]:
+    """The factors; matches that odometry does not contradict count as what is known, like odometry itself."""
+    doubtful = set(solution.odometry_jumps)
+    return [replace(f, kind="odometry") if f.kind == "ice" and f.j not in doubtful else f for f in solution.factors]
+
+
+def _judged(attempt: Attempt, closed: Collection[tuple[int | None, int]], *, is_let_in: bool) -> Attempt:
+    if is_let_in:
+        return replace(attempt, accepted=True, reason=f"in hindsight; {attempt.reason}")
+    if attempt.accepted and attempt.pair not in closed:
+        return attempt.taken_out("refuted in hindsight")
+    return attempt
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Explanation:
+    """What holds of all that was measured, and half the sum of squares, that of what does not cut at the gate."""
+
+    result: BatchResult
+    cost: float
+
+
+def _explained(factors: Sequence[Factor], poses: NDArray[np.float64], config: LoopClosureConfig) -> _Explanation:
+    """By truncated least squares, from (k, 3) poses on."""
+    settings = replace(
+        BATCH,
+        gnc=True,
+        kernel_width=largest_squared_norm(config.path_probability),
+        inlier_probability=config.path_probability,
+        suspects=_SUSPECTS,
+    )
+    result = optimize(factors, poses, settings)
+    left_over = np.count_nonzero(~result.inliers)
+    return _Explanation(result=result, cost=result.error_after + 0.5 * result.gate * left_over)
