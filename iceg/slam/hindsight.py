@@ -4,7 +4,8 @@ A closure that the path does not explain is more likely a similar place than the
 that say the same are right all the same where one match, or one closure, led the path astray. In the end both are
 weighed by truncated least squares (Yang et al., *Graduated non-convexity for robust spatial perception*, 2020): what
 does not hold, match or closure, costs as much each, so that the explanation wins that leaves less over and strains
-odometry less.
+odometry less. Something must have led the path astray: where nothing else has to go, many that slid along one wall say
+the same, and are no witnesses against the path.
 """
 
 from collections.abc import Collection, Sequence
@@ -58,7 +59,9 @@ def _weighed(solution: Solution, refused: Sequence[Attempt], config: LoopClosure
     found = min(ways, key=lambda way: way.cost)
     holds = found.result.inliers.tolist()
     let_in = {id(attempt) for attempt, held in zip(refused, holds[len(solution.factors) :], strict=True) if held}
-    if len(let_in) < config.confirmations or found.cost >= path.cost + 0.5 * path.result.gate * len(claims):
+    has_culprit = not all(holds[: len(solution.factors)])
+    is_cheaper = found.cost < path.cost + 0.5 * path.result.gate * len(claims)
+    if not (has_culprit and is_cheaper and len(let_in) >= config.confirmations):
         return solution
     factors = [factor for factor, held in zip([*solution.factors, *claims], holds, strict=True) if held]
     closed = {(factor.i, factor.j) for factor in factors if factor.kind == "closure"}
