@@ -101,6 +101,14 @@ def test_the_path_stays_as_it_is(n: int, off: list[float], astray: int | None, i
     assert after is before
 
 
+def test_where_nothing_led_the_path_astray_many_that_agree_are_no_witnesses() -> None:
+    """All slid along one wall: odometry alone could bend so far, and nothing else would have to go."""
+    claimed = refused(9, np.array([0.6, 0.0, 0.0]))
+    known = solution(claimed, None)
+    before = replace(known, factors=[factor for factor in known.factors if factor.kind != "ice"])
+    assert with_hindsight(before, [claimed], LoopClosureConfig()) is before
+
+
 def test_only_what_the_path_alone_refused_is_asked_again() -> None:
     asked = closure(3, 30, np.zeros(3), 5.0)
     others = [
