@@ -66,7 +66,7 @@ class ScriptedMatcher(ScanByScan):
 
     def agreement(self, reference: Any, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
         del reference, scan, T_ref_cur
-        return Agreement(points=100, known=10, inliers=10)
+        return Agreement(points=12, known=10, inliers=10)
 
     def match_near(self, reference: Any, scan: Scan, T_ref_guess: NDArray[np.float64]) -> RelativePose | NoMatch:
         del reference, scan, T_ref_guess

@@ -63,10 +63,12 @@ class TruthMatcher(ScriptedMatcher):
         )
 
     def agreement(self, reference: NDArray[np.float64], scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
-        """What is seen agrees where the scan matches, and contradicts the map elsewhere."""
+        """What is seen agrees where the scan matches; elsewhere it does not, and the scan looks through walls."""
         match = self.match(reference, scan, T_ref_cur, np.eye(3))
         is_there = isinstance(match, RelativePose) and np.allclose(match.T_ref_cur, T_ref_cur, atol=0.05)
-        return Agreement(points=100, known=100, inliers=100 if is_there else 10)
+        if is_there:
+            return Agreement(points=100, known=100, inliers=100, seen=50)
+        return Agreement(points=100, known=100, inliers=10, contradicted=40)
 
 
 def _number(scan: Scan) -> int:
@@ -211,11 +213,12 @@ class AliasMatcher(TruthMatcher):
 @pytest.mark.parametrize(
     ("expected", "is_believed"),
     [
-        (Agreement(points=100, known=0, inliers=0), False),
-        (Agreement(points=100, known=60, inliers=55), False),
-        (Agreement(points=100, known=60, inliers=10), True),
+        (Agreement(points=100, known=40, inliers=40, seen=20), False),
+        (Agreement(points=100, known=90, inliers=85, seen=40), False),
+        (Agreement(points=100, known=90, inliers=15, contradicted=40), True),
+        (Agreement(points=100, known=0), True),
     ],
-    ids=["new ground", "it fits there, too", "it contradicts the map there"],
+    ids=["much is new", "it fits there, too", "it looks through walls there", "all is new"],
 )
 def test_a_match_far_from_odometry_is_believed_only_where_odometry_is_contradicted(
     expected: Agreement, is_believed: bool, monkeypatch: pytest.MonkeyPatch

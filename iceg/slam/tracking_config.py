@@ -115,12 +115,19 @@ class OdometryCheckConfig(SlamSettings, prefix="odometry check: "):
     jump_false_alarm: float = between(6.334e-5, *RATES)
     """A match is a jump that chance puts so far from odometry with this probability only (normal distribution; 4
     σ)."""
-    jump_odds: float = positive(30.0)
+    jump_odds: float = positive(100.0)
     """What is seen must be so many times as probable after a jump as where odometry has the robot."""
     refused_odds: float = positive(5.0)
     """A jump that is so many times as probably wrong as right is refused."""
     contradiction: ContradictionConfig = field(default_factory=ContradictionConfig)
     """What share of what is seen contradicts a pose."""
+    ground: ContradictionConfig = field(
+        default_factory=lambda: ContradictionConfig(right=0.2, right_strength=3.0, wrong=0.5, wrong_strength=2.0)
+    )
+    """What share of a scan lies on new ground: little of one that was taken close to the scans before."""
+    crowded: float = between(0.05, *RATES)
+    """Probability that a scan is taken among people: then its beams end before walls anywhere, and who walks along
+    is matched as well. What the beams look through tells all the same."""
 
     @property
     def jump(self) -> Tolerance:

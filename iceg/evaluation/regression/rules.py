@@ -17,6 +17,7 @@ from unittest.mock import patch
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.ranges import RATES
 from iceg.config import Config
 from iceg.evaluation.errors import EvaluationError
 from iceg.slam.broken_path.path_break import TrackingFailure
@@ -98,6 +99,11 @@ def _believing_little(config: Config) -> Config:
     return replace(config, ice=replace(config.ice, covariance=covariance))
 
 
+def _among_nobody(config: Config) -> Config:
+    check = replace(config.front_end.odometry_check, crowded=RATES[0])
+    return replace(config, front_end=replace(config.front_end, odometry_check=check))
+
+
 def _running_away(config: Config) -> Config:
     newest = replace(config.front_end.tracking.velocity, change_ahead=1e3, change_aside=1e3, kept_aside=1.0)
     tracking = replace(config.front_end.tracking, velocity=newest)
@@ -143,6 +149,9 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "plausible": Rule(
             what="a match far from odometry must explain what odometry does not",
             without={f"{_CHECK}._is_plausible": _yes},
+        ),
+        "among people": Rule(
+            what="where people may stand, beams that end before walls tell nothing alone", config=_among_nobody
         ),
         "goes on": Rule(what="tells a jump of the odometry from a move", without={f"{_FRONT_END}._goes_on": _no}),
         "few beams": Rule(what="few beams do not overrule odometry", without={f"{_CHECK}._sees_too_little": _nothing}),

@@ -154,7 +154,12 @@ class OdometryCheck:
         return there > -self._log_refused_odds and there - here > self._log_jump_odds
 
     def _log_odds(self, reference: Reference, scan: Scan, pose: Floats) -> float:
-        """How much more probable it is that a scan was taken at a pose than that it was not, the logarithm."""
-        seen = self._matcher.agreement(reference, scan, pose)
-        against = seen.known - seen.inliers + seen.contradicted
-        return self._config.contradiction.log_odds(seen.inliers + seen.seen, against)
+        """How much more probable it is that a scan was taken at a pose than that it was not, the logarithm.
+
+        Three kinds of counts tell: how much of the scan lies on known ground, how much of that agrees, unless people
+        stand around, and how much of what is in view the scan sees, not looks through.
+        """
+        counted, config = self._matcher.agreement(reference, scan, pose), self._config
+        ground = config.ground.log_odds(counted.known, counted.points - counted.known)
+        ends = config.contradiction.log_odds(counted.inliers, counted.known - counted.inliers, config.crowded)
+        return ground + ends + config.contradiction.log_odds(counted.seen, counted.contradicted)
