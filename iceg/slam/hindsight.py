@@ -50,9 +50,8 @@ def refused_by_path(attempts: Sequence[Attempt], config: LoopClosureConfig) -> l
 def _weighed(solution: Solution, refused: Sequence[Attempt], config: LoopClosureConfig) -> Solution:
     """The more probable of the path and of what some closures say that agree."""
     claims = [closure_factor(attempt) for attempt in refused]
-    before = _with_doubts(solution)
-    path = _explained(before, solution.poses, config)
-    kernel = RobustKernel(name="dcs", width=path.result.gate)
+    before, gate = _with_doubts(solution), largest_squared_norm(config.path_probability)
+    kernel = RobustKernel(name="dcs", width=gate)
     yielding = [replace(factor, kernel=kernel) if factor.kind in _SUSPECTS else factor for factor in before]
     led = optimize([*yielding, *claims], solution.poses, BATCH).poses
     ways = (_explained([*before, *claims], poses, config) for poses in (solution.poses, led))
@@ -60,8 +59,10 @@ def _weighed(solution: Solution, refused: Sequence[Attempt], config: LoopClosure
     holds = found.result.inliers.tolist()
     let_in = {id(attempt) for attempt, held in zip(refused, holds[len(solution.factors) :], strict=True) if held}
     has_culprit = not all(holds[: len(solution.factors)])
-    is_cheaper = found.cost < path.cost + 0.5 * path.result.gate * len(claims)
-    if not (has_culprit and is_cheaper and len(let_in) >= config.confirmations):
+    if not has_culprit or len(let_in) < config.confirmations:
+        return solution
+    path = _explained(before, solution.poses, config)
+    if found.cost >= path.cost + 0.5 * gate * len(claims):
         return solution
     factors = [factor for factor, held in zip([*solution.factors, *claims], holds, strict=True) if held]
     closed = {(factor.i, factor.j) for factor in factors if factor.kind == "closure"}
