@@ -77,6 +77,12 @@ def test_people_who_walk_along_do_not_take_the_robot_with_them() -> None:
     assert not _is_believed(_PEOPLE, _HIDDEN)
 
 
+def test_beams_that_end_on_people_prove_no_jump() -> None:
+    """Next to nothing of the map is looked through at either place; all that speaks for a jump is where beams end."""
+    found = Agreement(points=180, known=146, inliers=123, seen=37, contradicted=6)
+    assert not _is_believed(found, Agreement(points=180, known=93, inliers=28, seen=12, contradicted=5))
+
+
 def test_who_was_carried_away_is_at_neither_place() -> None:
     assert not _is_believed(_ELSEWHERE, _ELSEWHERE)
 
@@ -90,6 +96,8 @@ def test_new_ground_where_odometry_has_the_robot_speaks_against_it() -> None:
     found = Agreement(points=330, known=318, inliers=309, seen=121, contradicted=0)
     assert _is_believed(found, Agreement(points=330, known=27, inliers=4))
     assert not _is_believed(found, Agreement(points=330, known=240, inliers=230, seen=90))
+    nothing_in_view = Agreement(points=361, known=361, inliers=351)
+    assert _is_believed(nothing_in_view, Agreement(points=361, known=12, inliers=2))
 
 
 @given(agreeing=st.integers(0, 200), against=st.integers(0, 200), unrelated=st.floats(1e-4, 0.5))

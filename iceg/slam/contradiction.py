@@ -35,7 +35,7 @@ class ContradictionConfig(SlamSettings, prefix="contradiction: "):
         right = _log_probability(agreeing, against, self.right, self.right_strength)
         wrong = _log_probability(agreeing, against, self.wrong, self.wrong_strength)
         if unrelated > 0.0:
-            anyhow = log(unrelated) + _log_probability(agreeing, against, 0.5, 2.0)
+            anyhow = log(unrelated) + _log_probability(agreeing, against, 0.5, 2.0)  # a share distributed uniformly
             right, wrong = (_log_sum(log1p(-unrelated) + related, anyhow) for related in (right, wrong))
         return right - wrong
 
