@@ -59,9 +59,6 @@ class CalibrationConfig(SlamSettings, prefix="calibration: "):
     smaller probability (normal distribution; 5 σ)."""
     outlier_sigmas: float = 3.0
     """Standard deviations beyond which a difference counts as being so far and no farther."""
-    claimed_sigma: float = positive(0.5)
-    """Matches err by the variance that they claim, times one give or take this standard deviation, before what cancels
-    from step to step tells more."""
     max_claimed: float = 2.0
     """What cancels from step to step is the match's up to so many times the variance it claims; the rest is clocks."""
     floor_gain: float = 10.0

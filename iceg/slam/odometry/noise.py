@@ -251,10 +251,9 @@ def _turned(vectors: Floats, angles: Floats) -> Floats:
 def _shares(errors: Floats, following: Floats, claimed: Floats, config: CalibrationConfig) -> tuple[Floats, float]:
     """What of differences is the matches', and how much that of odometry persists.
 
-    Neighbours share the error of the match between them, with opposite signs: the difference of autocovariances that
-    tells it, of white noise, scatters by √1.5 of the variance over √n, and what matches claim is known before. By how
-    much a chain exceeds the sum of its motions is the sum of the autocovariances under Bartlett's window (Newey and
-    West 1987), in which the error of matches cancels; it counts where it is beyond chance.
+    Neighbours share the error of the match between them, with opposite signs. By how much a chain exceeds the sum of
+    its motions is the sum of the autocovariances under Bartlett's window (Newey and West 1987), in which the error of
+    matches cancels; it counts where it is beyond chance.
 
     Args:
         errors: (n,) differences.
@@ -273,11 +272,7 @@ def _shares(errors: Floats, following: Floats, claimed: Floats, config: Calibrat
     lags = [dense.vecdot(e[lag:], e[: len(e) - lag]) / len(e) for lag in range(last + 1)]
     cancelling = max(0.5 * (lags[2] + lags[3]), 0.0) - dense.vecdot(e[:-1], after) / len(e)
     claim = max(float(np.mean(certain**2 * claimed)), 1e-12)
-    found = cancelling / (OWN * claim)
-    variance = 1.5 * (lags[0] / (OWN * claim)) ** 2 / len(e) + _NOTHING
-    believed = config.claimed_sigma**2
-    share = (believed * found + variance) / (believed + variance)
-    share = min(max(share, 0.0), config.max_claimed)
+    share = min(max(cancelling / (OWN * claim), 0.0), config.max_claimed)
     chain = lags[0] + 2.0 * sum((1.0 - lag / (last + 1.0)) * lags[lag] for lag in range(1, last + 1))
     persistence = chain / max(lags[0] - share * claim, 0.5 * lags[0], _NOTHING)
     chance = 2.0 * math.sqrt(4.0 * last / (3.0 * len(e)))  # two relative standard deviations of the sum
