@@ -109,7 +109,7 @@ def _run(
 ) -> Iterator[tuple[str, list[Outcome]]]:
     work = sorted(tasks(cells, data, rules), key=lambda task: -len(task.cells))
     context = multiprocessing.get_context("spawn")
-    with _one_core_each(), ProcessPoolExecutor(workers, mp_context=context, initializer=_load_kernels) as pool:
+    with one_core_each(), ProcessPoolExecutor(workers, mp_context=context, initializer=_load_kernels) as pool:
         try:
             for done in pool.map(run_task, work):
                 for rule, some in done:
@@ -126,7 +126,7 @@ def _in_order(cells: Sequence[Cell], outcomes: Iterable[Outcome]) -> list[Outcom
 
 
 @contextmanager
-def _one_core_each() -> Iterator[None]:
+def one_core_each() -> Iterator[None]:
     """Processes that are started within stay on one core."""
     before = {name: os.environ.get(name) for name in ONE_CORE}
     os.environ.update(ONE_CORE)
