@@ -11,11 +11,12 @@ from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.regression.likelihood import (
     FARTHEST,
     KINDS,
-    Judge,
+    JudgeFactors,
     Likelihood,
     compared,
     likelihood_of,
     log_densities,
+    main,
     read_likelihoods,
 )
 
@@ -65,21 +66,40 @@ def test_scenes_of_both_tables_are_compared() -> None:
 
 def test_a_table_is_written_and_compared_with(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     first, again = tmp_path / "first.csv", tmp_path / "again.csv"
-    Judge(output=first, seeds="26000", workers=1)()
+    JudgeFactors(output=first, seeds="26000", workers=1)()
     (found,) = read_likelihoods(first)
     assert found.scene == "random:26000"
     assert found.row() == likelihood_of("26000").row()
-    Judge(output=again, seeds="26000", workers=1, baseline=first)()
+    JudgeFactors(output=again, seeds="26000", workers=1, baseline=first)()
     assert first.read_bytes() == again.read_bytes()
     told = capsys.readouterr().out
     assert all(kind in told for kind in KINDS)
 
 
-@pytest.mark.parametrize("content", ["scene,odometry\n", "scene,odometry,ice,closure\nrandom:1,x,,\n"])
-def test_another_table_is_refused(tmp_path: Path, content: str) -> None:
+@pytest.mark.parametrize(
+    ("content", "where"),
+    [
+        ("scene,odometry\n", r"table\.csv: found the columns"),
+        ("scene,odometry,ice,closure\nrandom:1,1.0,,\nrandom:2,x,,\n", r"table\.csv:3: expected a number"),
+        ("scene,odometry,ice,closure\nrandom:1,1.0\n", r"table\.csv:2: expected a number"),
+    ],
+)
+def test_another_table_is_refused(tmp_path: Path, content: str, where: str) -> None:
     path = tmp_path / "table.csv"
     path.write_text(content)
-    with pytest.raises(EvaluationError, match=r"table\.csv"):
+    with pytest.raises(EvaluationError, match=where):
         read_likelihoods(path)
     with pytest.raises(EvaluationError, match="missing"):
         read_likelihoods(tmp_path / "missing.csv")
+
+
+@pytest.mark.parametrize(
+    ("asked", "expected"),
+    [(["--seeds", "x"], "found seeds 'x'"), (["--seeds", "1", "--workers", "0"], "found 0 workers")],
+)
+def test_what_cannot_be_run_is_told_in_one_line(
+    asked: list[str], expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.argv", ["likelihood", "-o", str(tmp_path / "table.csv"), *asked])
+    with pytest.raises(SystemExit, match=f"likelihood: {expected}"):
+        main()

@@ -26,6 +26,7 @@ from tqdm import tqdm
 from frontends.simulator.random_scenes.devices import Quality
 from graph import dense
 from graph.elementary import log
+from graph.errors import IcegError
 from graph.factors import Factor
 from graph.se2 import between, logmap
 from iceg.evaluation.bench.tables import Row, format_markdown, write_csv
@@ -125,7 +126,7 @@ def compared(before: Sequence[Likelihood], after: Sequence[Likelihood]) -> list[
 
 
 def read_likelihoods(path: Path) -> list[Likelihood]:
-    """Read what `Judge` wrote.
+    """Read what `JudgeFactors` wrote.
 
     Raises:
         EvaluationError: the file is not there, or holds something else.
@@ -136,18 +137,24 @@ def read_likelihoods(path: Path) -> list[Likelihood]:
             reader = csv.DictReader(stream)
             if reader.fieldnames != expected:
                 raise EvaluationError(f"{path}: found the columns {reader.fieldnames}, expected {expected}")
-            return [
-                Likelihood(
-                    scene=row["scene"], of_kinds=tuple(float(row[kind]) if row[kind] else None for kind in KINDS)
-                )
-                for row in reader
-            ]
-    except (OSError, UnicodeDecodeError, TypeError, ValueError) as error:
+            return [_parsed(row, f"{path}:{number}") for number, row in enumerate(reader, start=2)]
+    except (OSError, UnicodeDecodeError) as error:
         raise EvaluationError(f"{path}: cannot be read as a table of likelihoods: {error}") from error
 
 
+def _parsed(row: dict[str, str], where: str) -> Likelihood:
+    try:
+        words = [row[kind] for kind in KINDS]
+        means = tuple(float(word) if word != "" else None for word in words)
+    except (TypeError, ValueError) as error:
+        raise EvaluationError(
+            f"{where}: expected a number or nothing for each of {', '.join(KINDS)}: {error}"
+        ) from error
+    return Likelihood(scene=row["scene"], of_kinds=means)
+
+
 @dataclass(frozen=True, kw_only=True)
-class Judge:
+class JudgeFactors:
     """Run random scenes and tell how probable the truth is under what their factors claim."""
 
     output: Annotated[Path, tyro.conf.arg(aliases=["-o"], metavar="FILE")]
@@ -162,7 +169,13 @@ class Judge:
     """Processes at a time."""
 
     def __call__(self) -> None:
-        """Run, write, compare."""
+        """Run, write, compare.
+
+        Raises:
+            IcegError: no such scenes, no such table, or fewer processes than one.
+        """
+        if self.workers < 1:
+            raise EvaluationError(f"found {self.workers} workers, expected one at least")
         baseline = None if self.baseline is None else read_likelihoods(self.baseline)
         seeds = [cell.source.partition(":")[2] for cell in random_cells(self.seeds, self.odometry)]
         context = multiprocessing.get_context("spawn")
@@ -173,5 +186,14 @@ class Judge:
             sys.stdout.write(format_markdown(compared(baseline, found)) + "\n")
 
 
+def main() -> None:
+    """What the command line asks for; an error is one line."""
+    asked = tyro.cli(JudgeFactors, prog="python -m iceg.evaluation.regression.likelihood")
+    try:
+        asked()
+    except IcegError as error:
+        sys.exit(f"likelihood: {error}")
+
+
 if __name__ == "__main__":
-    tyro.cli(Judge, prog="python -m iceg.evaluation.regression.likelihood")()
+    main()
