@@ -9,6 +9,9 @@ PAGES := docs-output
 WORKERS ?= 2
 ARGS ?=
 
+# As pip does for whatever it copies; else every run would do it anew where PYTHONDONTWRITEBYTECODE is set: 0.2 s.
+BYTECODE := $(BIN)/python -m compileall -q graph frontends iceg
+
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 export MPLBACKEND ?= Agg
 export ICEG_DATA ?= $(abspath ../shared/data)
@@ -90,11 +93,13 @@ $(VENV)/bin/python:
 $(VENV)/installed.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@echo "Installing into $(VENV) ..."
 	@$(BIN)/python -m pip install --quiet -c constraints.txt -e .
+	@$(BYTECODE)
 	@touch $@
 
 $(VENV)/installed-dev.stamp: pyproject.toml constraints.txt | $(VENV)/bin/python
 	@echo "Installing into $(VENV), with the development tools ..."
 	@$(BIN)/python -m pip install --quiet -c constraints.txt -e '.[dev]'
+	@$(BYTECODE)
 	@touch $@ $(VENV)/installed.stamp
 
 clean:

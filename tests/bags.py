@@ -20,6 +20,7 @@ SCAN, ODOMETRY, TF, POSE = (
     "tf2_msgs/msg/TFMessage",
     "geometry_msgs/msg/PoseStamped",
 )
+MULTI_ECHO = "sensor_msgs/msg/MultiEchoLaserScan"
 IMU = "sensor_msgs/msg/Imu"
 STRING, OLD_TF, UNKNOWN = "std_msgs/msg/String", "tf/msg/tfMessage", "some_robot/msg/Bump"
 CONTAINERS = (
@@ -85,6 +86,11 @@ def scan(
         "ranges": readings,
     }
     return Said(stamp if recorded is None else recorded, topic, SCAN, fields)
+
+
+def multi_echo(said: Said, echoes: Sequence[Sequence[float]]) -> Said:
+    """A MultiEchoLaserScan with the header and the angles of a LaserScan."""
+    return said._replace(type=MULTI_ECHO, fields=said.fields | {"ranges": echoes})
 
 
 def odometry(
@@ -188,6 +194,10 @@ def make(types: Any, message: Said, *, is_ros1: bool) -> Any:
         header = known["std_msgs/msg/Header"](*((7, time, frame) if is_ros1 else (time, frame)))
     if message.type == SCAN:
         return known[SCAN](header=header, scan_time=0.0, intensities=np.zeros(3, np.float32), **fields)
+    if message.type == MULTI_ECHO:
+        echo = known["sensor_msgs/msg/LaserEcho"]
+        beams = [echo(np.array(echoes, np.float32)) for echoes in fields.pop("ranges")]
+        return known[MULTI_ECHO](header=header, scan_time=0.0, ranges=beams, intensities=beams[:1], **fields)
     if message.type in {STRING, UNKNOWN}:
         return known[message.type](**fields)
     vector, turned = known["geometry_msgs/msg/Vector3"], known["geometry_msgs/msg/Quaternion"]

@@ -12,7 +12,20 @@ from frontends.bags import messages
 from frontends.bags.errors import MalformedMessageError
 from frontends.bags.rigid import Rigid, planar_poses
 from frontends.bags.wire import Wire
-from tests.bags import ODOMETRY, POSE, SCAN, TF, make, odometry, scan, store, transform, true_pose
+from tests.bags import (
+    MULTI_ECHO,
+    ODOMETRY,
+    POSE,
+    SCAN,
+    TF,
+    make,
+    multi_echo,
+    odometry,
+    scan,
+    store,
+    transform,
+    true_pose,
+)
 
 STORES = {is_ros1: store(is_ros1=is_ros1) for is_ros1 in (True, False)}
 FRAMES = st.text(st.characters(codec="utf-8", exclude_characters="\0/"), max_size=9)
@@ -37,6 +50,16 @@ def test_scans(is_ros1: bool, stamp: float, frame: str, ranges: list[float]) -> 
     assert read.setting[3:] == (0.5, 0.0, float(np.float32(0.1)), 10.0)
 
 
+@given(st.booleans(), FRAMES, st.lists(st.lists(st.floats(width=32), max_size=3), min_size=2, max_size=9))
+def test_of_several_echoes_the_first_counts(is_ros1: bool, frame: str, echoes: list[list[float]]) -> None:
+    said = scan(7.0, [0.0] * len(echoes), frame=frame, time_increment=0.5)
+    data = packed(multi_echo(said, echoes), is_ros1=is_ros1)
+    read = messages.multi_echo_laser_scan(Wire(data, is_cdr=not is_ros1))
+    assert (read.stamp, read.frame, read.setting[3]) == (7.0, frame, 0.5)
+    first = [beam[0] if beam else math.nan for beam in echoes]
+    np.testing.assert_array_equal(read.ranges, np.array(first, np.float32))
+
+
 @given(st.booleans(), STAMPS, FRAMES, FRAMES, POSES)
 def test_poses(is_ros1: bool, stamp: float, parent: str, child: str, pose: tuple[float, float, float]) -> None:
     for said, decode in (
@@ -56,10 +79,14 @@ def test_big_endian_cdr() -> None:
     said = scan(5.0, [1.0, 2.0, 3.0])
     data = bytes(types.serialize_cdr(make(types, said, is_ros1=False), SCAN, little_endian=False))
     assert messages.laser_scan(Wire(data, is_cdr=True)).ranges.tolist() == [1.0, 2.0, 3.0]
+    echoes = make(types, multi_echo(said, [[1.0, 5.0], [2.0], [3.0]]), is_ros1=False)
+    data = bytes(types.serialize_cdr(echoes, MULTI_ECHO, little_endian=False))
+    assert messages.multi_echo_laser_scan(Wire(data, is_cdr=True)).ranges.tolist() == [1.0, 2.0, 3.0]
 
 
 DECODERS = {
     SCAN: messages.laser_scan,
+    MULTI_ECHO: messages.multi_echo_laser_scan,
     ODOMETRY: messages.transform_stamped,
     TF: messages.transforms,
     "imu": messages.turn_rate,
@@ -80,6 +107,16 @@ def test_a_message_cut_off_is_malformed(is_ros1: bool) -> None:
     for end in range(60):
         with pytest.raises(MalformedMessageError):
             messages.transform_stamped(Wire(data[:end], is_cdr=not is_ros1))
+
+
+@pytest.mark.parametrize("is_ros1", [True, False])
+def test_echoes_cut_off_are_malformed(is_ros1: bool) -> None:
+    data = packed(multi_echo(scan(1.0, [0.0] * 3), [[1.0, 5.0], [], [3.0]]), is_ros1=is_ros1)
+    end = len(data) - 4 * 3  # behind the echoes: one list of two intensities, preceded by how many lists
+    messages.multi_echo_laser_scan(Wire(data[: end - 4], is_cdr=not is_ros1))
+    for short in range(end - 4):
+        with pytest.raises(MalformedMessageError):
+            messages.multi_echo_laser_scan(Wire(data[:short], is_cdr=not is_ros1))
 
 
 ANGLES = st.floats(-math.pi, math.pi)

@@ -17,6 +17,7 @@ from tests.bags import (
     CONTAINERS,
     OLD_TF,
     Said,
+    multi_echo,
     odometry,
     scan,
     storage_file,
@@ -165,6 +166,30 @@ def test_of_several_lasers_the_one_that_sees_most(tmp_path: Path) -> None:
     assert read_log(path, scan_topic="rear").geometry.resolution == pytest.approx(0.01)
     with pytest.raises(LogError, match="/wide in frame 'wide'"):
         read_log(path, scan_topic="/front")
+
+
+def test_of_a_laser_with_several_echoes_the_first(tmp_path: Path) -> None:
+    plain = moving_scans(frame="laser")
+    several = [multi_echo(said, [[r, r + 0.5] if r > 2.5 else [r] for r in said.fields["ranges"]]) for said in plain]
+    several[3] = multi_echo(plain[3], [[]] * N_BEAMS)
+    log = read_log(write_bag(tmp_path, several, name="several"))
+    expected = read_log(write_bag(tmp_path, plain, name="plain"))
+    np.testing.assert_array_equal(np.delete(log.ranges, 3, axis=0), np.delete(expected.ranges, 3, axis=0))
+    assert np.isnan(log.ranges[3]).all()
+    np.testing.assert_array_equal(log.geometry.bearings, expected.geometry.bearings)
+
+
+def test_a_laser_called_vertical_does_not_look_into_the_plane(tmp_path: Path) -> None:
+    said = moving_scans(topic="/horizontal_laser_2d", frame="horizontal_laser_link", step=0.01)
+    said += [
+        scan(START + 0.1 * k, readings(50 + k), topic="/vertical_laser_2d", frame="vertical_laser_link")
+        for k in range(N_SCANS)
+    ]
+    path = write_bag(tmp_path, said)
+    assert read_log(path).choices["laser"].startswith("/horizontal_laser_2d")
+    assert read_log(path, scan_topic="/vertical_laser_2d").choices["laser"].startswith("/vertical_laser_2d")
+    upright = transform(START, "base_link", "vertical_laser_link", (0.2, 0.0, 0.0), topic="/tf_static")
+    assert read_log(write_bag(tmp_path, [*said, upright], name="placed")).choices["laser"].startswith("/vertical")
 
 
 def test_a_topic_that_repeats_a_laser_is_no_other_laser(tmp_path: Path) -> None:

@@ -262,4 +262,4 @@ def _warn_of_few_returns(ranges: NDArray[np.float32]) -> list[str]:
 def _why_no_scans(records: Records, warnings: list[str]) -> str:
     found = ", ".join(f"{n} {topic} ({kind})" for (topic, kind), n in records.counts.most_common(8))
     reason = f"no scan; the bag holds {found}" if found else "no message found"
-    return "; ".join([f"{reason}, expected sensor_msgs/LaserScan messages", *warnings])
+    return "; ".join([f"{reason}, expected messages of sensor_msgs/LaserScan or MultiEchoLaserScan", *warnings])

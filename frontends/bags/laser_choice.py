@@ -43,8 +43,8 @@ def choose_laser(
     """Pick a laser.
 
     Lasers that repeat another one's readings are left out first. Of the rest, the first difference counts: does it
-    look into the plane; does it have half as many scans as the one with most; is its place known; how wide a view
-    returns something; how far; is its topic called scan, or front; how many scans.
+    look into the plane, by its place or else by its name; does it have half as many scans as the one with most; is its
+    place known; how wide a view returns something; how far; is its topic called scan, or front; how many scans.
 
     Args:
         scans: the sweeps of each.
@@ -101,7 +101,7 @@ def _merits(laser: Laser, records: ScanRecords, frames: Frames, most: int) -> tu
     mount = _known_place(laser, frames)
     name = laser.topic.rsplit("/", 1)[-1].lower()
     return (
-        mount is None or mount >= _UPRIGHT or mount <= -_UPRIGHT,
+        not _is_called_vertical(laser) if mount is None else abs(mount) >= _UPRIGHT,
         len(records) >= _FEWEST * most,
         mount is not None,
         _grade(view),
@@ -111,6 +111,10 @@ def _merits(laser: Laser, records: ScanRecords, frames: Frames, most: int) -> tu
         len(records),
         -len(laser.topic),
     )
+
+
+def _is_called_vertical(laser: Laser) -> bool:
+    return "vertical" in f"{laser.topic} {laser.frame}".lower()
 
 
 def _known_place(laser: Laser, frames: Frames) -> float | None:

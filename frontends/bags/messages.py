@@ -73,6 +73,13 @@ def laser_scan(wire: Wire) -> LaserScan:
     return LaserScan(stamp, frame, setting, wire.float_array())
 
 
+def multi_echo_laser_scan(wire: Wire) -> LaserScan:
+    """sensor_msgs/MultiEchoLaserScan: the first echo of each beam, NaN where there is none; without its intensities."""
+    stamp, frame = wire.header()
+    setting = wire.seven_floats()
+    return LaserScan(stamp, frame, setting, wire.first_echoes())
+
+
 def pose_stamped(wire: Wire) -> StampedPose:
     """geometry_msgs/PoseStamped, and PoseWithCovarianceStamped, which begins alike."""
     stamp, frame = wire.header()
@@ -107,7 +114,11 @@ def text(wire: Wire) -> str:
     return wire.string()
 
 
-LASER_SCAN = "sensor_msgs/msg/LaserScan"
+SCANS: dict[str, Callable[[Wire], LaserScan]] = {
+    "sensor_msgs/msg/LaserScan": laser_scan,
+    "sensor_msgs/msg/MultiEchoLaserScan": multi_echo_laser_scan,
+}
+"""Messages that hold one sweep."""
 IMU = "sensor_msgs/msg/Imu"
 STRING = "std_msgs/msg/String"
 ODOMETRY = "nav_msgs/msg/Odometry"

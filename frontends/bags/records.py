@@ -17,7 +17,7 @@ from frontends.bags.messages import StampedPose
 from frontends.bags.storage import Bag, DamagedFileError
 from frontends.bags.wire import Wire
 
-_TYPES = {messages.LASER_SCAN, messages.IMU, messages.STRING, *messages.POSES, *messages.TRANSFORMS}
+_TYPES = {messages.IMU, messages.STRING, *messages.SCANS, *messages.POSES, *messages.TRANSFORMS}
 _PROGRESS = 512
 """Messages between two reports of progress."""
 
@@ -169,7 +169,7 @@ def collect(bag: Bag, progress: Callable[[int, int], None] | None = None) -> Rec
 
 
 def _take_scan(records: Records, channel: Channel, recorded: float, wire: Wire) -> None:
-    stamp, frame, setting, ranges = messages.laser_scan(wire)
+    stamp, frame, setting, ranges = messages.SCANS[channel.type](wire)
     scans = records.scans.get((channel.topic, frame))  # type: ignore[call-overload]  # equal to a Laser, and quicker
     if scans is None:
         scans = records.scans[Laser(channel.topic, frame)] = ScanRecords()
@@ -219,9 +219,9 @@ def _take_text(records: Records, channel: Channel, recorded: float, wire: Wire) 
 
 
 _TAKERS: dict[str, Callable[[Records, Channel, float, Wire], None]] = {
-    messages.LASER_SCAN: _take_scan,
     messages.IMU: _take_turn_rate,
     messages.STRING: _take_text,
+    **dict.fromkeys(messages.SCANS, _take_scan),
     **dict.fromkeys(messages.POSES, _take_pose),
     **dict.fromkeys(messages.TRANSFORMS, _take_transforms),
 }

@@ -10,6 +10,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.bags._echo_kernels import first_echoes
 from frontends.bags.errors import MalformedMessageError
 
 _BYTE_ORDERS = {b"\0\1": "<", b"\0\0": ">"}
@@ -89,6 +90,20 @@ class Wire:
         values = np.frombuffer(self._data, dtype=self._float, count=n, offset=self._at)
         self._at += 4 * n
         return values.astype(np.float32)
+
+    def first_echoes(self) -> NDArray[np.float32]:
+        """The first number of each of several lists, NaN for an empty one; preceded by how many lists they are."""
+        n = self.count()
+        words = np.frombuffer(self._data[self._at : self._at + ((len(self._data) - self._at) & ~3)], self._float)
+        if n > len(words):
+            raise MalformedMessageError(f"found room for {len(words)} beams, expected {n}")
+        echoes, ranges = words.astype(np.float32), np.empty(n, dtype=np.float32)
+        counts = words.view(self._float.str.replace("f", "u")).astype(np.uint32)
+        taken = first_echoes(counts, echoes, ranges)
+        if taken > len(words):
+            raise MalformedMessageError(f"found {len(self._data)} bytes, expected the echoes of {n} beams")
+        self._at += 4 * taken
+        return ranges
 
     def _bytes(self, length: int) -> bytes:
         end = self._at + length
