@@ -1,6 +1,7 @@
 """All settings of a run: one small dataclass per stage, defined where the stage is, put together here."""
 
 from dataclasses import dataclass, field, fields, is_dataclass
+from math import pi
 from pathlib import Path
 from typing import Any, Literal
 
@@ -8,6 +9,7 @@ from graph.config import PoseGraphConfig
 from graph.limits import LIMITS
 from graph.odometry import OdometryModel, check_odometry_setting
 from graph.ranges import check_magnitudes, shown_number
+from graph.units import Radians
 from iceg.ice.config import IceConfig
 from iceg.maps.config import FeatureMapConfig, GridConfig
 from iceg.settings_file import ConfigError, format_settings, parse_settings, read_settings
@@ -21,6 +23,7 @@ MatcherName = Literal["ice", "icp", "plicp", "idc", "mbicp", "wsm", "qwsm", "ndt
 """ICE, and the keys of `frontends.matchers.MATCHERS`."""
 
 _MOST_SEED = 2**63 - 1
+_FARTHEST_LASER = 100.0  # m: no robot is larger
 _HEADING = "Settings of iceg: SI units, angles in radians. Leave a key out to get its default."
 
 
@@ -34,6 +37,12 @@ class LogConfig:
     """Shortest reading taken as a return [m]; left out: 2 cm."""
     range_max: float | None = None
     """Longest reading taken as a return [m]; left out: derived from the log."""
+    laser_x: float | None = None
+    """Where the laser sits ahead of the robot's centre [m]; left out, as for the next two: as the log says."""
+    laser_y: float | None = None
+    """Where it sits to the left of the centre [m]."""
+    laser_heading: Radians | None = None
+    """Which way it looks, counter-clockwise from straight ahead."""
     scan_topic: str | None = None
     """Of a bag: topic of the laser; left out: the one that sees most."""
     scan_frame: str | None = None
@@ -44,6 +53,10 @@ class LogConfig:
     """Of a bag: the robot's frame; left out: the one whose odometry it is."""
 
     def __post_init__(self) -> None:
+        for name, most in (("laser_x", _FARTHEST_LASER), ("laser_y", _FARTHEST_LASER), ("laser_heading", 2.0 * pi)):
+            value = getattr(self, name)
+            if value is not None and not abs(value) <= most:
+                raise ConfigError(f"{name} is {value}, expected at most {most:g} on either side of zero")
         most = LIMITS.range
         if self.range_min is not None and not 0 <= self.range_min <= most:
             raise ConfigError(f"range_min is {self.range_min} m, expected ≥ 0 and at most {most:g} m")

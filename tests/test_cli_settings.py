@@ -90,6 +90,7 @@ def test_bad_settings_in_a_file_are_a_usage_error(
             "--ice.refinement.scale: found scale 2.0 m, expected at most coarse_scale, 1.0 m",
         ),
         (["--log.range-max", "-1"], "--log.range-max: range_max is -1.0 m, expected more than 0.0 m, at most 10000 m"),
+        (["--log.laser-x", "200"], "--log.laser-x: laser_x is 200.0, expected at most 100 on either side of zero"),
     ],
 )
 def test_a_flag_out_of_range_is_a_usage_error(

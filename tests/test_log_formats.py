@@ -79,7 +79,10 @@ def test_formats_are_chosen_by_name_or_content(tmp_path: Path) -> None:
         (b"", "the log is empty"),
         (b"\n \n", "the log is empty"),
         (b"\x1f\x8b\x08\x00\x00", "the compressed file is cut off before its first line"),
-        (b"time,x,y\n0,1,2\n", "found 'time,x,y', expected a log of one of the formats carmen, dpslam, usarsim"),
+        (
+            b"time,x,y\n0,1,2\n",
+            "found 'time,x,y', expected a log of one of the formats carmen, dpslam, usarsim,",
+        ),
         (b"\x89PNG\r\n\x1a\n\x00", r"found '\x89PNG\r', expected a log"),
         (b"\x00\x1b[2J", r"found '\x00\x1b[2J', expected a log"),
     ],
@@ -91,3 +94,14 @@ def test_what_is_no_log_is_shown_in_plain_text(tmp_path: Path, content: bytes, m
         read_log(path)
     assert str(caught.value).startswith(f"{path}: {message}")
     assert str(caught.value).isprintable()
+
+
+def test_where_the_laser_sits_may_be_told(tmp_path: Path) -> None:
+    path = tmp_path / "robot.log"
+    path.write_text("Odometry 0 0 0\nLaser 3 1 2 3\nOdometry 0 0 1\nLaser 3 1 2 3\n")
+    log = read_log(path)
+    assert any("where the laser sits" in warning for warning in log.warnings)
+    told = read_log(path, laser_x=0.1, laser_heading=0.5)
+    assert told.geometry.T_robot_laser.tolist() == [0.1, log.geometry.T_robot_laser[1], 0.5]
+    assert not any("where the laser sits" in warning for warning in told.warnings)
+    assert_array_equal(told.ranges, log.ranges)

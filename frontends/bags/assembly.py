@@ -18,13 +18,16 @@ from frontends.bags.records import Laser, Records, ScanRecords, collect
 from frontends.bags.storage import open_bag
 from frontends.bags.times import ScanTimes, scan_times
 from frontends.bags.urdf import described_frames
+from frontends.logs.laser_mount import SILENT
 from frontends.logs.plausibility import judge_odometry
 from frontends.logs.usable_range import DEFAULT_RANGE_MIN, mask_no_returns, usable_range, warn_of_no_returns
 from frontends.scan import Log, ScanGeometry
 from graph.errors import IcegError
 from graph.se2 import compose
 
-_UNKNOWN_MOUNT = "the bag does not say where the laser sits: at the robot's centre, unless the scans tell otherwise"
+_UNKNOWN_MOUNT = (
+    f"the bag {SILENT}: at the robot's centre, unless the scans tell otherwise (or log.laser_x, log.laser_y)"
+)
 _FEW_RETURNS = 0.35
 """Where fewer of the beams than this return anything [share], a map is thin."""
 _TRUTH_SHARE = 0.99

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from frontends.bags import messages
 from frontends.bags.errors import BagError
 from frontends.bags.frames import Frames
-from frontends.bags.pose_samples import poses_at
 from frontends.bags.records import PoseSource, Records, Rows
 from frontends.bags.rigid import planar_poses
 from frontends.bags.sources import is_fixed_frame, is_odometry, is_odometry_frame, is_truth, last_word
 from frontends.bags.times import ScanTimes, covered, pose_times
+from frontends.pose_samples import poses_at
 
 _MOVED = 1e-6  # m or rad
 _WHOLE = 0.9

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from frontends.logs import laser_mount
 from frontends.logs.beams import Setup, find_beams, stack_sweeps, usual_setup
 from frontends.logs.budget import Budget, check_stack
 from frontends.logs.errors import LogError, MalformedLineError
@@ -39,9 +40,7 @@ _MILLIMETRE_CODES = (8.1825, 8.1915)  # 13 bits less the nine error codes at the
 _ODOMETRY, _LASER = b"odometry", b"laser"
 _MOUNT = (0.40, 0.0, 0.0)  # of the authors' ATRV Jr; matches of its loop5 log with its odometry say 0.39 m
 
-_ASSUMED_MOUNT = (
-    f"the log does not say where the laser sits: {_MOUNT[0]:g} m ahead of the robot's centre, as on DP-SLAM's own robot"
-)
+_ASSUMED_MOUNT = f"the log {laser_mount.SILENT}: {_MOUNT[0]:g} m ahead of the robot's centre, as on DP-SLAM's own robot"
 
 
 def is_dpslam(head: bytes) -> bool:

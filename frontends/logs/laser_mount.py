@@ -2,12 +2,18 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.scan import Log
 from graph.elementary import cos_sin
 from graph.se2 import between, wrap_angle
+
+SILENT = "does not say where the laser sits"
+"""What every warning says of a log that leaves it open."""
+UNKNOWN = f"the log {SILENT}: it is taken to sit at the robot's centre (log.laser_x and log.laser_y say otherwise)"
 
 _SAME_PLACE = 0.02  # m: what rounding and the time between the two poses leave
 _SAME_HEADING = math.radians(1.0)
@@ -38,7 +44,7 @@ def find(
     stated, warnings = _stated(parameters, rear=rear)
     if len(T_odom_laser) == 0:
         if stated is None:
-            warnings.append("the log does not say where the laser sits: it is taken to sit at the robot's centre")
+            warnings.append(UNKNOWN)
         return np.zeros(3) if stated is None else stated, warnings
     T_robot_laser = between(T_odom_robot, T_odom_laser)
     usual = np.median(T_robot_laser[:, :2], axis=0)
@@ -118,3 +124,26 @@ def _shown(mount: NDArray[np.float64]) -> str:
 def _rounded(mount: NDArray[np.float64]) -> NDArray[np.float64]:
     """Free of what six printed decimals of large coordinates leave behind."""
     return np.round(mount, 5) + 0.0
+
+
+def placed(log: Log, x: float | None, y: float | None, heading: float | None) -> Log:
+    """The log with its laser where somebody says it sits.
+
+    Args:
+        log: as read.
+        x: ahead of the robot's centre [m]; None for what the log says, as for the other two.
+        y: to the left of it [m].
+        heading: counter-clockwise from straight ahead [rad].
+    """
+    if x is None and y is None and heading is None:
+        return log
+    given = (x, y, heading)
+    T_robot_laser = [
+        known if said is None else said for said, known in zip(given, log.geometry.T_robot_laser.tolist(), strict=True)
+    ]
+    return replace(
+        log,
+        geometry=replace(log.geometry, T_robot_laser=np.array(T_robot_laser)),
+        warnings=tuple(warning for warning in log.warnings if SILENT not in warning),
+        choices={**log.choices, "mount": "as the settings say"},
+    )

@@ -11,6 +11,8 @@ from frontends.bags.magic import is_bag
 from frontends.logs.carmen import is_carmen, read_carmen
 from frontends.logs.dpslam import is_dpslam, read_dpslam
 from frontends.logs.errors import LogError
+from frontends.logs.laser_mount import placed
+from frontends.logs.player import is_player, read_player
 from frontends.logs.text import TextLog
 from frontends.logs.usarsim import is_usarsim, read_usarsim
 from frontends.scan import Log
@@ -36,6 +38,7 @@ READERS: dict[str, Reader] = {
     "carmen": Reader(read=read_carmen, recognises=is_carmen),
     "dpslam": Reader(read=read_dpslam, recognises=is_dpslam),
     "usarsim": Reader(read=read_usarsim, recognises=is_usarsim),
+    "player": Reader(read=read_player, recognises=is_player),
     "bag": Reader(read=read_bag, recognises=is_bag),
     "csv": Reader(read=read_csv, recognises=is_csv),
     "npz": Reader(read=read_npz, recognises=is_npz),
@@ -48,6 +51,9 @@ def read_log(
     path: Path | str,
     *,
     log_format: str = "auto",
+    laser_x: float | None = None,
+    laser_y: float | None = None,
+    laser_heading: float | None = None,
     progress: Callable[[int, int], None] | None = None,
     **options: Any,  # noqa: ANN401
 ) -> Log:
@@ -56,6 +62,9 @@ def read_log(
     Args:
         path: the log, plain or compressed (gz, bz2, xz).
         log_format: a name out of `READERS`, or "auto" to tell it by the content.
+        laser_x: where the laser sits ahead of the robot's centre [m]; None for what the log says, as for the others.
+        laser_y: to the left of it [m].
+        laser_heading: counter-clockwise from straight ahead [rad].
         progress: called with how much is read and how much there is, by readers of formats whose logs are long.
         **options: for the format's reader: `range_max`, `skip_bad_lines` and so on. One that is None or
             False is left to the reader, and need not be known to it.
@@ -75,7 +84,7 @@ def read_log(
         raise LogError(f"{path}: a log of the format {log_format} has no option {', '.join(unknown)}")
     if "progress" in signature(read).parameters:
         given["progress"] = progress
-    return read(path, **given)
+    return placed(read(path, **given), laser_x, laser_y, laser_heading)
 
 
 def recognise(path: Path) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.logs import laser_mount
 from frontends.logs.beams import BeamDescription, Setup, stack_sweeps, usual_setup
 from frontends.logs.budget import check_stack
 from frontends.logs.errors import LogError
@@ -202,7 +203,7 @@ def _place_laser(records: Records, name: str) -> tuple[NDArray[np.float64], bool
         return (
             np.zeros(3),
             False,
-            ["the log does not say where the laser sits: it is taken to sit at the robot's centre"],
+            [laser_mount.UNKNOWN],
         )
     x, y, roll, yaw = mount
     T_robot_laser = np.array([x, -y, wrap_angle(-yaw)]) + 0.0

@@ -68,6 +68,30 @@ def usarsim_log(
     return "\n".join(lines) + "\n"
 
 
+def player_log(*, version: int = 2, x: str | None = None, angle: str = "-1.5708", count: str = "0180") -> str:
+    """A log of Player 1 or 2, some of its fields replaced."""
+    lines = [f"## Player version {version}.1.0 "]
+    if version > 1:
+        lines.append("0000000000.000 16777343 6665 laser 00 004 001  +0.030  +0.000   0.000   0.140   0.140")
+    for k in range(8):
+        time = f"{0.2 * k:014.3f}"
+        place = x if x is not None and k == 3 else f"{0.1 * k:+07.3f}"
+        readings = "".join(f"{reading}  0 " for reading in ranges(k))
+        heads = {
+            1: (f"{time} host 6665 position 00 {time}", f"{time} host 6665 laser 00 {time}", "", ""),
+            2: (
+                f"{time} 16777343 6665 position2d 00 001 001",
+                f"{time} 16777343 6665 laser 00 001 001",
+                f" {k:04d}",
+                " +80.0000",
+            ),
+        }
+        position, laser, number, longest = heads[version]
+        lines.append(f"{position} {place} +00.000 +0.000 +00.100 +00.000 +00.000 0")
+        lines.append(f"{laser}{number} {angle} +1.5533 +0.01745329{longest} {count} {readings}")
+    return "\n".join(lines) + "\n"
+
+
 def carmen_log(n: int = 8) -> str:
     """A CARMEN log of all kinds of messages."""
     lines = ["# message_name [message contents] ipc_timestamp ipc_hostname logger_timestamp"]

@@ -254,6 +254,7 @@ def _logs() -> dict[str, Target]:
         "carmen": ("x.clf", (seeds.carmen_log(),)),
         "usarsim": ("x.usarsim", (seeds.usarsim_log(),)),
         "dpslam": ("x.log", (seeds.dpslam_log(),)),
+        "player": ("x.log", (seeds.player_log(version=1), seeds.player_log(version=2))),
     }
     return {
         name: Target(

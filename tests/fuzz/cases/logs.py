@@ -1,4 +1,4 @@
-"""Logs of CARMEN, USARSim and DP-SLAM."""
+"""Logs of CARMEN, USARSim, DP-SLAM and Player."""
 
 import bz2
 import gzip
@@ -7,7 +7,7 @@ import os
 from collections.abc import Iterator
 
 from tests.fuzz.cases.case import LONG, Case, text_file
-from tests.fuzz.seeds import flaser, robotlaser, usarsim_log
+from tests.fuzz.seeds import flaser, player_log, robotlaser, usarsim_log
 
 
 def _log(name: str, *lines: str) -> Case:
@@ -27,7 +27,7 @@ def _replaced(old: str, new: str, n: int = 12) -> str:
 
 
 def logs() -> Iterator[Case]:
-    """CARMEN, USARSim and DP-SLAM."""
+    """CARMEN, USARSim, DP-SLAM and Player."""
     for value in ("1e300", "-inf", "nan", "1e15", LONG):
         shown = value[:8]
         yield _log(f"odometry {shown}", flaser(3, x=value))
@@ -47,6 +47,9 @@ def logs() -> Iterator[Case]:
         yield _only(f"usarsim fov {shown}", usarsim_log(fov=value), "x.usarsim")
         yield _only(f"usarsim max range {shown}", usarsim_log(max_range=value), "x.usarsim")
         yield _only(f"usarsim mount {shown}", usarsim_log(mount=value), "x.usarsim")
+        yield _only(f"player pose {shown}", player_log(x=value), "x.log")
+        yield _only(f"player angle {shown}", player_log(angle=value), "x.log")
+        yield _only(f"player count {shown}", player_log(count=value), "x.log")
         yield _only(f"dpslam pose {shown}", f"Odometry {value} 0 0\nLaser 3 1 2 3\n" * 4, "x.log")
         yield _only(f"dpslam count {shown}", f"Odometry 0 0 0\nLaser {value} 1 2 3\n" * 4, "x.log")
     yield _only(
