@@ -162,6 +162,7 @@ class Log:
         choices: what a reader chose where the file left a choice, and why: a sentence by its subject, such as "laser".
         gyro: (n_scans, 3) angular velocity about three axes fixed to the robot, integrated from the first scan to each;
             None where the log has none. Axes, signs, unit and bias are as recorded: a run learns them.
+        is_mount_known: whether the log says where the laser sits; where it does not, a run learns it from the odometry.
 
     Raises:
         ScanError: arrays that do not belong together, or numbers that are not finite or beyond `graph.limits`.
@@ -180,6 +181,7 @@ class Log:
     sweep: float | None = None
     choices: Mapping[str, str] = field(default_factory=dict)
     gyro: NDArray[np.float64] | None = None
+    is_mount_known: bool = True
 
     @classmethod
     def from_arrays(

@@ -182,6 +182,9 @@ def _summary(counts: RunCounts, findings: Findings, corrections: Corrections, cl
         "seconds": clock.seconds,
         "cpu_seconds": clock.cpu_seconds,
     }
+    if not findings.log.is_mount_known:
+        x, y, heading = findings.log.geometry.T_robot_laser.tolist()
+        summary["mount"] = {"x_m": x, "y_m": y, "heading_rad": heading}
     if findings.gyro is not None:
         summary["gyro"] = findings.gyro.record()
     if record := corrections.record():

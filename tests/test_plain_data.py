@@ -262,3 +262,17 @@ def test_a_file_that_nothing_reads(tmp_path: Path, capsys: pytest.CaptureFixture
     (line,) = capsys.readouterr().err.splitlines()
     for word in ("carmen", "bag", "csv", "Log.from_arrays"):
         assert word in line
+
+
+def test_a_table_that_does_not_say_where_the_laser_sits_stays_silent(tmp_path: Path) -> None:
+    silent = tmp_path / "silent.csv"
+    columns = "odom_x_m,odom_y_m,odom_theta_rad,range_0,range_1"
+    silent.write_text(f"# field_of_view_rad = 3.0\n{columns}\n0,0,0,1,2\n1,0,0,1,2\n")
+    log = read_log(silent)
+    assert not log.is_mount_known
+    assert any("where the laser sits" in warning for warning in log.warnings)
+    write_log(tmp_path / "again.csv", log)
+    assert not read_log(tmp_path / "again.csv").is_mount_known
+    told = read_log(silent, laser_x=0.0)
+    write_log(tmp_path / "told.csv", told)
+    assert read_log(tmp_path / "told.csv").is_mount_known

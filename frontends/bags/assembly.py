@@ -25,9 +25,7 @@ from frontends.scan import Log, ScanGeometry
 from graph.errors import IcegError
 from graph.se2 import compose
 
-_UNKNOWN_MOUNT = (
-    f"the bag {SILENT}: at the robot's centre, unless the scans tell otherwise (or log.laser_x, log.laser_y)"
-)
+_UNKNOWN_MOUNT = f"the bag {SILENT}: at the robot's centre, unless odometry or log.laser_x, log.laser_y say otherwise"
 _FEW_RETURNS = 0.35
 """Where fewer of the beams than this return anything [share], a map is thin."""
 _TRUTH_SHARE = 0.99
@@ -124,6 +122,7 @@ def _assemble(path: Path, records: Records, warnings: list[str], options: BagOpt
         geometry=geometry,
         path=path,
         has_odometry=has_odometry,
+        is_mount_known=mount.is_known,
         warnings=(
             *warnings,
             *chosen.warnings,

@@ -105,6 +105,7 @@ def _assemble(path: Path, records: "Records", *, rear: bool, range_min: float | 
         ),
         path=path,
         has_odometry=has_odometry,
+        is_mount_known=laser_mount.UNKNOWN not in mount_warnings,
         warnings=(
             *_warn_of_other_lasers(records),
             *records.troubles.told(),

@@ -230,6 +230,7 @@ def _assemble(
         ),
         path=path,
         has_odometry=has_odometry,
+        is_mount_known=T_robot_laser is not None,
         warnings=(
             *records.troubles.told(),
             *beam_warnings,

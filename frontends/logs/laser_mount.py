@@ -13,7 +13,7 @@ from graph.se2 import between, wrap_angle
 
 SILENT = "does not say where the laser sits"
 """What every warning says of a log that leaves it open."""
-UNKNOWN = f"the log {SILENT}: it is taken to sit at the robot's centre (log.laser_x and log.laser_y say otherwise)"
+UNKNOWN = f"the log {SILENT}: at the robot's centre, unless its odometry or log.laser_x and log.laser_y say otherwise"
 
 _SAME_PLACE = 0.02  # m: what rounding and the time between the two poses leave
 _SAME_HEADING = math.radians(1.0)
@@ -146,4 +146,5 @@ def placed(log: Log, x: float | None, y: float | None, heading: float | None) ->
         geometry=replace(log.geometry, T_robot_laser=np.array(T_robot_laser)),
         warnings=tuple(warning for warning in log.warnings if SILENT not in warning),
         choices={**log.choices, "mount": "as the settings say"},
+        is_mount_known=True,
     )

@@ -90,6 +90,7 @@ def _assemble(path: Path, records: Records, laser: Device, range_min: float | No
         ),
         path=path,
         has_odometry=has_odometry,
+        is_mount_known=mount is not None,
         warnings=(
             *_warn_of_other_lasers(records, laser),
             *records.troubles.told(),

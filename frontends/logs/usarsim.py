@@ -136,6 +136,7 @@ def _assemble(path: Path, records: Records, name: str, range_min: float | None, 
         ),
         path=path,
         has_odometry=has_odometry,
+        is_mount_known=laser_mount.UNKNOWN not in mount_warnings,
         warnings=(
             *_warn_of_other_lasers(records, name),
             *records.troubles.told(),

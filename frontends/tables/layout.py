@@ -9,13 +9,14 @@ the beams' directions must be there.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontends.logs.errors import LogError
+from frontends.logs.laser_mount import UNKNOWN
 from frontends.scan import Log, ScanError
 
 STAMP = "stamp_s"
@@ -95,7 +96,7 @@ def log_of(path: Path, table: ScanTable, range_min: float | None, range_max: flo
             settings[name] = [float(table.columns[name][0])]
     try:
         shortest, longest = (_number(settings, name) for name in _LIMITS)
-        return log_from_arrays(
+        log = log_from_arrays(
             table.ranges,
             bearings=_bearings(settings, table.ranges.shape[1]),
             field_of_view=_number(settings, _VIEW) if _BEARINGS not in settings and _FIRST not in settings else None,
@@ -111,16 +112,20 @@ def log_of(path: Path, table: ScanTable, range_min: float | None, range_max: flo
         )
     except ScanError as error:
         raise LogError(f"{path}: {error}") from error
+    is_mount_known = any(name in settings for name in _MOUNT)
+    said = () if is_mount_known or not log.has_odometry else (UNKNOWN,)
+    return replace(log, is_mount_known=is_mount_known, warnings=(*log.warnings, *said))
 
 
 def table_of(log: Log) -> ScanTable:
     """The table that holds all of a log."""
     geometry = log.geometry
+    mount = zip(_MOUNT, geometry.T_robot_laser.tolist(), strict=True) if log.is_mount_known else ()
     settings = {
         _BEARINGS: geometry.bearings.tolist(),
         _LIMITS[0]: [geometry.range_min],
         _LIMITS[1]: [_beyond(log)],
-        **{name: [value] for name, value in zip(_MOUNT, geometry.T_robot_laser.tolist(), strict=True)},
+        **{name: [value] for name, value in mount},
         **({} if log.sweep is None else {_SWEEP: [log.sweep]}),
     }
     columns = {STAMP: log.stamps}

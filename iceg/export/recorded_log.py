@@ -34,7 +34,7 @@ def read_log_of_run(directory: Path, path: Path) -> Log:
         log = kept.of(log)
     if len(log) != n_scans:
         raise ExportError(f"{path}: holds {len(log)} scans, the trajectory {n_scans}; expected the log of the run")
-    return _as_taken(log, summary.get("warnings", []))
+    return _as_taken(log, summary)
 
 
 def kept_scans(summary: Mapping[str, Any]) -> KeptScans | None:
@@ -43,9 +43,13 @@ def kept_scans(summary: Mapping[str, Any]) -> KeptScans | None:
     return KeptScans.from_record(cut) if isinstance(cut, dict) else None
 
 
-def _as_taken(log: Log, warnings: list[str]) -> Log:
-    """The log with its beams the other way round if the run has taken them so, as its warnings say."""
+def _as_taken(log: Log, summary: Mapping[str, Any]) -> Log:
+    """The log with its laser as the run has taken it: where it sits, and its beams the other way round, perhaps."""
+    from frontends.logs.laser_mount import placed
     from iceg.slam.tracking.laser_orientation import LaserOrientation
 
+    warnings = summary.get("warnings", [])
+    if mount := summary.get("mount"):
+        log = placed(log, *(float(mount[name]) for name in ("x_m", "y_m", "heading_rad")))
     mirrored = LaserOrientation(is_mirrored=True).corrected(log)
     return mirrored if mirrored.warnings[-1] in warnings else log

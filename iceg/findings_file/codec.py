@@ -24,7 +24,7 @@ from iceg.slam.kept_scans import KeptScans
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.gyro import GyroFinding
 
-VERSION = 4
+VERSION = 5
 """Of the file; it changes with what is in it."""
 _WHAT = "the findings of a run"
 
@@ -116,12 +116,14 @@ def _kept(table: Table, found: Mapping[str, Any], n_scans: int) -> KeptScans:
 
 def _calibration(found: Mapping[str, Any]) -> OdometryCalibration:
     x, y, heading = map(float, found["T_odometry_laser"])
-    apart = ("noise", "lasting_noise", "T_odometry_laser")
+    apart = ("noise", "lasting_noise", "T_odometry_laser", "laser_deviations")
+    ahead, aside = map(float, found["laser_deviations"])
     return OdometryCalibration(
         **_numbers({name: value for name, value in found.items() if name not in apart}),
         noise=OdometryModel(**_numbers(found["noise"])),
         lasting_noise=OdometryModel(**_numbers(found["lasting_noise"])),
         T_odometry_laser=(x, y, heading),
+        laser_deviations=(ahead, aside),
     )
 
 

@@ -49,7 +49,7 @@ def _odometry(odometry: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         f"{odometry['translation_shift_scans']:+.2f} scans, turns {odometry['heading_shift_scans']:+.2f}",
     )
     x, y, heading = odometry["T_odometry_laser"]
-    yield "Laser on the robot", f"{_signed(100 * x, 1)} cm ahead, {_signed(100 * y, 1)} cm left"
+    yield "Laser, from where it is taken to sit", f"{_signed(100 * x, 1)} cm ahead, {_signed(100 * y, 1)} cm left"
     yield "… turned to the left by", f"{_signed(math.degrees(heading), 2)} °"
 
 

@@ -65,6 +65,14 @@ class LaserSummary(TypedDict):
     step_m: float
 
 
+class MountSummary(TypedDict):
+    """Where the laser is taken to sit on the robot, which the log does not say."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
 class RunCounts(TypedDict):
     """Counts, warnings and calibration of a run."""
 
@@ -86,6 +94,7 @@ class RunCounts(TypedDict):
     finish: list[RoundSummary]
     odometry: OdometrySummary
     least_known: LeastKnownSummary
+    mount: NotRequired[MountSummary]
     gyro: NotRequired[dict[str, Any]]
     corrections: NotRequired[dict[str, Any]]
     cut: NotRequired[dict[str, Any]]

@@ -46,6 +46,11 @@ class CalibrationConfig(SlamSettings, prefix="calibration: "):
     """Standard deviation, before any data, of how far aside the laser sits [m]."""
     mount_heading_sigma: Radians = positive(0.03)
     """Standard deviation, before any data, of the heading of the laser [rad]."""
+    mount_false_alarm: float = between(1e-4, *RATES)
+    """Odometry tells where the laser sits, where the log does not say it, if chance explains as much with a smaller
+    probability."""
+    mount_floor: float = 0.02
+    """A laser nearer than this to where it is taken to sit stays there [m]: wheels that slip lead as far astray."""
     max_delay: int = between(16, 0, 1000)
     """Scans up to which a delay is looked for."""
     max_linear_delay: float = 1.0

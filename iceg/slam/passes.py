@@ -10,6 +10,7 @@ from iceg.slam.progress import ProgressCallback
 from iceg.slam.sweep.tracking import Followed, SweepFinding, track_swept
 from iceg.slam.track import Track
 from iceg.slam.tracking.laser_orientation import track_as_mounted
+from iceg.slam.tracking.laser_place import placed_by_odometry
 from iceg.slam.tracking.log_tracking import NOTHING_FOREKNOWN, Foreknown, track_calibrating
 
 
@@ -55,6 +56,24 @@ def track_with_sweep(
     if not config.front_end.deskew:
         return followed, SweepFinding(source="nothing")
     return track_swept(followed, lambda log: _follow(log, matcher, config, progress, foreknown), config.front_end.sweep)
+
+
+def track_placed(
+    followed: Followed, matcher: MapMatcher, config: Config, progress: ProgressCallback | None, foreknown: Foreknown
+) -> Followed:
+    """Track a log again with its laser where the odometry says it sits, where the log does not say it.
+
+    Args:
+        followed: what `track_with_sweep` returned; before, the sweep would pass for a laser that sits aside.
+        matcher: ICE or any other.
+        config: all settings.
+        progress: called as scans are followed.
+        foreknown: what guided the passes before.
+    """
+    if not config.front_end.calibrate_odometry:
+        return followed
+    placed = placed_by_odometry(followed[0], followed[1], config.front_end.calibration)
+    return followed if placed is None else _follow(placed, matcher, config, progress, foreknown)
 
 
 def _follow(

@@ -40,6 +40,7 @@ class OdometryCalibration:
         heading_shift: odometry is read this many scan periods later (earlier if negative) for its heading …
         translation_shift: … and for its translation: the two clocks differ in both, but not always by the same.
         T_odometry_laser: (3,) where the laser really sits relative to where the log puts it: x, y [m], heading [rad].
+        laser_deviations: (2,) standard deviations of x and y of that [m]; a metre where nothing tells it.
         noise: what is left, from one key scan to the next.
         lasting_noise: the same for a graph, which takes the errors of successive motions for independent: widened by
             what persists of them from motion to motion, and by scales and drift where nothing else measures them.
@@ -51,6 +52,7 @@ class OdometryCalibration:
     heading_shift: float = 0.0
     translation_shift: float = 0.0
     T_odometry_laser: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    laser_deviations: tuple[float, float] = (1.0, 1.0)
     noise: OdometryModel
     lasting_noise: OdometryModel = field(default_factory=OdometryModel)
 
@@ -144,6 +146,7 @@ def _calibrated(
         translation_scale=float(moving[0]),
         translation_shift=float(np.clip(moving[2], -2, 2)),
         T_odometry_laser=(float(moving[3]), float(moving[4]), float(-moving[1])),
+        laser_deviations=(float(moving_sigmas[3]), float(moving_sigmas[4])),
         noise=noise,
         lasting_noise=lasting_noise(
             noise,
