@@ -6,6 +6,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from frontends.logs.laser_mount import UNKNOWN
 from frontends.logs.plausibility import judge_odometry
 from frontends.logs.usable_range import mask_no_returns, usable_range, warn_of_no_returns
 from frontends.scan import Log, ScanError, ScanGeometry
@@ -29,7 +30,7 @@ def log_from_arrays(
     truth: ArrayLike | None = None,
     range_min: float | None = None,
     range_max: float | None = None,
-    T_robot_laser: ArrayLike = (0.0, 0.0, 0.0),
+    T_robot_laser: ArrayLike | None = None,
     sweep: float | None = None,
     gyro: ArrayLike | None = None,
     path: Path = Path("arrays"),
@@ -56,14 +57,14 @@ def log_from_arrays(
     else:
         T_odom_robot = _poses("odometry", odometry, n_scans)
         has_odometry, judged = judge_odometry(T_odom_robot, readings)
-        warnings += judged
+        warnings += [*judged, *([UNKNOWN] if has_odometry and T_robot_laser is None else [])]
     if stamps is None:
         warnings.append("there are no stamps: scans are numbered 0, 1, 2 … s instead")
     geometry = ScanGeometry(
         bearings=directions,
         range_min=usable.range_min,
         range_max=usable.range_max,
-        T_robot_laser=checked_finite("T_robot_laser", T_robot_laser, (3,)),
+        T_robot_laser=np.zeros(3) if T_robot_laser is None else checked_finite("T_robot_laser", T_robot_laser, (3,)),
     )
     return Log(
         ranges=readings,
@@ -72,6 +73,7 @@ def log_from_arrays(
         geometry=geometry,
         path=path,
         has_odometry=has_odometry,
+        is_mount_known=T_robot_laser is not None,
         warnings=tuple(warnings),
         message_counts={"scans": n_scans},
         truth=None if truth is None else _poses("truth", truth, n_scans),

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from frontends.arrays import checked_finite, checked_pose, checked_readings
+from frontends.logs.laser_mount import UNKNOWN
 from frontends.logs.plausibility import judge_odometry
 from frontends.logs.usable_range import UsableRange, mask_no_returns
 from frontends.scan import Log, ScanError, ScanGeometry
@@ -15,9 +16,10 @@ from graph.growing_rows import GrowingRows
 class GrowingLog:
     """Scans of one laser in the order of time, all with odometry or all without, and so with stamps."""
 
-    def __init__(self, geometry: ScanGeometry, path: Path) -> None:
-        """Start with no scan of a laser; the log will be called `path`."""
+    def __init__(self, geometry: ScanGeometry, path: Path, *, is_mount_known: bool = True) -> None:
+        """Start with no scan of a laser, whose place is known or not; the log will be called `path`."""
         self.geometry = geometry
+        self._is_mount_known = is_mount_known
         self._path = path
         self._usable = UsableRange(range_min=geometry.range_min, range_max=geometry.range_max)
         self._ranges: GrowingRows[np.float32] = GrowingRows((geometry.n_beams,), np.float32)
@@ -94,6 +96,8 @@ class GrowingLog:
         has_odometry, warnings = False, ["there is no odometry"]
         if self.has_odometry:
             has_odometry, warnings = judge_odometry(odometry, ranges)
+        if has_odometry and not self._is_mount_known:
+            warnings = [*warnings, UNKNOWN]
         if not self._has_stamps:
             warnings = [*warnings, "there are no stamps: scans are numbered 0, 1, 2 … s instead"]
         return Log(
@@ -103,6 +107,7 @@ class GrowingLog:
             geometry=self.geometry,
             path=self._path,
             has_odometry=has_odometry,
+            is_mount_known=self._is_mount_known,
             warnings=tuple(warnings),
             message_counts={"scans": len(self)},
         )

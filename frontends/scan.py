@@ -195,7 +195,7 @@ class Log:
         truth: ArrayLike | None = None,
         range_min: float | None = None,
         range_max: float | None = None,
-        T_robot_laser: ArrayLike = (0.0, 0.0, 0.0),
+        T_robot_laser: ArrayLike | None = None,
         sweep: float | None = None,
         gyro: ArrayLike | None = None,
         name: str = "arrays",
@@ -213,7 +213,8 @@ class Log:
             truth: (n_scans, 3) true poses of the robot, in a frame of their own.
             range_min: shorter readings are no returns [m]; None for 2 cm.
             range_max: readings of this length and more are no returns [m]; None to tell it from the readings.
-            T_robot_laser: (3,) where the laser sits on the robot: x [m], y [m], heading [rad].
+            T_robot_laser: (3,) where the laser sits on the robot: x [m], y [m], heading [rad]; None where that is not
+                known: at its centre, unless the odometry tells a run otherwise.
             sweep: seconds by which the beam of the largest bearing is measured after the one of the smallest, see
                 `sweep` above; stamps and poses are those of the middle.
             gyro: (n_scans,) or (n_scans, 3) turn rate about the vertical axis or about three axes, integrated up to

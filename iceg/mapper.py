@@ -91,7 +91,13 @@ class Mapper:
     """
 
     def __init__(
-        self, geometry: ScanGeometry, config: Config | None = None, *, stages: Stages | None = None, name: str = "log"
+        self,
+        geometry: ScanGeometry,
+        config: Config | None = None,
+        *,
+        stages: Stages | None = None,
+        name: str = "log",
+        is_mount_known: bool = True,
     ) -> None:
         """Start with an empty map.
 
@@ -100,13 +106,15 @@ class Mapper:
             config: settings; the defaults when left out.
             stages: those that are replaced by functions of one's own.
             name: what the log is called.
+            is_mount_known: whether the geometry says where the laser sits on the robot; if not, `finish` learns it from
+                the odometry, as `iceg.run` does. `add` takes the geometry as it is.
 
         The first one on a machine waits here until the kernels are compiled, so that no scan has to.
         """
         prepare_kernels()
         self._given = config or Config()
         self._stages = stages or IN_HOUSE
-        self._log = GrowingLog(geometry, Path(name))
+        self._log = GrowingLog(geometry, Path(name), is_mount_known=is_mount_known)
         self._laser: LaserNoise | None = None
 
     def __len__(self) -> int:

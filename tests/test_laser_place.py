@@ -15,6 +15,7 @@ from iceg.demo import demo_log_path, demo_truth_path
 from iceg.evaluation.trajectory import read_truth_csv, trajectory_errors
 from iceg.export.recorded_log import read_log_of_run
 from iceg.findings_file.codec import read_findings
+from iceg.mapper import Mapper
 from iceg.maps.config import GridConfig
 from iceg.pipeline import resolve, run
 from iceg.results import write_results
@@ -100,3 +101,13 @@ def test_what_is_made_of_a_run_has_the_laser_in_its_place(log: Log, tmp_path: Pa
     resolved = resolve(findings)
     np.testing.assert_array_equal(resolved.trajectory, result.trajectory)
     assert resolved.summary["mount"] == result.summary["mount"]
+
+
+def test_a_mapper_may_not_know_the_place_either(log: Log) -> None:
+    silent = _silent(log).select(slice(0, 300))
+    mapper = Mapper(silent.geometry, _QUICK, is_mount_known=False)
+    for ranges, odometry, stamp in zip(silent.ranges, silent.odometry, silent.stamps.tolist(), strict=True):
+        mapper.add(ranges, odometry, stamp)
+    finished, expected = mapper.finish(), run(silent, _QUICK)
+    assert expected.log.geometry.T_robot_laser[0] == pytest.approx(0.16, abs=0.02)
+    np.testing.assert_array_equal(finished.trajectory, expected.trajectory)

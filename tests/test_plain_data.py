@@ -273,6 +273,8 @@ def test_a_table_that_does_not_say_where_the_laser_sits_stays_silent(tmp_path: P
     assert any("where the laser sits" in warning for warning in log.warnings)
     write_log(tmp_path / "again.csv", log)
     assert not read_log(tmp_path / "again.csv").is_mount_known
+    assert not Log.from_arrays(RANGES, field_of_view=1.0).is_mount_known
+    assert Log.from_arrays(RANGES, field_of_view=1.0, T_robot_laser=np.zeros(3)).is_mount_known
     told = read_log(silent, laser_x=0.0)
     write_log(tmp_path / "told.csv", told)
     assert read_log(tmp_path / "told.csv").is_mount_known

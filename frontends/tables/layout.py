@@ -9,14 +9,13 @@ the beams' directions must be there.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from frontends.logs.errors import LogError
-from frontends.logs.laser_mount import UNKNOWN
 from frontends.scan import Log, ScanError
 
 STAMP = "stamp_s"
@@ -96,7 +95,7 @@ def log_of(path: Path, table: ScanTable, range_min: float | None, range_max: flo
             settings[name] = [float(table.columns[name][0])]
     try:
         shortest, longest = (_number(settings, name) for name in _LIMITS)
-        log = log_from_arrays(
+        return log_from_arrays(
             table.ranges,
             bearings=_bearings(settings, table.ranges.shape[1]),
             field_of_view=_number(settings, _VIEW) if _BEARINGS not in settings and _FIRST not in settings else None,
@@ -105,16 +104,19 @@ def log_of(path: Path, table: ScanTable, range_min: float | None, range_max: flo
             truth=_three(table, TRUTH),
             range_min=shortest if range_min is None else range_min,
             range_max=_least(longest, range_max),
-            T_robot_laser=[_number(settings, name) or 0.0 for name in _MOUNT],
+            T_robot_laser=_mount(settings),
             sweep=_number(settings, _SWEEP),
             gyro=_three(table, GYRO),
             path=path,
         )
     except ScanError as error:
         raise LogError(f"{path}: {error}") from error
-    is_mount_known = any(name in settings for name in _MOUNT)
-    said = () if is_mount_known or not log.has_odometry else (UNKNOWN,)
-    return replace(log, is_mount_known=is_mount_known, warnings=(*log.warnings, *said))
+
+
+def _mount(settings: Mapping[str, Sequence[float]]) -> list[float] | None:
+    """Where the laser sits, what is not said of it zero; None where nothing is said."""
+    stated = [_number(settings, name) for name in _MOUNT]
+    return None if all(number is None for number in stated) else [number or 0.0 for number in stated]
 
 
 def table_of(log: Log) -> ScanTable:
