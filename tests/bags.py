@@ -21,6 +21,7 @@ SCAN, ODOMETRY, TF, POSE = (
     "geometry_msgs/msg/PoseStamped",
 )
 MULTI_ECHO = "sensor_msgs/msg/MultiEchoLaserScan"
+POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 IMU = "sensor_msgs/msg/Imu"
 STRING, OLD_TF, UNKNOWN = "std_msgs/msg/String", "tf/msg/tfMessage", "some_robot/msg/Bump"
 CONTAINERS = (
@@ -91,6 +92,11 @@ def scan(
 def multi_echo(said: Said, echoes: Sequence[Sequence[float]]) -> Said:
     """A MultiEchoLaserScan with the header and the angles of a LaserScan."""
     return said._replace(type=MULTI_ECHO, fields=said.fields | {"ranges": echoes})
+
+
+def point_cloud(stamp: float) -> Said:
+    """A PointCloud2 without points."""
+    return Said(stamp, "/points", POINT_CLOUD, {"header": (stamp, "lidar")})
 
 
 def odometry(
@@ -194,6 +200,8 @@ def make(types: Any, message: Said, *, is_ros1: bool) -> Any:
         header = known["std_msgs/msg/Header"](*((7, time, frame) if is_ros1 else (time, frame)))
     if message.type == SCAN:
         return known[SCAN](header=header, scan_time=0.0, intensities=np.zeros(3, np.float32), **fields)
+    if message.type == POINT_CLOUD:
+        return known[POINT_CLOUD](header, 1, 0, [], False, 12, 0, np.zeros(0, np.uint8), True)
     if message.type == MULTI_ECHO:
         echo = known["sensor_msgs/msg/LaserEcho"]
         beams = [echo(np.array(echoes, np.float32)) for echoes in fields.pop("ranges")]

@@ -19,6 +19,7 @@ from tests.bags import (
     Said,
     multi_echo,
     odometry,
+    point_cloud,
     scan,
     storage_file,
     text,
@@ -297,8 +298,12 @@ def test_the_base_frame_may_be_chosen(tmp_path: Path) -> None:
 
 
 def test_without_a_scan_the_topics_are_named(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"1 /bump \(some_robot/msg/Bump\)"):
+    with pytest.raises(LogError, match=r"1 /bump \(some_robot/msg/Bump\).*LaserScan or MultiEchoLaserScan$"):
         read_log(write_bag(tmp_path, [unknown(START)]))
+    with pytest.raises(
+        LogError, match=r"1 /points \(sensor_msgs/msg/PointCloud2\).*which pointcloud_to_laserscan makes"
+    ):
+        read_log(write_bag(tmp_path, [point_cloud(START)], name="cloud"))
 
 
 @pytest.mark.parametrize(
