@@ -41,6 +41,7 @@ from iceg.slam.solution import Solution
 from iceg.slam.stage_clock import StageClock
 from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
+from iceg.slam.tracking.laser_place import place_warning
 
 
 def run(
@@ -152,7 +153,8 @@ def conclude(
     _release(matcher, track)
     worst = least_known(track.key_scans, joint.marginals)
     told = run_warnings(track, solution, worst, config.finish.uncertain, grid_warning, findings.gyro)
-    warnings = after.warnings + finished.warnings + told
+    misplaced = place_warning(log, findings.calibration, config.front_end.calibration)
+    warnings = after.warnings + finished.warnings + told + (() if misplaced is None else (misplaced,))
     counts = summarise(log, track, solution, findings.calibration, finished.rounds, worst, warnings)
     return SlamResult(
         log=log,

@@ -51,6 +51,8 @@ class CalibrationConfig(SlamSettings, prefix="calibration: "):
     probability."""
     mount_floor: float = 0.02
     """A laser nearer than this to where it is taken to sit stays there [m]: wheels that slip lead as far astray."""
+    mount_doubt: float = 0.15
+    """A warning says so where odometry puts the laser farther than this from where the log says it sits [m]."""
     max_delay: int = between(16, 0, 1000)
     """Scans up to which a delay is looked for."""
     max_linear_delay: float = 1.0

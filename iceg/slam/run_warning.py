@@ -19,6 +19,7 @@ Kind = Literal[
     "carried",
     "corrections",
     "gyro",
+    "laser place",
 ]
 
 _MANY: dict[Kind, str] = {
