@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Writer2
@@ -94,9 +94,37 @@ def multi_echo(said: Said, echoes: Sequence[Sequence[float]]) -> Said:
     return said._replace(type=MULTI_ECHO, fields=said.fields | {"ranges": echoes})
 
 
-def point_cloud(stamp: float) -> Said:
-    """A PointCloud2 without points."""
-    return Said(stamp, "/points", POINT_CLOUD, {"header": (stamp, "lidar")})
+def point_cloud(
+    stamp: float,
+    points: ArrayLike,
+    *,
+    topic: str = "/points",
+    frame: str = "lidar",
+    kind: int = 7,
+    rows: int = 1,
+    is_big_endian: bool = False,
+) -> Said:
+    """A PointCloud2 of (n, 3) points, float32 or (kind 8) float64, between them an intensity."""
+    places = np.asarray(points, dtype=np.float64).reshape(-1, 3)
+    number = f"{'>' if is_big_endian else '<'}f{4 if kind == 7 else 8}"
+    packed = np.zeros(len(places), np.dtype([("i", "u1"), ("x", number), ("y", number), ("z", number), ("t", "u2")]))
+    for axis, name in enumerate("xyz"):
+        packed[name] = places[:, axis]
+    offsets = {name: packed.dtype.fields[name][1] for name in "xyz"}  # type: ignore[index]
+    step, columns = packed.dtype.itemsize, len(places) // rows
+    padded = np.zeros((rows, columns * step + 5), np.uint8)
+    padded[:, : columns * step] = packed.view(np.uint8).reshape(rows, -1)
+    fields = {
+        "header": (stamp, frame),
+        "fields": [("intensity", 0, 2), *((name, offset, kind) for name, offset in offsets.items())],
+        "height": rows,
+        "width": columns,
+        "is_bigendian": is_big_endian,
+        "point_step": step,
+        "row_step": padded.shape[1],
+        "data": padded.reshape(-1),
+    }
+    return Said(stamp, topic, POINT_CLOUD, fields)
 
 
 def odometry(
@@ -201,7 +229,9 @@ def make(types: Any, message: Said, *, is_ros1: bool) -> Any:
     if message.type == SCAN:
         return known[SCAN](header=header, scan_time=0.0, intensities=np.zeros(3, np.float32), **fields)
     if message.type == POINT_CLOUD:
-        return known[POINT_CLOUD](header, 1, 0, [], False, 12, 0, np.zeros(0, np.uint8), True)
+        field = known["sensor_msgs/msg/PointField"]
+        fields["fields"] = [field(name, offset, kind, 1) for name, offset, kind in fields["fields"]]
+        return known[POINT_CLOUD](header=header, is_dense=False, **fields)
     if message.type == MULTI_ECHO:
         echo = known["sensor_msgs/msg/LaserEcho"]
         beams = [echo(np.array(echoes, np.float32)) for echoes in fields.pop("ranges")]

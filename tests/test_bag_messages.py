@@ -10,17 +10,20 @@ from hypothesis import strategies as st
 
 from frontends.bags import messages
 from frontends.bags.errors import MalformedMessageError
+from frontends.bags.point_clouds import point_cloud as point_cloud_as_scan
 from frontends.bags.rigid import Rigid, planar_poses
 from frontends.bags.wire import Wire
 from tests.bags import (
     MULTI_ECHO,
     ODOMETRY,
+    POINT_CLOUD,
     POSE,
     SCAN,
     TF,
     make,
     multi_echo,
     odometry,
+    point_cloud,
     scan,
     store,
     transform,
@@ -90,6 +93,7 @@ DECODERS = {
     ODOMETRY: messages.transform_stamped,
     TF: messages.transforms,
     "imu": messages.turn_rate,
+    POINT_CLOUD: point_cloud_as_scan,
 }
 
 
@@ -117,6 +121,40 @@ def test_echoes_cut_off_are_malformed(is_ros1: bool) -> None:
     for short in range(end - 4):
         with pytest.raises(MalformedMessageError):
             messages.multi_echo_laser_scan(Wire(data[:short], is_cdr=not is_ros1))
+
+
+POINTS = st.lists(st.tuples(*[st.floats(-50.0, 50.0)] * 2, st.sampled_from([0.0, 9.0, math.nan])), max_size=6)
+
+
+@given(st.booleans(), POINTS, st.sampled_from([7, 8]), st.integers(1, 2), st.booleans())
+def test_of_a_cloud_what_lies_level(
+    is_ros1: bool, points: list[tuple[float, float, float]], kind: int, rows: int, is_big_endian: bool
+) -> None:
+    whole = points[: len(points) // rows * rows]
+    data = packed(point_cloud(7.0, whole, kind=kind, rows=rows, is_big_endian=is_big_endian), is_ros1=is_ros1)
+    read = point_cloud_as_scan(Wire(data, is_cdr=not is_ros1))
+    assert (read.stamp, read.frame, len(read.ranges)) == (7.0, "lidar", 720)
+    level = [math.hypot(x, y) for x, y, z in whole if z == 0.0]
+    seen = read.ranges[np.isfinite(read.ranges)].tolist()
+    assert len(seen) <= len(level)
+    for distance in seen:
+        assert min(abs(distance - other) for other in level) < 1e-4
+
+
+def test_a_cloud_that_is_none_is_malformed() -> None:
+    said = point_cloud(7.0, [[1.0, 2.0, 0.0]] * 3)
+    without = said.fields | {"fields": said.fields["fields"][:3]}
+    integers = said.fields | {"fields": [(name, offset, 5) for name, offset, _ in said.fields["fields"]]}
+    short = said.fields | {"row_step": 5}
+    few = said.fields | {"data": said.fields["data"][:-1]}
+    for fields in (without, integers, short, few):
+        data = packed(said._replace(fields=fields), is_ros1=True)
+        with pytest.raises(MalformedMessageError):
+            point_cloud_as_scan(Wire(data, is_cdr=False))
+    data = packed(said, is_ros1=False)
+    for end in range(len(data) - 1):
+        with pytest.raises(MalformedMessageError):
+            point_cloud_as_scan(Wire(data[:end], is_cdr=True))
 
 
 ANGLES = st.floats(-math.pi, math.pi)

@@ -180,6 +180,44 @@ def test_of_a_laser_with_several_echoes_the_first(tmp_path: Path) -> None:
     np.testing.assert_array_equal(log.geometry.bearings, expected.geometry.bearings)
 
 
+def cloud_of_a_room(height: float) -> NDArray[np.float64]:
+    """What sixteen rings, two degrees apart, see of walls 4 m away on all sides and of the floor, so far below."""
+    azimuth, elevation = np.meshgrid(np.radians(np.arange(-180.0, 180.0, 0.2)), np.radians(np.arange(-15.0, 16.0, 2.0)))
+    wall = 4.0 / np.maximum(np.abs(np.cos(azimuth)), np.abs(np.sin(azimuth)))
+    floor = np.where(elevation < 0.0, height / np.maximum(np.tan(-elevation), 1e-9), np.inf)
+    far = np.minimum(wall, floor)
+    return np.stack([far * np.cos(azimuth), far * np.sin(azimuth), far * np.tan(elevation)], axis=-1).reshape(-1, 3)
+
+
+@pytest.mark.parametrize("container", ["ros1", "mcap"])
+def test_where_there_is_no_scan_point_clouds_are_sliced(tmp_path: Path, container: str) -> None:
+    said = [point_cloud(START + 0.1 * k, cloud_of_a_room(0.05)) for k in range(3)]
+    said[1] = point_cloud(START + 0.1, [])
+    log = read_log(write_bag(tmp_path, said, container))
+    bearings = log.geometry.bearings
+    assert len(bearings) == 720
+    wall = 4.0 / np.maximum(np.abs(np.cos(bearings)), np.abs(np.sin(bearings)))
+    seen = np.isfinite(log.ranges[0])
+    assert seen.mean() > 0.98  # the corners, all equally far, pass for a mark of no return
+    np.testing.assert_allclose(log.ranges[0, seen], wall[seen], atol=0.03)
+    assert np.isnan(log.ranges[1]).all()
+    assert log.choices["laser"].startswith("/points in frame 'lidar'")
+
+
+def test_a_planar_laser_tells_the_same_by_points_and_by_scans(tmp_path: Path) -> None:
+    bearings = np.radians(0.5 * (np.arange(720) + 0.5) - 180.0)
+    ranges = readings(0, 720).astype(np.float64)
+    points = np.column_stack([ranges * np.cos(bearings), ranges * np.sin(bearings), np.zeros(720)])
+    said = [point_cloud(START + 0.1 * k, points) for k in range(3)]
+    log = read_log(write_bag(tmp_path, said, name="points"))
+    np.testing.assert_allclose(log.ranges[0], ranges, atol=1e-4)
+    both = [*said, *(scan(START + 0.1 * k, readings(k)) for k in range(3))]
+    path = write_bag(tmp_path, both, name="both")
+    assert read_log(path).choices["laser"].startswith("/scan in frame 'laser', 3 scans")
+    assert "/points" not in read_log(path).choices["laser"]
+    np.testing.assert_allclose(read_log(path, scan_topic="points").ranges, log.ranges)
+
+
 def test_a_laser_called_vertical_does_not_look_into_the_plane(tmp_path: Path) -> None:
     said = moving_scans(topic="/horizontal_laser_2d", frame="horizontal_laser_link", step=0.01)
     said += [
@@ -298,12 +336,10 @@ def test_the_base_frame_may_be_chosen(tmp_path: Path) -> None:
 
 
 def test_without_a_scan_the_topics_are_named(tmp_path: Path) -> None:
-    with pytest.raises(LogError, match=r"1 /bump \(some_robot/msg/Bump\).*LaserScan or MultiEchoLaserScan$"):
-        read_log(write_bag(tmp_path, [unknown(START)]))
     with pytest.raises(
-        LogError, match=r"1 /points \(sensor_msgs/msg/PointCloud2\).*which pointcloud_to_laserscan makes"
+        LogError, match=r"1 /bump \(some_robot/msg/Bump\).*LaserScan, MultiEchoLaserScan or PointCloud2$"
     ):
-        read_log(write_bag(tmp_path, [point_cloud(START)], name="cloud"))
+        read_log(write_bag(tmp_path, [unknown(START)]))
 
 
 @pytest.mark.parametrize(

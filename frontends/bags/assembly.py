@@ -26,7 +26,6 @@ from graph.errors import IcegError
 from graph.se2 import compose
 
 _UNKNOWN_MOUNT = f"the bag {SILENT}: at the robot's centre, unless odometry or log.laser_x, log.laser_y say otherwise"
-_POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 _FEW_RETURNS = 0.35
 """Where fewer of the beams than this return anything [share], a map is thin."""
 _TRUTH_SHARE = 0.99
@@ -94,7 +93,7 @@ def read_bag_as_log(path: Path, options: BagOptions, progress: Callable[[int, in
         BagError: the bag cannot be read, or holds no scan.
     """
     with open_bag(path) as bag:
-        records = collect(bag, progress)
+        records = collect(bag, progress, options.scan_topic)
         warnings = [*bag.warnings, *records.warnings()]
     try:
         return _assemble(path, records, warnings, options)
@@ -265,9 +264,5 @@ def _warn_of_few_returns(ranges: NDArray[np.float32]) -> list[str]:
 def _why_no_scans(records: Records, warnings: list[str]) -> str:
     found = ", ".join(f"{n} {topic} ({kind})" for (topic, kind), n in records.counts.most_common(8))
     reason = f"no scan; the bag holds {found}" if found else "no message found"
-    if any(kind == _POINT_CLOUD for _, kind in records.counts):
-        warnings = [
-            *warnings,
-            "a point cloud is read as a LaserScan of one slice, which pointcloud_to_laserscan makes",
-        ]
-    return "; ".join([f"{reason}, expected messages of sensor_msgs/LaserScan or MultiEchoLaserScan", *warnings])
+    expected = "expected messages of sensor_msgs/LaserScan, MultiEchoLaserScan or PointCloud2"
+    return "; ".join([f"{reason}, {expected}", *warnings])

@@ -8,7 +8,7 @@ import numpy as np
 
 from frontends.bags.errors import BagError
 from frontends.bags.frames import Frames
-from frontends.bags.records import Laser, ScanRecords
+from frontends.bags.records import Laser, ScanRecords, is_called
 
 _FEWEST = 0.5
 """A laser with fewer than this share of the scans of the one with most is not preferred for what it sees."""
@@ -58,7 +58,7 @@ def choose_laser(
     wanted = {
         laser: records
         for laser, records in scans.items()
-        if _is_called(laser.topic, topic) and (frame is None or laser.frame == frame.lstrip("/"))
+        if is_called(laser.topic, topic) and (frame is None or laser.frame == frame.lstrip("/"))
     }
     if not wanted:
         asked = " with ".join(
@@ -71,10 +71,6 @@ def choose_laser(
     best = max(originals, key=lambda laser: _merits(laser, wanted[laser], frames, most))
     repeats = [laser.topic for laser in wanted if laser not in originals]
     return LaserChoice(laser=best, reason=_reason(best, originals, repeats, wanted), warnings=_warnings(best, wanted))
-
-
-def _is_called(topic: str, wanted: str | None) -> bool:
-    return wanted is None or topic.strip("/") == wanted.strip("/")
 
 
 def _repeats(laser: Laser, other: Laser, scans: Mapping[Laser, ScanRecords]) -> bool:

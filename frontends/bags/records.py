@@ -14,10 +14,12 @@ from frontends.bags.compression import unpacked_message
 from frontends.bags.errors import MalformedMessageError
 from frontends.bags.message import Channel, Message
 from frontends.bags.messages import StampedPose
+from frontends.bags.point_clouds import POINT_CLOUD, point_cloud
 from frontends.bags.storage import Bag, DamagedFileError
 from frontends.bags.wire import Wire
 
-_TYPES = {messages.IMU, messages.STRING, *messages.SCANS, *messages.POSES, *messages.TRANSFORMS}
+_TYPES = frozenset({messages.IMU, messages.STRING, *messages.SCANS, *messages.POSES, *messages.TRANSFORMS})
+_SCANS = {**messages.SCANS, POINT_CLOUD: point_cloud}
 _PROGRESS = 512
 """Messages between two reports of progress."""
 
@@ -145,31 +147,44 @@ class Records:
         return [*self.told, *malformed]
 
 
-def collect(bag: Bag, progress: Callable[[int, int], None] | None = None) -> Records:
+def collect(bag: Bag, progress: Callable[[int, int], None] | None = None, scan_topic: str | None = None) -> Records:
     """Go through a bag once; once more from the beginning where the index of a file turns out to be broken.
+
+    Point clouds are looked at where there is no scan: a laser that has both says the same with its scans, sooner.
 
     Args:
         bag: its files.
         progress: called with how many messages are read, and how many are known of.
+        scan_topic: topic of the laser that is asked for; None for any.
 
     Raises:
         BagError: a file cannot be read.
     """
+    types = _TYPES
     while True:
         records = Records()
         try:
-            for n, message in enumerate(bag.messages(_TYPES, records.see, records.told.append)):
+            for n, message in enumerate(bag.messages(types, records.see, records.told.append)):
                 records.add(message)
                 if progress is not None and n % _PROGRESS == 0:
-                    progress(n, sum(count for (_, kind), count in records.counts.items() if kind in _TYPES))
+                    progress(n, sum(count for (_, kind), count in records.counts.items() if kind in types))
         except DamagedFileError as damage:
             bag.damaged[damage.file] = damage.found
-        else:
+            continue
+        has_scans = any(is_called(laser.topic, scan_topic) for laser in records.scans)
+        has_clouds = any(kind == POINT_CLOUD and is_called(topic, scan_topic) for topic, kind in records.counts)
+        if has_scans or not has_clouds or POINT_CLOUD in types:
             return records
+        types |= {POINT_CLOUD}
+
+
+def is_called(topic: str, wanted: str | None) -> bool:
+    """Whether a topic is the one that is asked for, any if none is, with its first slash or without."""
+    return wanted is None or topic.strip("/") == wanted.strip("/")
 
 
 def _take_scan(records: Records, channel: Channel, recorded: float, wire: Wire) -> None:
-    stamp, frame, setting, ranges = messages.SCANS[channel.type](wire)
+    stamp, frame, setting, ranges = _SCANS[channel.type](wire)
     scans = records.scans.get((channel.topic, frame))  # type: ignore[call-overload]  # equal to a Laser, and quicker
     if scans is None:
         scans = records.scans[Laser(channel.topic, frame)] = ScanRecords()
@@ -221,7 +236,7 @@ def _take_text(records: Records, channel: Channel, recorded: float, wire: Wire) 
 _TAKERS: dict[str, Callable[[Records, Channel, float, Wire], None]] = {
     messages.IMU: _take_turn_rate,
     messages.STRING: _take_text,
-    **dict.fromkeys(messages.SCANS, _take_scan),
+    **dict.fromkeys(_SCANS, _take_scan),
     **dict.fromkeys(messages.POSES, _take_pose),
     **dict.fromkeys(messages.TRANSFORMS, _take_transforms),
 }

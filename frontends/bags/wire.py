@@ -53,6 +53,14 @@ class Wire:
             raise MalformedMessageError(f"found {len(self._data)} bytes, expected {self._at} or more") from None
         return int(value)
 
+    def byte(self) -> int:
+        """An unsigned number of 8 bits."""
+        return self._bytes(1)[0]
+
+    def raw(self, n: int) -> bytes:
+        """So many bytes as they are."""
+        return self._bytes(n)
+
     def header(self) -> tuple[float, str]:
         """The stamp [s] and the frame of a std_msgs/Header."""
         at = self._aligned(4) if self._is_cdr else self._at + 4  # behind a sequence number
@@ -108,7 +116,7 @@ class Wire:
     def _bytes(self, length: int) -> bytes:
         end = self._at + length
         if end > len(self._data):
-            raise MalformedMessageError(f"found {len(self._data) - self._at} bytes, expected a text of {length}")
+            raise MalformedMessageError(f"found {len(self._data) - self._at} bytes, expected {length} more")
         text = self._data[self._at : end]
         self._at = end
         return text

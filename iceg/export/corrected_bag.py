@@ -55,11 +55,11 @@ def write_corrected_bag(directory: Path, path: Path, options: ExportOptions) -> 
     if options.log.resolve() in (path.resolve(), *(path.resolve() / name for name in copying.NAMES)):
         raise ExportError(f"{path}: holds the recorded bag itself, expected another place for its copy")
     found, log = read_run_folder(directory), read_log_of_run(directory, options.log)
+    bag_options = _bag_options(read_config(directory / "config.toml").log)
     with open_bag(options.log) as bag:
-        records = collect(bag)
+        records = collect(bag, scan_topic=bag_options.scan_topic)
         for file, why in bag.damaged.items():
             raise copying.damaged(file.path, why)
-        bag_options = _bag_options(read_config(directory / "config.toml").log)
         tie = map_transform(found.trajectory.poses, log, records, bag_options)
         topics = set(records.counts)
         try:
