@@ -21,11 +21,11 @@ def read_bag(
 ) -> Log:
     """Read a bag of ROS 1, or of ROS 2 as sqlite3 or MCAP: a file, or a folder of files that continue each other.
 
-    One laser is used (`choose_laser`), told apart by topic and frame; where there is no scan, the level slice of a point
-    cloud (`frontends.bags.point_clouds`). Scans are put in the order of their own stamps.
-    Odometry is a nav_msgs/Odometry topic, else the transform from odom to the robot, brought to the time of each scan;
-    poses that another program made of the scans (map → odom), and the truth, are never taken for it. The laser's place
-    comes from the transforms, else from the robot's description. `Log.choices` says what was chosen and why.
+    One laser is used (`choose_laser`), told apart by topic and frame; where there is no scan, the level slice of a
+    point cloud (`frontends.bags.point_clouds`). Scans are put in the order of their own stamps. Odometry is a
+    nav_msgs/Odometry topic, else the transform from odom to the robot, brought to the time of each scan; poses that
+    another program made of the scans (map → odom), and the truth, are never taken for it. The laser's place comes from
+    the transforms, else from the robot's description. `Log.choices` says what was chosen and why.
 
     Readings at `range_max` of the messages and beyond, below `range_min`, zero, NaN and infinite ones are no returns.
 
