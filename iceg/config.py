@@ -32,7 +32,7 @@ class LogConfig:
     """How the log is read."""
 
     laser: str = "front"
-    """Which laser: front, rear or the name of a message, such as RAWLASER3."""
+    """Which laser: front, rear or a name, such as RAWLASER3 (CARMEN), Scanner1 (USARSim) or laser:1 (Player)."""
     range_min: float | None = None
     """Shortest reading taken as a return [m]; left out: 2 cm."""
     range_max: float | None = None
