@@ -7,7 +7,8 @@ import bz2
 import gzip
 import io
 import lzma
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from graph.errors import IcegError
+from tests import bags
 from tests.fuzz import seeds
 
 
@@ -383,13 +385,30 @@ def _converted(name: str) -> bytes:
         return (Path(folder) / name).read_bytes()
 
 
+def _bag_of(said: Iterable[bags.Said]) -> bytes:
+    import tempfile
+
+    with tempfile.TemporaryDirectory() as folder:
+        return bags.write_bag(Path(folder), said).read_bytes()
+
+
+def _clouds() -> bytes:
+    level = [[math.cos(0.1 * k), math.sin(0.1 * k), 0.0] for k in range(20)]
+    return _bag_of(bags.point_cloud(1.0 + k, [*level, [1.0, 0.0, 0.5]], rows=3) for k in range(3))
+
+
+def _echoes() -> bytes:
+    plain = (bags.scan(1.0 + k, [1.0, 2.0, 3.0, 4.0]) for k in range(3))
+    return _bag_of(bags.multi_echo(said, [[1.0, 1.5], [], [3.0], [4.0]]) for said in plain)
+
+
 def _bags_and_tables() -> dict[str, Target]:
-    names = ("x.bag", "x.db3", "x.mcap", "x.npz", "x.csv")
+    given = {name: _converted(f"x.{name}") for name in ("bag", "db3", "mcap", "npz", "csv")}
+    files = {name: (f"x.{name}", content) for name, content in given.items()}
+    files |= {"clouds": ("x.bag", _clouds()), "echoes": ("x.bag", _echoes())}
     return {
-        name.removeprefix("x."): Target(
-            file=name, seeds=(_converted(name),), read=_log, use=_run, words=("run", name, "-o", "out", "--overwrite")
-        )
-        for name in names
+        name: Target(file=file, seeds=(seed,), read=_log, use=_run, words=("run", file, "-o", "out", "--overwrite"))
+        for name, (file, seed) in files.items()
     }
 
 
