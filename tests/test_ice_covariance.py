@@ -53,7 +53,7 @@ def map_of(scan_points: ScanPoints) -> LocalMap:
 def covariance_of(reference: ScanPoints, scan: ScanPoints, config: CovarianceConfig | None = None) -> ScoreCovariance:
     local_map = map_of(reference)
     at = evaluate_points(scan, local_map, np.zeros(3), RefinementConfig())
-    return score_covariance(scan, local_map, at, 0.04, config or CovarianceConfig())
+    return score_covariance(scan, local_map, at, RefinementConfig(), config or CovarianceConfig())
 
 
 def test_moments_of_a_gaussian_are_its_covariance() -> None:
@@ -86,7 +86,7 @@ def test_the_costs_against_a_slow_twin() -> None:
         np.array([0.1, 0.2, 0.05]),
     )
     costs, field = np.empty((3, 3, 3)), local_map.fine
-    scored = Scored.of(scan, local_map, 0.04)
+    scored = Scored.of(scan, local_map, RefinementConfig())
     best = grid_kernels.score_grid(scored, 50, pose, axes, steps, costs)
     picked = ((np.arange(50) + 0.5) * 4).astype(int)
     for index in np.ndindex(3, 3, 3):
@@ -115,7 +115,7 @@ def test_many_points_far_off_the_reference_cost_ten_each() -> None:
     scan = ScanPoints(
         points=scored_points, normals=np.zeros((500, 2)), beams=np.arange(500, dtype=np.int32), spreads=np.ones(500)
     )
-    scored = Scored.of(scan, local_map, 0.04)
+    scored = Scored.of(scan, local_map, RefinementConfig())
     grid_kernels.score_grid(scored, 450, np.zeros(3), np.eye(3), np.full(3, 0.1), costs)
     np.testing.assert_allclose(costs, 450 * np.log(10.0), rtol=1e-12)
 
@@ -152,7 +152,7 @@ def test_dependence_counts_what_neighbours_share() -> None:
 
     def of(noise: F64) -> float:
         scan = walls("left", "right", "front", noise=noise, n=800)
-        scored = Scored.of(scan, local_map, 0.04)
+        scored = Scored.of(scan, local_map, RefinementConfig())
         return float(dependence(residuals_at(scored, np.zeros(3), 0.08)))
 
     assert of(rng.normal(0, 0.01, 2400)) < 1.4
@@ -189,7 +189,7 @@ def test_unevenness_equals_its_slow_twin() -> None:
     scan, local_map = walls("left", "right", "front", noise=noise), map_of(walls("left", "right", "front"))
     pose, axes, ratios = np.array([0.01, -0.005, 0.02]), np.linalg.qr(rng.normal(size=(3, 3)))[0], np.empty(3)
     field, variance = local_map.fine, 1e-4
-    found = residuals_at(Scored.of(scan, local_map, 0.04), pose, 0.08)
+    found = residuals_at(Scored.of(scan, local_map, RefinementConfig()), pose, 0.08)
     unevenness(found, axes, 1e-6, variance, ratios)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     R = np.array([[c, -s], [s, c]])
@@ -255,7 +255,7 @@ def test_three_points_do_not_hold_a_corridor_and_thirty_do() -> None:
 def test_pretence_equals_its_slow_twin() -> None:
     rng = np.random.default_rng(10)
     scan, local_map = walls("left", "right", "front", noise=rng.normal(0, 0.01, 300)), map_of(walls("left", "right"))
-    found = residuals_at(Scored.of(scan, local_map, 0.04), np.zeros(3), 0.08)
+    found = residuals_at(Scored.of(scan, local_map, RefinementConfig()), np.zeros(3), 0.08)
     for axis in np.linalg.qr(rng.normal(size=(3, 3)))[0].T:
         told, crossed = (found.levers @ axis) ** 2, (found.levers @ axis) * (found.own_levers @ axis)
         expected = max(1.0, told.sum() / max(np.sort(crossed)[:-3].sum(), 1e-3 * told.sum()))

@@ -55,7 +55,7 @@ def covariance_of(across: float, guess: float) -> ScoreCovariance:
     )
     local_map = map_of(scan)
     at = evaluate_points(scan, local_map, np.zeros(3), RefinementConfig())
-    return score_covariance(scan, local_map, at, 0.04, CONFIG, np.diag([guess**2, guess**2, 1e-4]))
+    return score_covariance(scan, local_map, at, RefinementConfig(), CONFIG, np.diag([guess**2, guess**2, 1e-4]))
 
 
 @given(across=st.floats(0.05, 1.8))

@@ -54,6 +54,20 @@ def map_of(scan_points: ScanPoints) -> LocalMap:
     return local_map
 
 
+def is_beyond(point: F64, k: int, local_map: LocalMap) -> bool:
+    """Whether no surfel is known farther along the surface than a point, looked up as far behind it as one before."""
+    field, (x, y, nx, ny) = local_map.fine, local_map.surfels[k]
+    tangent = np.array([-ny, nx])
+    along = float(tangent @ (point - [x, y]))
+    if abs(along) <= field.cell:
+        return False
+    column, row = np.floor((np.array([x, y]) + 2 * along * tangent - field.origin) / field.cell).astype(int)
+    is_inside = 0 <= column < field.nearest.shape[1] and 0 <= row < field.nearest.shape[0]
+    other = field.nearest[row, column] if is_inside else -1
+    reached = float(tangent @ (local_map.surfels[other, :2] - [x, y])) * np.sign(along)
+    return bool(other < 0 or reached < abs(along))
+
+
 def residuals(pose: F64, scan_points: ScanPoints) -> F64:
     """Distances to the walls of the box that the points belong to."""
     c, s = np.cos(pose[2]), np.sin(pose[2])
@@ -81,15 +95,14 @@ def test_the_polish_is_the_robust_least_squares_optimum() -> None:
 @pytest.mark.parametrize("every", [1, 3])
 def test_counts_and_sums_against_a_slow_twin(every: int) -> None:
     rng = np.random.default_rng(4)
-    local_map, pose, scale, facing = map_of(box_points()), np.array([0.1, -0.2, 0.3]), 0.04, 0.3
+    local_map, pose, scale, facing, alike = map_of(box_points()), np.array([0.1, -0.2, 0.3]), 0.04, 0.3, 0.7
     points, angles = rng.uniform(-9.0, 9.0, (400, 2)), rng.uniform(-np.pi, np.pi, 400)
     points[:250] = seen_from(box_points(0.05), pose).points[rng.integers(0, 180, 250)]
     normals = np.c_[np.cos(angles), np.sin(angles)] * (rng.random(400) < 0.7)[:, None]
     field, hessian, moved = local_map.fine, np.empty((3, 3)), np.empty(3)
     reference = (local_map.surfels, field.nearest, field.origin, field.cell)
-    got = kernels.refine(
-        points, normals, np.ones(len(points)), every, pose, *reference, scale, scale, 0, 0.0, facing, moved, hessian
-    )
+    widths, ones = (scale, scale, 0, 0.0), np.ones(len(points))
+    got = kernels.refine(points, normals, ones, every, pose, *reference, *widths, facing, alike, moved, hessian)
     c, s = np.cos(pose[2]), np.sin(pose[2])
     R = np.array([[c, -s], [s, c]])
     r, J = [], []
@@ -102,7 +115,9 @@ def test_counts_and_sums_against_a_slow_twin(every: int) -> None:
         mx, my = local_map.surfels[k, 2:]
         x, y = R @ point
         r.append(local_map.surfels[k, 2:] @ (pose[:2] + R @ point - local_map.surfels[k, :2]))
-        J.append((mx, my, my * x - mx * y))
+        tells = not normal.any() or R @ normal @ local_map.surfels[k, 2:] >= alike
+        tells = tells and not is_beyond(pose[:2] + R @ point, k, local_map)
+        J.append((mx, my, my * x - mx * y) if tells else (0.0, 0.0, 0.0))
     residual, jacobian = np.array(r), np.array(J)
     w = 1.0 / (1.0 + (residual / scale) ** 2)
     assert got[:2] == (int((np.abs(residual) < 2 * scale).sum()), len(residual))

@@ -37,6 +37,6 @@ def correlation_surface(
     scan_points = matcher.observe(scan).points
     n, side, step = len(scan_points), 2 * half_cells + 1, half_width / half_cells
     costs = np.empty((side, side, 1))
-    scored = Scored.of(scan_points, reference, matcher.config.refinement.scale)
+    scored = Scored.of(scan_points, reference, matcher.config.refinement)
     kernels.score_grid(scored, n, T_ref_cur, np.eye(3), np.array([step, step, 0.0]), costs)
     return np.linspace(-half_width, half_width, side), exp(-costs[:, :, 0].T / n)

@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from graph._assign_kernels import assign
 from graph.compiled import compiled
+from iceg.ice._telling_kernels import beyond_end
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
+Bool = NDArray[np.bool_]
 
 _SHRINK = 0.6
 """Factor from step to step by which the Cauchy weight narrows."""
@@ -85,10 +87,13 @@ def refine(
     iterations: int,
     prior_weight: float,
     facing: float,
+    alike: float,
     pose: F64,
     hessian: F64,
 ) -> tuple[int, int, float, float]:
     """Point-to-line Gauss-Newton with Cauchy weights.
+
+    All points with a partner count, but only those on the surface of theirs tell where to go (`_telling_kernels`).
 
     Args:
         points: (n, 2) in the robot frame [m].
@@ -104,7 +109,8 @@ def refine(
         scale: … to this.
         iterations: most steps; with 0 the start is only judged.
         prior_weight: pull towards the start, in points.
-        facing: least cosine between the normals of a point and of its surfel.
+        facing: least cosine between the normals of a point and of its surfel …
+        alike: … and of those that tell where the scan lies.
         pose: (3,) output.
         hessian: (3, 3) output, Σ w JᵀJ in the reference frame, rotation about the robot.
 
@@ -119,7 +125,8 @@ def refine(
     for _ in range(max(1, iterations)):
         _cells_at(columns.x, columns.y, pose, nearest.shape, origin, cell, pairs.rx, pairs.ry, pairs.cells)
         _look_up(pairs.cells, nearest, surfels, pairs.px, pairs.py, pairs.nx, pairs.ny)
-        _mark_facing(columns, pose[2], pairs)
+        _mark_facing(columns, pose[2], alike, pairs)
+        _mark_ends(pose, surfels, nearest, origin, cell, pairs)
         _measure(pose, pairs)
         used, inliers = _weigh(columns.spreads, pairs, 1.0 / (width * width), 4.0 * scale * scale)
         squares, weights = _add_up(columns.spreads, pairs, hessian, gradient)
@@ -154,9 +161,10 @@ class Pairs(NamedTuple):
         cells: which cell of the field it lies in, -1 outside.
         px: x of its surfel [m]; then its distance from the surfel's line.
         py: y of it; then the derivative of the distance by the heading.
-        nx: normal of the surfel, NaN without one; then 0 for points that do not count …
+        nx: normal of the surfel, NaN without one; then 0 for points that do not count, or tell nothing …
         ny: … as this.
         weights: of each point, 0 where it does not count.
+        tells: whether it says where the scan lies.
     """
 
     rx: F64
@@ -167,6 +175,7 @@ class Pairs(NamedTuple):
     nx: F64
     ny: F64
     weights: F64
+    tells: Bool
 
 
 @compiled
@@ -194,6 +203,7 @@ def _room(n: int) -> Pairs:
         np.empty(n),
         np.empty(n),
         np.empty(n),
+        np.empty(n, np.bool_),
     )
 
 
@@ -230,13 +240,29 @@ def _look_up(cells: I32, nearest: I32, surfels: F64, px: F64, py: F64, nx: F64, 
 
 
 @compiled
-def _mark_facing(columns: Columns, heading: float, pairs: Pairs) -> None:
-    """Weight 1 for the points that have a surfel and face the same way, 0 for the others."""
+def _mark_facing(columns: Columns, heading: float, alike: float, pairs: Pairs) -> None:
+    """Weight 1 for the points that have a surfel and face the same way, 0 for the others; and which face alike."""
     c, s = cos(heading), sin(heading)
     mx, my, least, nx, ny, weights = columns.nx, columns.ny, columns.least, pairs.nx, pairs.ny, pairs.weights
+    tells = pairs.tells
     for i in range(len(weights)):
         cosine = (c * mx[i] - s * my[i]) * nx[i] + (s * mx[i] + c * my[i]) * ny[i]
         weights[i] = 1.0 if cosine >= least[i] else 0.0
+        tells[i] = (cosine >= alike) | (least[i] == -np.inf)
+
+
+@compiled
+def _mark_ends(pose: F64, surfels: F64, nearest: I32, origin: F64, cell: float, pairs: Pairs) -> None:
+    """Points beyond the end of their surface tell nothing."""
+    x, y, rx, ry, px, py, nx, ny = pose[0], pose[1], pairs.rx, pairs.ry, pairs.px, pairs.py, pairs.nx, pairs.ny
+    flat, tells, is_far = nearest.reshape(-1), pairs.tells, np.empty(len(rx), np.bool_)
+    for i in range(len(rx)):
+        along = nx[i] * ((y + ry[i]) - py[i]) - ny[i] * ((x + rx[i]) - px[i])
+        is_far[i] = tells[i] & (abs(along) > cell)
+    for i in range(len(rx)):
+        if is_far[i] and pairs.weights[i] > 0.0:
+            k = flat[np.uint32(pairs.cells[i])]
+            tells[i] = not beyond_end(x + rx[i], y + ry[i], k, surfels, nearest, origin[0], origin[1], 1.0 / cell)
 
 
 @compiled
@@ -255,6 +281,7 @@ def _weigh(spreads: F64, pairs: Pairs, inverse_width2: float, inlier2: float) ->
     A weight is that of Cauchy, for a width that suits the point, over the point's variance.
     """
     distances, levers, nx, ny, weights = pairs.px, pairs.py, pairs.nx, pairs.ny, pairs.weights
+    tells = pairs.tells
     used, inliers = 0, 0
     for i in range(len(weights)):
         counts = weights[i] > 0.0
@@ -263,9 +290,10 @@ def _weigh(spreads: F64, pairs: Pairs, inverse_width2: float, inlier2: float) ->
         inliers += 1 if counts and square < inlier2 * spreads[i] else 0
         weights[i] = 1.0 / (spreads[i] + square * inverse_width2) if counts else 0.0
         distances[i] = distances[i] if counts else 0.0
-        levers[i] = levers[i] if counts else 0.0
-        nx[i] = nx[i] if counts else 0.0
-        ny[i] = ny[i] if counts else 0.0
+        moves = counts & tells[i]
+        levers[i] = levers[i] if moves else 0.0
+        nx[i] = nx[i] if moves else 0.0
+        ny[i] = ny[i] if moves else 0.0
     return used, inliers
 
 

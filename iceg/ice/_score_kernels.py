@@ -10,13 +10,14 @@ from graph.compiled import compiled
 from iceg.ice._held_kernels import _add_chance, _held, _lengths
 from iceg.ice._refinement_kernels import partner
 from iceg.ice._score_grid_kernels import score_grid
+from iceg.ice._telling_kernels import beyond_end
 from iceg.ice.scored import Scored
 
 F64 = NDArray[np.float64]
 Bool = NDArray[np.bool_]
 
-_FEWEST_ON_SURFACES = 10
-"""Points without a normal are left out where at least so many have one."""
+_FEWEST_TELLING = 10
+"""Points that tell nothing are left out where at least so many tell something."""
 _LAGS = 12
 """Residuals of beams no farther apart than this may be correlated."""
 _CHANCE = 3
@@ -344,7 +345,7 @@ def score_covariance(scored: Scored, pose: F64, guess: F64, reading: Reading, ou
         reading: how the scores are taken and read.
         out: output.
     """
-    scored = _on_surfaces(scored)
+    scored = _telling(scored, pose)
     n_picks = min(len(scored.points), reading.n_picks)
     found = _residuals_at(scored, pose, reading.limit)
     repeated = _dependence(found)
@@ -397,21 +398,27 @@ def _add_slides(points: F64, found: Residuals, guess: F64, most: float, reading:
 
 
 @compiled
-def _on_surfaces(scored: Scored) -> Scored:
-    """The same with the points that have a normal alone, unless they are few.
+def _telling(scored: Scored, pose: F64) -> Scored:
+    """The same with the points alone that tell where the scan lies, see `_telling_kernels`, unless they are few.
 
-    A point without one fits either face of a wall's end, so that it may hold a match where it slid to: it helps to
-    find the pose, but tells nothing about how well it is known.
+    A point without a normal fits either face of a wall's end, so that it may hold a match where it slid to: it helps to
+    find the pose, but tells nothing about how well it is known. Nor does a point without a surfel: were it scored, all
+    poses would be better that take it back to where walls were seen.
     """
-    n, known = len(scored.points), 0
+    n, known, tells = len(scored.points), 0, np.empty(len(scored.points), np.bool_)
+    c, s, x0, y0, per_metre = cos(pose[2]), sin(pose[2]), scored.origin[0], scored.origin[1], 1.0 / scored.cell
     for i in range(n):
-        known += 1 if scored.normals[i, 0] != 0.0 or scored.normals[i, 1] != 0.0 else 0
+        px, py, nx, ny = scored.points[i, 0], scored.points[i, 1], scored.normals[i, 0], scored.normals[i, 1]
+        x, y, mx, my = pose[0] + c * px - s * py, pose[1] + s * px + c * py, c * nx - s * ny, s * nx + c * ny
+        k = partner(x, y, mx, my, scored.surfels, scored.nearest, x0, y0, per_metre, scored.alike)
+        tells[i] = k >= 0 and (nx != 0.0 or ny != 0.0)
+        tells[i] = tells[i] and not beyond_end(x, y, k, scored.surfels, scored.nearest, x0, y0, per_metre)
+        known += 1 if tells[i] else 0
     points, normals, spreads, count = np.empty((n, 2)), np.empty((n, 2)), np.empty(n), 0
     for i in range(n):
-        nx, ny = scored.normals[i, 0], scored.normals[i, 1]
-        if nx != 0.0 or ny != 0.0 or known < _FEWEST_ON_SURFACES:
+        if tells[i] or known < _FEWEST_TELLING:
             points[count, 0], points[count, 1] = scored.points[i, 0], scored.points[i, 1]
-            normals[count, 0], normals[count, 1] = nx, ny
+            normals[count, 0], normals[count, 1] = scored.normals[i, 0], scored.normals[i, 1]
             spreads[count] = scored.spreads[i]
             count += 1
     return Scored(
@@ -424,6 +431,7 @@ def _on_surfaces(scored: Scored) -> Scored:
         scored.cell,
         scored.scale,
         scored.facing,
+        scored.alike,
     )
 
 

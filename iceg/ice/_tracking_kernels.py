@@ -69,6 +69,7 @@ class Polish(NamedTuple):
         iterations: …
         prior_weight: …
         facing: …
+        alike: …
         fewest: points that it takes.
         credible: share of the points that must agree with the map.
         window: how far [m] …
@@ -79,6 +80,7 @@ class Polish(NamedTuple):
     iterations: int
     prior_weight: float
     facing: float
+    alike: float
     fewest: int
     credible: float
     window: float
@@ -205,6 +207,7 @@ def _match(
         polish.iterations,
         polish.prior_weight,
         polish.facing,
+        polish.alike,
         pose,
         np.empty((3, 3)),
     )

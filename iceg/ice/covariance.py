@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from iceg.ice import _score_kernels as kernels
 from iceg.ice._score_kernels import Reading, Weighed
-from iceg.ice.config import CovarianceConfig
+from iceg.ice.config import CovarianceConfig, RefinementConfig
 from iceg.ice.local_map import LocalMap
 from iceg.ice.points import ScanPoints
 from iceg.ice.refinement import Refined
@@ -53,7 +53,7 @@ def score_covariance(
     scan_points: ScanPoints,
     local_map: LocalMap,
     refined: Refined,
-    scale: float,
+    refinement: RefinementConfig,
     config: CovarianceConfig,
     guess: NDArray[np.float64] | None = None,
 ) -> ScoreCovariance:
@@ -75,7 +75,7 @@ def score_covariance(
         scan_points: points of the new scan.
         local_map: the reference.
         refined: the optimum.
-        scale: width of the Cauchy score [m].
+        refinement: width of the Cauchy score, and which points tell something.
         config: noise level, share of independent points, window.
         guess: (3, 3) covariance of where the search began, tangent space of the robot; None where something has
             measured that, as odometry.
@@ -83,12 +83,12 @@ def score_covariance(
     Returns:
         The covariance with its weak directions.
     """
-    scored = Scored.of(scan_points, local_map, scale)
+    scored = Scored.of(scan_points, local_map, refinement)
     reading = Reading(
         n_picks=config.points,
         sigma=max(config.min_sigma, refined.residual),
         least_variance=(_GRAZING * config.min_sigma) ** 2,
-        limit=2 * scale,
+        limit=2 * refinement.scale,
         independence=config.independence,
         temperature=_TEMPERATURE,
         spacing=_SPACING,

@@ -185,6 +185,7 @@ class IceMatcher:
             iterations=refinement.iterations,
             prior_weight=refinement.tracking_prior,
             facing=FACING,
+            alike=refinement.alike,
             fewest=self.config.refinement.min_points,
             credible=refinement.credible,
             window=hypotheses.min_window,
@@ -260,8 +261,10 @@ class IceMatcher:
         self, reference: LocalMap, scan: Scan, refined: Refined, covariance_guess: NDArray[np.float64] | None = None
     ) -> RelativePose:
         """A pose with its covariance and what speaks for it; that of a guess that led there, if it may have misled."""
-        scan_points, scale = self._points(scan), self.config.refinement.scale
-        scores = score_covariance(scan_points, reference, refined, scale, self.config.covariance, covariance_guess)
+        scan_points = self._points(scan)
+        scores = score_covariance(
+            scan_points, reference, refined, self.config.refinement, self.config.covariance, covariance_guess
+        )
         return RelativePose(
             T_ref_cur=refined.T_ref_cur,
             covariance=scores.covariance,

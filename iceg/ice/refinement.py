@@ -78,6 +78,7 @@ def refine_on_points(
         iterations=config.iterations,
         prior_weight=prior_weight,
         facing=FACING,
+        alike=config.alike,
     )
 
 
@@ -104,6 +105,7 @@ def approach(
         iterations=_COARSE_ITERATIONS,
         prior_weight=prior_weight,
         facing=_ANY_FACING,
+        alike=_ANY_FACING,
         every=every,
     )
     return refined.T_ref_cur, refined.inliers / max(1, -(-len(scan_points) // every))
@@ -122,6 +124,7 @@ def evaluate_points(
         iterations=0,
         prior_weight=0.0,
         facing=FACING,
+        alike=config.alike,
     )
 
 
@@ -149,6 +152,7 @@ def _descend(
     iterations: int,
     prior_weight: float,
     facing: float,
+    alike: float,
     every: int = 1,
 ) -> Refined:
     pose, hessian = np.empty(3), np.empty((3, 3))
@@ -167,6 +171,7 @@ def _descend(
         iterations,
         prior_weight,
         facing,
+        alike,
         pose,
         hessian,
     )

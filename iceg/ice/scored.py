@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from iceg.ice.config import RefinementConfig
 from iceg.ice.local_map import LocalMap
 from iceg.ice.points import ScanPoints
 from iceg.ice.refinement import FACING
@@ -22,7 +23,8 @@ class Scored(NamedTuple):
         origin: (2,) lower left corner of the field [m].
         cell: width of its cells [m].
         scale: width of the Cauchy score of a typical point [m].
-        facing: least cosine between the normals of a point and of its surfel.
+        facing: least cosine between the normals of a point and of its surfel …
+        alike: … and of those that tell where the scan lies.
     """
 
     points: NDArray[np.float64]
@@ -34,10 +36,11 @@ class Scored(NamedTuple):
     cell: float
     scale: float
     facing: float
+    alike: float
 
     @classmethod
-    def of(cls, scan_points: ScanPoints, local_map: LocalMap, scale: float) -> "Scored":
-        """Points of a scan against the fine field of a local map; scores of width `scale` [m]."""
+    def of(cls, scan_points: ScanPoints, local_map: LocalMap, config: RefinementConfig) -> "Scored":
+        """Points of a scan against the fine field of a local map."""
         field = local_map.fine
         return cls(
             points=scan_points.points,
@@ -47,6 +50,7 @@ class Scored(NamedTuple):
             nearest=field.nearest,
             origin=field.origin,
             cell=field.cell,
-            scale=scale,
+            scale=config.scale,
             facing=FACING,
+            alike=config.alike,
         )
