@@ -52,6 +52,14 @@ class RelativePose:
         """Whether the match constrains all three degrees of freedom."""
         return len(self.weak_directions) == 0
 
+    def knows_turn(self, deviation: float) -> bool:
+        """Whether the match knows the turn to a standard deviation [rad], or observes everything.
+
+        Beside a straight wall it does though it does not see how far the robot came; on an arc the one hangs on the
+        other.
+        """
+        return self.is_fully_observed or bool(self.informed_covariance[2, 2] <= deviation**2)
+
     @property
     def informed_covariance(self) -> NDArray[np.float64]:
         """(3, 3) the covariance of the match as a step of the path: along what it does not observe it says nothing.

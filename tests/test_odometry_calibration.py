@@ -102,6 +102,29 @@ def test_what_was_done_to_odometry_is_found(scale: float, heading_scale: float, 
     assert found.heading_shift == pytest.approx(shift, abs=0.1)
 
 
+def test_matches_beside_a_wall_tell_of_turns_though_not_how_far_the_robot_came() -> None:
+    truth, rng = _drive(3000), np.random.default_rng(3)
+    odometry = _spoiled(truth, 0.0, 0.02, 0.01, 0.0, np.zeros(3))
+    plain = _track(truth, 6, noise=0.003)
+
+    def beside_wall(key: KeyScan, k: int, turn_per_metre: float) -> KeyScan:
+        """Its match slides along the wall, but for one in twenty stretches of the way, and turns with that."""
+        if isinstance(key.match, NoMatch) or k // 30 % 20 == 1:
+            return key
+        slide = np.array([1.0, 0.0, turn_per_metre])
+        seen = compose(key.match.T_ref_cur, rng.normal(0.0, 0.2) * slide)
+        return replace(key, match=replace(key.match, T_ref_cur=seen, weak_directions=slide[None]))
+
+    def drift_beside(turn_per_metre: float) -> OdometryCalibration:
+        keys = [beside_wall(key, k, turn_per_metre) for k, key in enumerate(plain.keys)]
+        return calibrate_odometry(replace(plain, keys=keys), odometry, CalibrationConfig())
+
+    straight, curved = drift_beside(0.0), drift_beside(0.2)
+    assert straight.heading_per_metre == pytest.approx(0.01, abs=0.002)
+    assert straight.heading_scale == pytest.approx(0.02, abs=0.005)
+    assert abs(curved.heading_per_metre - 0.01) > 2.0 * abs(straight.heading_per_metre - 0.01)  # those are left out
+
+
 @pytest.mark.parametrize("scans", [-5, 4])
 def test_odometry_that_is_several_scans_late_is_read_in_time(scans: int) -> None:
     truth = _drive(1500)

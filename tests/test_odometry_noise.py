@@ -81,7 +81,7 @@ def _nees(noise: OdometryModel, odometry: Array, truth: Array) -> Array:
 @pytest.mark.parametrize("match", [0.0005, 0.004])
 def test_each_axis_gets_the_variance_it_has(match: float) -> None:
     differences, odometry, truth = _observed(8000, _TRUE, match, seed=1)
-    noise, persistence = odometry_noise(differences, odometry, CalibrationConfig())
+    noise, persistence = odometry_noise(differences, differences, odometry, CalibrationConfig())
     np.testing.assert_allclose(_nees(noise, odometry, truth), 1.0, atol=0.15)
     np.testing.assert_array_equal(persistence, 1.0)
 
@@ -91,17 +91,17 @@ def test_what_the_match_errs_by_is_not_odometrys() -> None:
         **{f.name: getattr(_TRUE, f.name) * (0.01 if "across" in f.name else 1.0) for f in fields(_TRUE)}
     )
     differences, odometry, _ = _observed(12000, exact, 0.003, seed=2)
-    noise, _ = odometry_noise(differences, odometry, CalibrationConfig())
+    noise, _ = odometry_noise(differences, differences, odometry, CalibrationConfig())
     assert noise.across_per_metre < 0.004  # 0.007 with all that differs
     boasting = replace(differences, claimed=0.6 * differences.claimed)
-    assert odometry_noise(boasting, odometry, CalibrationConfig())[0].across_per_metre < 0.004
+    assert odometry_noise(boasting, boasting, odometry, CalibrationConfig())[0].across_per_metre < 0.004
 
 
 def test_slips_are_no_noise() -> None:
     differences, odometry, _ = _observed(4000, _TRUE, 0.001, seed=3)
-    usual, _ = odometry_noise(differences, odometry, CalibrationConfig())
+    usual, _ = odometry_noise(differences, differences, odometry, CalibrationConfig())
     differences.errors[::100] += np.array([0.5, 0.3, 0.4])
-    slipping, _ = odometry_noise(differences, odometry, CalibrationConfig())
+    slipping, _ = odometry_noise(differences, differences, odometry, CalibrationConfig())
     for name in ("along_per_metre", "heading_per_radian"):
         assert getattr(slipping, name) == pytest.approx(getattr(usual, name), rel=0.2)
 
@@ -110,7 +110,7 @@ def test_clocks_that_differ_are_a_floor() -> None:
     differences, odometry, _ = _observed(8000, _TRUE, 0.0005, seed=4)
     late = 0.03 * np.random.default_rng(0).normal(size=len(differences.errors) + 1)
     differences.errors[:, 0] += late[1:] - late[:-1]
-    noise, persistence = odometry_noise(differences, odometry, CalibrationConfig())
+    noise, persistence = odometry_noise(differences, differences, odometry, CalibrationConfig())
     assert noise.along_floor == pytest.approx(0.03 * 2**0.5, rel=0.2)
     assert noise.across_floor < 0.02
     assert persistence[0] == 1.0
@@ -118,7 +118,7 @@ def test_clocks_that_differ_are_a_floor() -> None:
 
 def test_a_floor_is_not_found_where_there_is_none() -> None:
     differences, odometry, _ = _observed(8000, _TRUE, 0.0005, seed=5)
-    noise, _ = odometry_noise(differences, odometry, CalibrationConfig())
+    noise, _ = odometry_noise(differences, differences, odometry, CalibrationConfig())
     assert noise.along_floor < 0.002
     assert noise.heading_floor < 0.002
 

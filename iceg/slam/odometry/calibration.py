@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from graph import dense
 from graph.elementary import cos_sin
-from graph.measurement import NoMatch, RelativePose
+from graph.measurement import RelativePose
 from graph.noise import chi2_gate
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose, inverse, wrap_angle
@@ -27,6 +27,9 @@ _ROBUST_ROUNDS = 15
 Floats = NDArray[np.float64]
 _Equations = tuple[Floats, Floats]
 """(n, k) rows of a regression, the scale's first, and (n,) matches minus odometry."""
+_Tells = Callable[[KeyScan], bool]
+"""Whether the match of a key scan tells what is asked."""
+_SEES_ALL: _Tells = attrgetter("is_fully_observed")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,7 +106,7 @@ def calibrate_odometry(track: Track, odometry: Floats, config: CalibrationConfig
     Returns:
         The calibration; with few matches it stays near "nothing is wrong".
     """
-    steps = _MatchedSteps.collect(track, config)
+    steps = _MatchedSteps.collect(track, config, _SEES_ALL)
     if steps is None:
         return OdometryCalibration(noise=OdometryModel())
     delay = whole_delay(steps.matched[:, 2], steps.starts, steps.ends, odometry, config)
@@ -118,12 +121,17 @@ def _calibrated(
     track: Track, steps: "_MatchedSteps", odometry: Floats, config: CalibrationConfig
 ) -> OdometryCalibration:
     """Fit to odometry that is off by a scan or so."""
-    windows = _MatchedSteps.collect(track, config, config.window) or steps
+
+    def knows_turn(key: KeyScan) -> bool:
+        return isinstance(key.match, RelativePose) and key.match.knows_turn(config.turn_told)
+
+    turned_steps = _MatchedSteps.collect(track, config, knows_turn) or steps
+    windows = _MatchedSteps.collect(track, config, knows_turn, config.window) or turned_steps
     prior = np.array([config.scale_sigma, config.drift_sigma, config.delay_sigma])
     rows, errors = _turn_equations(windows, odometry)
     seen = rows[:, 0] + errors
     rows[:, 0] = np.where(np.abs(seen) > config.min_turn, seen, 0.0)
-    turning, turning_sigmas = _fitted((rows, errors), _turn_equations(steps, odometry), prior, config)
+    turning, turning_sigmas = _fitted((rows, errors), _turn_equations(turned_steps, odometry), prior, config)
     turns = OdometryCalibration(
         heading_scale=float(turning[0]),
         heading_per_metre=float(turning[1]),
@@ -132,6 +140,7 @@ def _calibrated(
     )
     # A heading that drifts leads aside, too, and that must not pass for a laser that looks askew.
     turned = turns.apply(odometry, config.sudden)
+    windows = _MatchedSteps.collect(track, config, _SEES_ALL, config.window) or steps
     mount = (config.mount_heading_sigma, config.delay_sigma, config.mount_ahead_sigma, config.mount_aside_sigma)
     prior = np.array([config.scale_sigma, *mount])
     rows, errors = _move_equations(windows, turned, odometry)
@@ -139,8 +148,9 @@ def _calibrated(
     equations = _move_equations(steps, turned, odometry)
     moving, moving_sigmas = _fitted((rows, errors), equations, prior, config)
     left = equations[1] - dense.matvec(equations[0], moving)
-    noise, persistence = odometry_noise(steps.differences(left, turned), turned, config)
-    without_heading = list(_parts_without(track, _tells_heading))
+    of_turns = turned_steps.differences(np.zeros(2 * len(turned_steps.starts)), turned)
+    noise, persistence = odometry_noise(steps.differences(left, turned), of_turns, turned, config)
+    without_heading = list(_parts_without(track, knows_turn))
     return replace(
         turns,
         translation_scale=float(moving[0]),
@@ -151,7 +161,7 @@ def _calibrated(
         lasting_noise=lasting_noise(
             noise,
             persistence,
-            along=float(moving_sigmas[0]) * math.sqrt(_longest(_parts_without(track, attrgetter("is_fully_observed")))),
+            along=float(moving_sigmas[0]) * math.sqrt(_longest(_parts_without(track, _SEES_ALL))),
             drift=float(turning_sigmas[1]) * math.sqrt(_longest(without_heading)),
             turn=float(turning_sigmas[0]) * math.sqrt(_widest(without_heading)),
         ),
@@ -175,11 +185,11 @@ class _MatchedSteps:
     variances: Floats
 
     @classmethod
-    def collect(cls, track: Track, config: CalibrationConfig, window: int = 1) -> "_MatchedSteps | None":
-        """Steps over so many key scans; None where there are too few."""
+    def collect(cls, track: Track, config: CalibrationConfig, tells: _Tells, window: int = 1) -> "_MatchedSteps | None":
+        """Steps over so many key scans whose matches all tell what is asked; None where there are too few."""
         unknown = track.keys_without_odometry()
-        tells = [key.is_fully_observed and k not in unknown for k, key in enumerate(track.keys)]
-        later = [k for k in range(window, len(tells)) if all(tells[k - window + 1 : k + 1])]
+        told = [k not in unknown and tells(key) for k, key in enumerate(track.keys)]
+        later = [k for k in range(window, len(told)) if all(told[k - window + 1 : k + 1])]
         if len(later) < config.min_keys:
             return None
         matches = [match for match in (track.keys[k].match for k in later) if isinstance(match, RelativePose)]
@@ -189,7 +199,7 @@ class _MatchedSteps:
             starts=track.key_scans[earlier],
             ends=track.key_scans[later],
             matched=between(T_track_keys[earlier], compose(T_track_keys[anchors], T_anchor_later)),
-            variances=np.array([np.diag(match.covariance) for match in matches]),
+            variances=np.array([np.diag(match.informed_covariance) for match in matches]),
         )
 
     def by(self, odometry: Floats) -> Floats:
@@ -269,16 +279,11 @@ def _robust_fit(rows: Floats, values: Floats, prior: Floats) -> tuple[Floats, Fl
     return x, scale * np.sqrt(np.diag(dense.inv(information)))
 
 
-def _parts_without(track: Track, is_seen: Callable[[KeyScan], bool]) -> Iterator[list[OdometryMotion]]:
-    """The parts of the path between matches that tell enough: their motions, one a key scan."""
-    for tells, keys in groupby(track.keys[1:], is_seen):
-        if not tells:
+def _parts_without(track: Track, tells: _Tells) -> Iterator[list[OdometryMotion]]:
+    """The parts of the path between matches that tell what is asked: their motions, one a key scan."""
+    for is_told, keys in groupby(track.keys[1:], tells):
+        if not is_told:
             yield [key.motion for key in keys]
-
-
-def _tells_heading(key: KeyScan) -> bool:
-    """Whether a match leaves no direction open in which the robot would turn, if only by an arc of two metres."""
-    return not isinstance(key.match, NoMatch) and not (np.abs(key.match.weak_directions[:, 2]) > 0.5).any()
 
 
 def _longest(parts: Iterable[Sequence[OdometryMotion]]) -> float:

@@ -52,12 +52,13 @@ class Differences:
 
 
 def odometry_noise(
-    differences: Differences, odometry: Floats, config: CalibrationConfig
+    moves: Differences, turns: Differences, odometry: Floats, config: CalibrationConfig
 ) -> tuple[OdometryModel, Floats]:
     """Fit the noise of odometry.
 
     Args:
-        differences: between matches and odometry.
+        moves: differences between odometry and the matches that see all directions …
+        turns: … and those that know the turn.
         odometry: (n_scans, 3).
         config: what is an outlier, a floor, persistence.
 
@@ -65,13 +66,14 @@ def odometry_noise(
         The noise of single motions, and (3,) by how much the variance of a chain of them exceeds the sum of theirs, in
         x, y and heading, because errors persist.
     """
-    paths = _Paths.of(differences.starts, differences.ends, odometry)
-    errors, claimed = differences.errors, differences.claimed
+    paths = _Paths.of(moves.starts, moves.ends, odometry)
+    turned_paths = _Paths.of(turns.starts, turns.ends, odometry)
+    errors, claimed = moves.errors, moves.claimed
     persistence = np.empty(3)
-    heading, persistence[2] = _heading_fit(errors[:, 2], claimed[:, 2], paths, config)
+    heading, persistence[2] = _heading_fit(turns.errors[:, 2], turns.claimed[:, 2], turned_paths, config)
     lever, left = paths.carried_by(heading)
     own = errors[:, :2] - lever * errors[:, 2:]
-    known, following = np.empty_like(own), _turned(own[1:], differences.turns[1:])
+    known, following = np.empty_like(own), _turned(own[1:], moves.turns[1:])
     for k in range(2):
         by_match, persistence[k] = _shares(own[:, k], following[:, k], claimed[:, k], config)
         known[:, k] = by_match + left[:, k]
@@ -84,7 +86,7 @@ def odometry_noise(
         "position_per_radian": position[4],
     }
     return OdometryModel(
-        **_deviations(variances, config.least_noise), **_heading_deviations(paths, heading, config)
+        **_deviations(variances, config.least_noise), **_heading_deviations(turned_paths, heading, config)
     ), persistence
 
 
