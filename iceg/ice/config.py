@@ -150,7 +150,7 @@ class RefinementConfig(_IceSettings):
     hopeful: float = 0.5
     """Among alternatives one is polished whose points lie near the reference to this share of what is asked in the
     end."""
-    alike: float = between(0.7, -1.0, 1.0)
+    alike: float = between(0.75, -1.0, 1.0)
     """Least cosine between the normals of a point and of its surfel for the point to tell where the scan lies."""
     agreeing: float = 2.0
     """A point within so many widths of its weight agrees with the reference."""

@@ -32,7 +32,7 @@ class CalibrationConfig(SlamSettings, prefix="calibration: "):
     """Key scans over which moves are compared: the noise of single steps makes a scale fitted to them too small."""
     min_turn: Radians = 0.3
     """Only windows that turn by more than this tell the scale of turns [rad]."""
-    turn_told: Radians = 0.02
+    turn_told: Radians = 0.01
     """A match tells of turns, and of the drift of the heading, where it knows them to this standard deviation [rad],
     though it may not see how far the robot came."""
     sudden: SuddenStepConfig = field(default_factory=SuddenStepConfig)

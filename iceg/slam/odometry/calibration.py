@@ -150,7 +150,7 @@ def _calibrated(
     left = equations[1] - dense.matvec(equations[0], moving)
     of_turns = turned_steps.differences(np.zeros(2 * len(turned_steps.starts)), turned)
     noise, persistence = odometry_noise(steps.differences(left, turned), of_turns, turned, config)
-    without_heading = list(_parts_without(track, knows_turn))
+    without_heading = list(_parts_without(track, _tells_heading))
     return replace(
         turns,
         translation_scale=float(moving[0]),
@@ -284,6 +284,11 @@ def _parts_without(track: Track, tells: _Tells) -> Iterator[list[OdometryMotion]
     for is_told, keys in groupby(track.keys[1:], tells):
         if not is_told:
             yield [key.motion for key in keys]
+
+
+def _tells_heading(key: KeyScan) -> bool:
+    """Whether a match leaves no direction open in which the robot would turn, if only by an arc of two metres."""
+    return isinstance(key.match, RelativePose) and not (np.abs(key.match.weak_directions[:, 2]) > 0.5).any()
 
 
 def _longest(parts: Iterable[Sequence[OdometryMotion]]) -> float:
