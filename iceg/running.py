@@ -1,6 +1,8 @@
 """A log run from Python: what a person waits for is shown."""
 
+import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from frontends.scan import Log
@@ -15,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def run(
-    log: Log,
+    log: Log | Path | str,
     config: Config | None = None,
     progress: ProgressCallback | bool | None = True,
     *,
@@ -26,7 +28,7 @@ def run(
     """Estimate the trajectory and the maps of a log.
 
     Args:
-        log: the log.
+        log: the log, or the path of a recording, which `config.log` says how to read.
         config: settings; the defaults when left out.
         progress: True for a bar, on standard error or in the notebook; False or None for none; else called as scans are
             matched, and when a stage begins.
@@ -38,14 +40,19 @@ def run(
         Everything that was found.
 
     Raises:
-        IcegError: a correction that does not fit the log, or a stage that returns what is of no use.
+        IcegError: a recording that cannot be read, a correction that does not fit the log, or a stage that returns what
+            is of no use.
     """
+    from frontends.logs import read_log
     from iceg import pipeline
     from iceg.kernels.ahead import compiling_ahead
     from iceg.show.progress import ProgressBar, compiling_bar
 
+    asked = config or Config()
+    found = log if isinstance(log, Log) else read_log(log, **dataclasses.asdict(asked.log))
+
     def run_told(callback: ProgressCallback | None) -> "SlamResult":
-        return pipeline.run(log, config, callback, stages=stages, closures=closures, corrections=corrections)
+        return pipeline.run(found, asked, callback, stages=stages, closures=closures, corrections=corrections)
 
     with compiling_ahead() as kernels:
         if progress is not True:
@@ -54,7 +61,7 @@ def run(
             return result
         with compiling_bar() as told:
             kernels.wait_for("matching", told)
-        with ProgressBar(log) as bar:
+        with ProgressBar(found) as bar:
             result = run_told(kernels.before_each_stage(bar, bar.compiling))
             kernels.wait(bar.compiling)
         return result

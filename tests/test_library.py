@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 import iceg
 from frontends.scan import Log, ScanError
 from graph.measurement import RelativePose
+from iceg.config import LogConfig
 from iceg.corrections.manual_closures import read_manual_closures
 from iceg.evaluation.trajectory import read_truth_csv
 from iceg.show.run_plots import plot_results
@@ -141,6 +142,16 @@ def test_plain_strings_name_files_and_folders(shown: dict[str, Any], tmp_path: P
     table = tmp_path / "closures.csv"
     table.write_text("scan_i,scan_j,x_m,y_m,theta_rad\n0,100,1,0,0\n")
     assert len(read_manual_closures(str(table))) == 1
+
+
+def test_a_run_takes_the_path_of_a_recording_and_reads_it_as_the_settings_say(log: Log, tmp_path: Path) -> None:
+    path, near = tmp_path / "short.clf", iceg.Config(log=LogConfig(range_max=5.0))
+    iceg.write_log(path, log)
+    by_path, by_log = iceg.run(str(path), near, False), iceg.run(iceg.read_log(path, range_max=5.0), near, False)
+    np.testing.assert_array_equal(by_path.trajectory, by_log.trajectory)
+    assert iceg.run(path, progress=False).findings.log.geometry.range_max > 5.0
+    with pytest.raises(iceg.IcegError, match="nowhere"):
+        iceg.run(tmp_path / "nowhere.clf")
 
 
 def test_arrays_make_a_log_before_anything_else_is_imported() -> None:
