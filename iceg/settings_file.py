@@ -45,7 +45,7 @@ GONE = {
     "front_end.standstill.min_moves": "see front_end.standstill.held_prior",
     "front_end.standstill.seldom_share": "see front_end.standstill.held_prior",
     "front_end.tracking.polished": "guesses come from a pass before, where turns are all that is known",
-    "loops.failures.widened_distance2": "odometry is widened from loops.failures.beyond_chance_distance2 on",
+    "loops.failures.widened_distance2": "odometry is widened as far as loops.failures.false_alarm asks",
     "loops.max_deviations": "closures are believed as far as the path explains them, see loops.path_probability",
     "loops.relocalisation.dissent": "places are weighed by how probable they are, see loops.relocalisation.odds",
     "loops.relocalisation.lead": "places are weighed by how probable they are, see loops.relocalisation.odds",

@@ -24,6 +24,8 @@ _TRUTH = np.array(
 _ODOMETRY, _MATCH = np.diag([0.05, 0.05, 0.03]) ** 2, np.diag([0.005, 0.005, 0.002]) ** 2
 _SLID = np.array([0.3, 0.0, 0.0])
 """What a match that leads astray is off by."""
+_CONTESTED = {22: _ODOMETRY}
+_NOTHING: dict[int, Array] = {}
 
 
 def closure(old: int, new: int, off: Array, off_path: float, *, accepted: bool = False) -> Attempt:
@@ -44,12 +46,13 @@ def refused(n: int, off: Array) -> list[Attempt]:
 
 
 def solution(attempts: list[Attempt], astray: int | None, *, is_doubtful: bool = True) -> Solution:
-    """Odometry and matches; the match of key scan `astray` has slid."""
+    """Odometry and matches; the match of key scan `astray` has slid, and the graph has odometry the wider for it."""
     factors = [Factor(kind="prior", i=None, j=0, T_i_j=_TRUTH[0], covariance=_MATCH)]
     for k in range(1, len(_TRUTH)):
         step = between(_TRUTH[k - 1], _TRUTH[k])
         matched = compose(step, _SLID) if k == astray else step
-        factors.append(Factor(kind="odometry", i=k - 1, j=k, T_i_j=step, covariance=_ODOMETRY))
+        known = 2.0 * _ODOMETRY if k == astray and is_doubtful else _ODOMETRY
+        factors.append(Factor(kind="odometry", i=k - 1, j=k, T_i_j=step, covariance=known))
         factors.append(Factor(kind="ice", i=k - 1, j=k, T_i_j=matched, covariance=_MATCH))
     factors += [closure_factor(attempt) for attempt in attempts if attempt.accepted]
     return Solution(
@@ -68,10 +71,15 @@ def worst(poses: Array) -> float:
 def test_many_that_agree_refute_the_match_that_led_the_path_astray() -> None:
     config, claimed = LoopClosureConfig(), refused(6, np.zeros(3))
     before = solution(claimed, astray=22)
-    after = with_hindsight(before, [claimed], config)
+    after = with_hindsight(before, [claimed], config, _CONTESTED)
     assert worst(before.poses) > 0.25
     assert worst(after.poses) < 0.02
-    assert [(factor.i, factor.j) for factor in before.factors if factor not in after.factors] == [(21, 22)]
+    gone = [factor for factor in before.factors if factor not in after.factors]
+    assert [(factor.kind, factor.j) for factor in gone] == [("odometry", 22), ("ice", 22)]
+    (odometry,) = [factor for factor in after.factors if factor.kind == "odometry" and factor.j == 22]
+    np.testing.assert_array_equal(
+        odometry.covariance, _ODOMETRY, "the match is wrong, and odometry alone tells the step"
+    )
     assert {factor.kind for factor in after.factors} == {"prior", "odometry", "ice", "closure"}
     assert all(attempt.verdict is Verdict.ACCEPTED for attempt in after.attempts)
     assert after.attempts[0].reason == "in hindsight; fits"
@@ -79,7 +87,7 @@ def test_many_that_agree_refute_the_match_that_led_the_path_astray() -> None:
 
 def test_a_closure_that_led_the_path_astray_leaves_the_graph() -> None:
     wrong, claimed = closure(17, 22, _SLID, 0.5, accepted=True), refused(6, np.zeros(3))
-    after = with_hindsight(solution([wrong, *claimed], astray=22), [claimed], LoopClosureConfig())
+    after = with_hindsight(solution([wrong, *claimed], astray=22), [claimed], LoopClosureConfig(), _CONTESTED)
     assert worst(after.poses) < 0.02
     assert after.attempts[0].verdict is Verdict.REMOVED
     assert after.attempts[0].reason == "refuted in hindsight; fits"
@@ -97,7 +105,7 @@ def test_a_closure_that_led_the_path_astray_leaves_the_graph() -> None:
 def test_the_path_stays_as_it_is(n: int, off: list[float], astray: int | None, is_doubtful: bool) -> None:
     claimed = refused(n, np.array(off))
     before = solution(claimed, astray, is_doubtful=is_doubtful)
-    after = with_hindsight(before, [claimed], LoopClosureConfig())
+    after = with_hindsight(before, [claimed], LoopClosureConfig(), _CONTESTED if astray and is_doubtful else _NOTHING)
     assert after is before
 
 
@@ -106,7 +114,7 @@ def test_where_nothing_led_the_path_astray_many_that_agree_are_no_witnesses() ->
     claimed = refused(9, np.array([0.6, 0.0, 0.0]))
     known = solution(claimed, None)
     before = replace(known, factors=[factor for factor in known.factors if factor.kind != "ice"])
-    assert with_hindsight(before, [claimed], LoopClosureConfig()) is before
+    assert with_hindsight(before, [claimed], LoopClosureConfig(), _NOTHING) is before
 
 
 def test_only_what_the_path_alone_refused_is_asked_again() -> None:

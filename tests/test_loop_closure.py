@@ -11,6 +11,7 @@ from frontends.scan import Scan
 from frontends.simulator.simulation import Simulation, simulate
 from graph.config import PoseGraphConfig
 from graph.measurement import NoMatch, RelativePose
+from graph.noise import chi2_gate
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose, compose_covariance
 from iceg.ice.matcher import IceMatcher
@@ -370,6 +371,27 @@ def test_odometry_that_jumps_is_given_little_weight(track: Track) -> None:
     expected = between(track.keys[0].T_track_robot, track.keys[29].T_track_robot)
     error = between(expected, solution.poses[29])
     assert abs(error[2]) < np.radians(0.5)
+
+
+@pytest.mark.parametrize("off", [0.1, 0.2, 0.5, 5.0])
+def test_odometry_is_no_farther_from_a_sharp_match_than_chance_explains(track: Track, off: float) -> None:
+    key = next(k for k, scan in enumerate(track.keys) if isinstance(scan.match, RelativePose))
+    match = track.keys[key].match
+    assert isinstance(match, RelativePose)
+    sharp = replace(match, covariance=np.eye(3) * 1e-12)
+    closer = LoopCloser(IceMatcher(), track, LoopClosureConfig(enabled=False, revisits=False))
+    back_end, gate = BackEnd(track, closer, PoseGraphConfig()), chi2_gate(LoopClosureConfig().failures.false_alarm)
+    T_track_match = compose(track.keys[track.keys[key].anchor].T_track_robot, match.T_ref_cur)
+    step = between(track.keys[key - 1].T_track_robot, T_track_match)
+    slipped = OdometryMotion(T_key_robot=compose(step, np.array([off, 0.0, 0.0])), covariance=np.eye(3) * 0.03**2)
+    claimed = (off / 0.03) ** 2
+    believed = back_end._believed(slipped, sharp, key)
+    assert off**2 / believed[0, 0] == pytest.approx(min(claimed, gate), rel=1e-6)
+    if claimed <= gate:
+        assert not back_end.contested
+    else:
+        in_hindsight = back_end.contested[key]
+        assert off**2 / in_hindsight[0, 0] == pytest.approx(min(claimed, 99.0), rel=1e-6)
 
 
 def test_loops_and_finish_bring_the_office_back_together(

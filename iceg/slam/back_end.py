@@ -50,7 +50,8 @@ class BackEnd:
         self.attempts: list[Attempt] = []
         self.n_closed = 0
         self.failures = _front_end_failures(track)
-        self.odometry_jumps: list[int] = []
+        self.contested: dict[int, NDArray[np.float64]] = {}
+        """Covariance of the odometry as hindsight weighs it, by the key poses whose match contradicts it."""
         self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
         self._votes = PlaceVotes(closer.config)
         self._unclear: list[Vote] = []
@@ -100,7 +101,11 @@ class BackEnd:
         return self._poses.rows
 
     def _believed(self, motion: OdometryMotion, match: RelativePose, key: int) -> NDArray[np.float64]:
-        """Covariance of odometry; widened where the match contradicts it beyond chance, as after a jump."""
+        """Covariance of odometry; widened to what chance explains where the match contradicts it, as after a slip.
+
+        The match has been found the better explanation, and two that claim to be known so well would meet halfway,
+        where neither is.
+        """
         keys = self._track.keys
         T_track_match = compose(keys[keys[key].anchor].T_track_robot, match.T_ref_cur)
         offset = between(between(keys[key - 1].T_track_robot, T_track_match), motion.T_key_robot)
@@ -115,8 +120,8 @@ class BackEnd:
                 key, TrackingFailure(kind=FailureKind.INCONSISTENT, reason=reason, distance2=distance2)
             )
         if distance2 > gate:
-            self.odometry_jumps.append(key)
-        return motion.covariance * max(1.0, distance2 / config.beyond_chance_distance2)
+            self.contested[key] = motion.covariance * max(1.0, distance2 / config.beyond_chance_distance2)
+        return motion.covariance * max(1.0, distance2 / gate)
 
     def solution(self) -> Solution:
         """The graph as it stands, a copy; closures that still wait for others to say the same are no part of it."""
@@ -129,7 +134,7 @@ class BackEnd:
             poses=self.graph.all_poses(),
             attempts=attempts,
             searchable=self._closer.passes.searchable.copy(),
-            odometry_jumps=tuple(self.odometry_jumps),
+            odometry_jumps=tuple(self.contested),
             ambiguous=unsettled(self._unclear, attempts),
         )
 
@@ -310,7 +315,7 @@ def solve_track(
         failures = judged_by_view(failures, ViewChanges(log, track, closer.judge, closures.view), closures.failures)
     solution = back_end.solution()
     if log is not None and log.has_odometry:
-        solution = with_hindsight(solution, _refused_together(solution, closures), closures)
+        solution = with_hindsight(solution, _refused_together(solution, closures), closures, back_end.contested)
     return relocalise(closer, track, solution, failures)
 
 

@@ -136,11 +136,12 @@ class TrackingFailureConfig(SlamSettings, prefix="failures: "):
 
     false_alarm: float = between(1.544e-5, *RATES)
     """A match contradicts odometry where chance puts it so far off with this probability only (χ², 3 degrees of
-    freedom; 5 σ): the step is suspect."""
+    freedom; 5 σ): the step is suspect, and odometry is widened until chance explains it."""
     carried: float = 0.6
     """A match so far from odometry [m, or metres per metre driven if that is more] is suspect whatever it claims."""
     beyond_chance_distance2: float = positive(99.0)
-    """Squared Mahalanobis distance of a match from odometry that no chance explains: odometry is widened to it."""
+    """Squared Mahalanobis distance of a match from odometry that no chance explains; where closures refute the match in
+    hindsight, odometry is known as well as it claims, or wider by what is beyond this."""
     min_inlier_ratio: float = 0.7
     """A match that explains less of a scan is suspect where few closures span the step."""
     believed_inlier_ratio: float = 0.8

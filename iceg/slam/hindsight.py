@@ -8,7 +8,7 @@ odometry less. Something must have led the path astray: where nothing else has t
 the same, and are no witnesses against the path.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,19 +25,26 @@ _SUSPECTS: tuple[FactorKind, ...] = ("closure", "ice")
 """What may be wrong altogether; what is known of the rest is how far it errs."""
 
 
-def with_hindsight(solution: Solution, sets: Sequence[Sequence[Attempt]], config: LoopClosureConfig) -> Solution:
+def with_hindsight(
+    solution: Solution,
+    sets: Sequence[Sequence[Attempt]],
+    config: LoopClosureConfig,
+    contested: Mapping[int, NDArray[np.float64]],
+) -> Solution:
     """Let closures in that were refused, where what they say is more probable than the path.
 
     Args:
         solution: the graph as it was found on the way.
         sets: of closures that the path alone refused, and that agree with each other.
         config: how far a true closure may be off, and how many must say the same.
+        contested: by the key poses whose match contradicts odometry, (3, 3) how well odometry knows the step if the
+            match is wrong; the graph has it wider, as if the match were right.
 
     Returns:
         The solution; where closures come in, what they refute is out.
     """
     for refused in sets:
-        solution = _weighed(solution, refused, config)
+        solution = _weighed(solution, refused, config, contested)
     return solution
 
 
@@ -47,10 +54,16 @@ def refused_by_path(attempts: Sequence[Attempt], config: LoopClosureConfig) -> l
     return [attempt for attempt in attempts if not attempt.accepted and attempt.off_path**2 > most]
 
 
-def _weighed(solution: Solution, refused: Sequence[Attempt], config: LoopClosureConfig) -> Solution:
+def _weighed(
+    solution: Solution,
+    refused: Sequence[Attempt],
+    config: LoopClosureConfig,
+    contested: Mapping[int, NDArray[np.float64]],
+) -> Solution:
     """The more probable of the path and of what some closures say that agree."""
     claims = [closure_factor(attempt) for attempt in refused]
-    before, gate = _with_doubts(solution), largest_squared_norm(config.path_probability)
+    before = [_with_doubt(factor, contested) for factor in solution.factors]
+    gate = largest_squared_norm(config.path_probability)
     kernel = RobustKernel(name="dcs", width=gate)
     yielding = [replace(factor, kernel=kernel) if factor.kind in _SUSPECTS else factor for factor in before]
     led = optimize([*yielding, *claims], solution.poses, BATCH).poses
@@ -64,7 +77,9 @@ def _weighed(solution: Solution, refused: Sequence[Attempt], config: LoopClosure
     path = _explained(before, solution.poses, config)
     if found.cost >= path.cost + 0.5 * gate * len(claims):
         return solution
-    factors = [factor for factor, held in zip([*solution.factors, *claims], holds, strict=True) if held]
+    weighed = list(zip([*solution.factors, *claims], holds, strict=True))
+    refuted = {factor.j for factor, held in weighed if factor.kind == "ice" and not held}
+    factors = [_as_known(factor, contested) if factor.j in refuted else factor for factor, held in weighed if held]
     closed = {(factor.i, factor.j) for factor in factors if factor.kind == "closure"}
     return replace(
         solution,
@@ -74,10 +89,18 @@ def _weighed(solution: Solution, refused: Sequence[Attempt], config: LoopClosure
     )
 
 
-def _with_doubts(solution: Solution) -> list[Factor]:
-    """The factors; matches that odometry does not contradict count as what is known, like odometry itself."""
-    doubtful = set(solution.odometry_jumps)
-    return [replace(f, kind="odometry") if f.kind == "ice" and f.j not in doubtful else f for f in solution.factors]
+def _with_doubt(factor: Factor, contested: Mapping[int, NDArray[np.float64]]) -> Factor:
+    """A factor as hindsight weighs it: a match that odometry does not contradict counts as what is known."""
+    if factor.kind == "ice" and factor.j not in contested:
+        return replace(factor, kind="odometry")
+    return _as_known(factor, contested)
+
+
+def _as_known(factor: Factor, contested: Mapping[int, NDArray[np.float64]]) -> Factor:
+    """Odometry as well known as if the match that contradicts it were wrong; any other factor as it is."""
+    if factor.kind == "odometry" and factor.j in contested:
+        return replace(factor, covariance=contested[factor.j])
+    return factor
 
 
 def _judged(attempt: Attempt, closed: Collection[tuple[int | None, int]], *, is_let_in: bool) -> Attempt:
