@@ -17,6 +17,7 @@ from graph.odometry import OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose, wrap_angle
 from iceg.slam.agreement import is_small
+from iceg.slam.broken_path.conflicts import with_conflicts
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
 from iceg.slam.broken_path.place_hypothesis import agreeing_sets
 from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, unsettled
@@ -316,7 +317,8 @@ def solve_track(
     solution = back_end.solution()
     if log is not None and log.has_odometry:
         solution = with_hindsight(solution, _refused_together(solution, closures), closures, back_end.contested)
-    return relocalise(closer, track, solution, failures)
+    solution = relocalise(closer, track, solution, failures)
+    return with_conflicts(solution, track, failures, closures) if log is not None and log.has_odometry else solution
 
 
 def _refused_together(solution: Solution, config: LoopClosureConfig) -> list[list[Attempt]]:

@@ -11,6 +11,7 @@ Kind = Literal[
     "dead reckoning",
     "drifted",
     "contradicted",
+    "conflict",
     "perceptual aliasing",
     "odometry stands still",
     "uncertain path",
@@ -39,6 +40,10 @@ _MANY: dict[Kind, str] = {
     "contradicted": (
         "at {n} places, first at scan {scan}, later scans put the robot elsewhere than the path does; the map follows "
         "the path and may be wrong there"
+    ),
+    "conflict": (
+        "match and odometry contradict each other at {n} places that no loop closure spans, first at scan {scan}; the "
+        "map follows the matches, and may be displaced from there on"
     ),
     "perceptual aliasing": (
         "several places fit {n} times (perceptual aliasing), first from scan {scan} on; no loop is closed there"

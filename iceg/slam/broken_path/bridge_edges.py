@@ -79,16 +79,21 @@ class BridgeEdges:
 
     def closures_across(self, factors: Sequence[Factor]) -> NDArray[np.int64]:
         """(k,) how many closures span the step that leads to each key pose, with all the key scans they rest on."""
-        closures = [(factor.i, factor.j) for factor in factors if factor.kind == "closure"]
-        ends = np.sort(np.array(closures, dtype=np.int64).reshape(-1, 2), axis=1)
-        rest_on = np.array([self._config.reference_half, min(self._config.support_offsets)])
-        return _spanning(ends + rest_on, len(self._keys))
+        return closures_across(factors, len(self._keys), self._config)
 
     def update(self, factors: Sequence[Factor]) -> None:
         """Leave out the steps that the closures of a graph span by now."""
         spanned = self.closures_across(factors)
         self.is_bridge &= (spanned == 0) | (self._weak & (spanned < self._config.failures.settling_closures))
         self.is_bridge[list(self.failures)] = True
+
+
+def closures_across(factors: Sequence[Factor], n_keys: int, config: LoopClosureConfig) -> NDArray[np.int64]:
+    """(n_keys,) how many closures of a graph span the step to each key pose, with all the key scans they rest on."""
+    closures = [(factor.i, factor.j) for factor in factors if factor.kind == "closure"]
+    ends = np.sort(np.array(closures, dtype=np.int64).reshape(-1, 2), axis=1)
+    rest_on = np.array([config.reference_half, min(config.support_offsets)])
+    return _spanning(ends + rest_on, n_keys)
 
 
 def _spanning(ends: NDArray[np.int64], n_keys: int) -> NDArray[np.int64]:

@@ -23,6 +23,8 @@ class Outcome(StrEnum):
     """Closures agree with dead reckoning, though not so many that chance is out of the question."""
     DRIFTED = "drifted"
     """Closures put it where only a systematic error of every step would explain, and the map follows them."""
+    CONFLICT = "conflict"
+    """Match and odometry contradict each other, no closure tells which is right, and the map follows the match."""
 
 
 class FailureKind(IntEnum):
@@ -159,6 +161,11 @@ def _told(found: Break, where: str) -> tuple[Kind, str]:
     if found.outcome is Outcome.DRIFTED:
         return "drifted", (
             f"the path may have drifted {where}: {elsewhere}, more than chance explains; the map follows them"
+        )
+    if found.outcome is Outcome.CONFLICT:
+        return "conflict", (
+            f"match and odometry contradict each other {where}, and no loop closure spans it: the map follows the "
+            "match; if the odometry is right, or the robot was carried (kidnapped), what follows is displaced"
         )
     return "contradicted", (
         f"the path may be wrong {where}: {elsewhere}; the robot was carried (kidnapped), or two places are "

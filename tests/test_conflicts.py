@@ -1,0 +1,89 @@
+"""Where match and odometry contradict each other and no closure tells which is right, the run says so."""
+
+import numpy as np
+import pytest
+
+from frontends.scan import Scan, ScanGeometry
+from graph.factors import Factor
+from graph.measurement import NoMatch
+from graph.odometry import OdometryMotion
+from iceg.slam.broken_path.conflicts import with_conflicts
+from iceg.slam.broken_path.path_break import Break, FailureKind, Outcome, TrackingFailure, describe_break
+from iceg.slam.config import LoopClosureConfig
+from iceg.slam.solution import Solution
+from iceg.slam.track import KeyScan, Track
+
+_KEYS = 200
+_CONFIG = LoopClosureConfig()
+
+
+@pytest.fixture(scope="module")
+def track() -> Track:
+    """A straight way, half a metre from key scan to key scan."""
+    motion = OdometryMotion(T_key_robot=np.array([0.5, 0.0, 0.0]), covariance=np.eye(3) * 1e-4, distance=0.5, turn=0.0)
+    laser = ScanGeometry(bearings=np.zeros(1), range_min=0.1, range_max=8.0, T_robot_laser=np.zeros(3))
+    scan = Scan(ranges=np.full(1, 2.0, dtype=np.float32), geometry=laser)
+    keys = [
+        KeyScan(
+            index=4 * k,
+            scan=scan,
+            motion=motion,
+            match=NoMatch(reason="not looked for"),
+            anchor=max(0, k - 1),
+            T_track_robot=np.array([0.5 * k, 0.0, 0.0]),
+        )
+        for k in range(_KEYS)
+    ]
+    nothing = np.zeros(0, dtype=np.int64)
+    return Track(keys=keys, key_of_scan=nothing, T_key_scan=np.zeros((0, 3)), failures=0, lost=[])
+
+
+def _failure(distance2: float, kind: FailureKind = FailureKind.INCONSISTENT) -> TrackingFailure:
+    return TrackingFailure(kind=kind, reason="the match lies 0.30 m off", distance2=distance2)
+
+
+def _told(
+    track: Track, jumps: dict[int, float], closures: list[tuple[int, int]], breaks: tuple[Break, ...] = ()
+) -> list[int]:
+    factors = [Factor(kind="closure", i=i, j=j, T_i_j=np.zeros(3), covariance=np.eye(3)) for i, j in closures]
+    before = Solution(
+        factors=factors,
+        poses=track.T_track_keys,
+        attempts=[],
+        searchable=np.ones(_KEYS, dtype=np.bool_),
+        odometry_jumps=tuple(jumps),
+        breaks=breaks,
+    )
+    after = with_conflicts(before, track, {key: _failure(far) for key, far in jumps.items()}, _CONFIG)
+    assert list(after.breaks) == sorted(after.breaks, key=lambda found: found.key)
+    return [found.key for found in after.breaks if found.outcome is Outcome.CONFLICT]
+
+
+def test_a_step_that_nothing_spans_is_told(track: Track) -> None:
+    assert _told(track, {100: 40.0}, []) == [100]
+
+
+def test_what_closures_span_they_have_decided(track: Track) -> None:
+    assert _told(track, {100: 40.0}, [(50, 150)]) == []
+
+
+def test_of_a_stretch_the_worst_is_told_and_each_stretch_has_its_own(track: Track) -> None:
+    assert _told(track, {60: 40.0, 70: 300.0, 80: 50.0, 150: 30.0}, []) == [70]
+    assert _told(track, {60: 40.0, 70: 300.0, 80: 50.0, 150: 30.0}, [(90, 130)]) == [70, 150]
+
+
+def test_near_the_ends_of_the_path_it_matters_to_nobody(track: Track) -> None:
+    assert _told(track, {5: 40.0, _KEYS - 5: 40.0}, []) == []
+
+
+def test_a_stretch_that_is_told_to_be_broken_is_not_told_again(track: Track) -> None:
+    apart = Break(key=80, outcome=Outcome.APART, reason="")
+    assert _told(track, {100: 40.0}, [], (apart,)) == []
+
+
+def test_a_sentence_says_what_the_map_follows(track: Track) -> None:
+    told = describe_break(Break(key=100, outcome=Outcome.CONFLICT, reason="the match lies 0.30 m off"), track)
+    assert told.kind == "conflict"
+    assert told.scan == 400
+    assert "before scan 400 (the match lies 0.30 m off)" in told.sentence
+    assert "the map follows the match" in told.sentence
