@@ -38,12 +38,22 @@ def track() -> Track:
     return Track(keys=keys, key_of_scan=nothing, T_key_scan=np.zeros((0, 3)), failures=0, lost=[])
 
 
-def _failure(distance2: float, kind: FailureKind = FailureKind.INCONSISTENT) -> TrackingFailure:
-    return TrackingFailure(kind=kind, reason="the match lies 0.30 m off", distance2=distance2)
+def _failure(distance2: float, chance: float | None) -> TrackingFailure:
+    return TrackingFailure(
+        kind=FailureKind.INCONSISTENT,
+        reason="the match lies 0.30 m off",
+        distance2=distance2,
+        change_by_chance=chance,
+        scan=None,
+    )
 
 
 def _told(
-    track: Track, jumps: dict[int, float], closures: list[tuple[int, int]], breaks: tuple[Break, ...] = ()
+    track: Track,
+    jumps: dict[int, float],
+    closures: list[tuple[int, int]],
+    breaks: tuple[Break, ...] = (),
+    chance: float | None = None,
 ) -> list[int]:
     factors = [Factor(kind="closure", i=i, j=j, T_i_j=np.zeros(3), covariance=np.eye(3)) for i, j in closures]
     before = Solution(
@@ -54,7 +64,7 @@ def _told(
         odometry_jumps=tuple(jumps),
         breaks=breaks,
     )
-    after = with_conflicts(before, track, {key: _failure(far) for key, far in jumps.items()}, _CONFIG)
+    after = with_conflicts(before, track, {key: _failure(far, chance) for key, far in jumps.items()}, _CONFIG)
     assert list(after.breaks) == sorted(after.breaks, key=lambda found: found.key)
     return [found.key for found in after.breaks if found.outcome is Outcome.CONFLICT]
 
@@ -65,6 +75,13 @@ def test_a_step_that_nothing_spans_is_told(track: Track) -> None:
 
 def test_what_closures_span_they_have_decided(track: Track) -> None:
     assert _told(track, {100: 40.0}, [(50, 150)]) == []
+
+
+@pytest.mark.parametrize(("n_closures", "chance", "told"), [(9, 0.005, [100]), (10, 0.005, []), (9, 0.2, [])])
+def test_few_closures_settle_nothing_where_the_view_changed_at_once(
+    track: Track, n_closures: int, chance: float, told: list[int]
+) -> None:
+    assert _told(track, {100: 40.0}, [(50, 150 + k) for k in range(n_closures)], chance=chance) == told
 
 
 def test_of_a_stretch_the_worst_is_told_and_each_stretch_has_its_own(track: Track) -> None:

@@ -1,7 +1,8 @@
 """Steps at which match and odometry contradict each other and that no closure spans: nothing tells which is right.
 
 A robot that was carried to a place like the one it left matches there as well as ever, and nothing but its odometry
-says that it is elsewhere: a slip looks the same. What closures span they have decided; the rest is told.
+says that it is elsewhere: a slip looks the same. What closures span they have decided; the rest is told. Where besides
+what the laser sees changed at once a few closures decide nothing: they may be to places that are as much alike.
 """
 
 from collections.abc import Mapping
@@ -25,25 +26,21 @@ def with_conflicts(
         solution: all closures found, and the breaks of the path that are known; a stretch that has one is told already.
         track: key scans.
         failures: by key pose, where the path may be broken.
-        config: how near to the ends of the path it matters to nobody.
+        config: how near to the ends of the path it matters to nobody, and how many closures settle it.
 
     Returns:
         The solution with more breaks, in the order of the path.
     """
     path, end = track.path, config.failures.log_end
-    spanned = closures_across(solution.factors, len(path), config) > 0
-    stretch = np.cumsum(spanned)  # the same all along steps that nothing spans
+    across = closures_across(solution.factors, len(path), config)
+    stretch = np.cumsum(across > 0)  # the same all along steps that nothing spans
     told, dead = {int(stretch[found.key]) for found in solution.breaks}, track.keys_without_odometry()
     worst: dict[int, int] = {}
     for key in solution.odometry_jumps:
         failure, where = failures.get(key), int(stretch[key])
-        if (
-            failure is None
-            or failure.kind is not FailureKind.INCONSISTENT
-            or spanned[key]
-            or key in dead
-            or where in told
-        ):
+        if failure is None or failure.kind is not FailureKind.INCONSISTENT or key in dead or where in told:
+            continue
+        if across[key] >= (config.failures.settling_closures if failure.has_changed_view(config.view) else 1):
             continue
         known = worst.get(where)
         if end < path[key] < path[-1] - end and (known is None or failure.distance2 > failures[known].distance2):

@@ -24,7 +24,7 @@ class Outcome(StrEnum):
     DRIFTED = "drifted"
     """Closures put it where only a systematic error of every step would explain, and the map follows them."""
     CONFLICT = "conflict"
-    """Match and odometry contradict each other, no closure tells which is right, and the map follows the match."""
+    """Match and odometry contradict each other, closures do not settle it, and the map follows the match."""
 
 
 class FailureKind(IntEnum):
@@ -164,8 +164,8 @@ def _told(found: Break, where: str) -> tuple[Kind, str]:
         )
     if found.outcome is Outcome.CONFLICT:
         return "conflict", (
-            f"match and odometry contradict each other {where}, and no loop closure spans it: the map follows the "
-            "match; if the odometry is right, or the robot was carried (kidnapped), what follows is displaced"
+            f"match and odometry contradict each other {where}, and loop closures do not settle it: the map follows "
+            "the match; if the odometry is right, or the robot was carried (kidnapped), what follows is displaced"
         )
     return "contradicted", (
         f"the path may be wrong {where}: {elsewhere}; the robot was carried (kidnapped), or two places are "
