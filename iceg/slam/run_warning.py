@@ -42,8 +42,8 @@ _MANY: dict[Kind, str] = {
         "the path and may be wrong there"
     ),
     "conflict": (
-        "match and odometry contradict each other at {n} places, first at scan {scan}, and loop closures do not settle it; "
-        "the map follows the matches, and may be displaced from there on"
+        "match and odometry contradict each other at {n} places, first at scan {scan}, and loop closures do not settle "
+        "it; the map follows the matches, and may be displaced from there on"
     ),
     "perceptual aliasing": (
         "several places fit {n} times (perceptual aliasing), first from scan {scan} on; no loop is closed there"
