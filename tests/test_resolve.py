@@ -22,6 +22,7 @@ from iceg.resolving import findings_of, resolve
 from iceg.results import RESULT_FILES, ResultsError
 from iceg.run_folder import read_closures
 from iceg.run_result.slam_result import SlamResult
+from iceg.slam.broken_path.path_break import Break, Outcome
 from iceg.slam.closures.closure import Closure
 from iceg.slam.findings import Findings
 from iceg.tables import read_csv_table
@@ -96,6 +97,25 @@ def test_a_wrong_closure_is_named_and_bends_nothing(
     assert "other closures contradict it" in sentence
     assert "standard deviations off; it takes no part unless it is pinned" in sentence
     assert sentence in result.summary["warnings"]
+
+
+def test_a_closure_by_hand_settles_which_of_match_and_odometry_is_right(
+    findings: Findings, as_found: SlamResult
+) -> None:
+    middle = len(as_found.key_scans) // 2
+    conflict = Break(key=middle, outcome=Outcome.CONFLICT, reason="the match lies 0.30 m off")
+    contested = replace(findings, solution=replace(findings.solution, breaks=(conflict,)))
+    first, last = (int(as_found.key_scans[k]) for k in (middle - 20, middle + 20))
+    across = ManualClosure(
+        scan_i=first,
+        scan_j=last,
+        T_i_j=between(as_found.trajectory[first], as_found.trajectory[last]),
+        sigma_m=0.02,
+        sigma_rad=0.01,
+        where="c.toml:1",
+    )
+    assert [found["outcome"] for found in conclude(contested).summary["breaks"]] == ["conflict"]
+    assert conclude(contested, Corrections(added=(across,))).summary["breaks"] == []
 
 
 def test_a_pinned_one_is_believed_until_it_is_taken_back(

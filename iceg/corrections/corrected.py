@@ -168,6 +168,8 @@ def _breaks(solution: Solution, here: Settled, in_force: Sequence[Factor]) -> tu
         elif found.outcome is Outcome.APART and fresh:
             moved = _moved(solution.poses, here.poses, found.key)
             breaks.append(replace(found, outcome=Outcome.JOINED, closures=fresh, moved=moved))
+        elif found.outcome is Outcome.CONFLICT and fresh:
+            continue  # who closes a loop across it says which is right
         else:
             breaks.append(found)
     return tuple(breaks)
