@@ -380,7 +380,8 @@ def test_odometry_is_no_farther_from_a_sharp_match_than_chance_explains(track: T
     assert isinstance(match, RelativePose)
     sharp = replace(match, covariance=np.eye(3) * 1e-12)
     closer = LoopCloser(IceMatcher(), track, LoopClosureConfig(enabled=False, revisits=False))
-    back_end, gate = BackEnd(track, closer, PoseGraphConfig()), chi2_gate(LoopClosureConfig().failures.false_alarm)
+    back_end, config = BackEnd(track, closer, PoseGraphConfig()), closer.config.failures
+    gate = chi2_gate(config.false_alarm)
     T_track_match = compose(track.keys[track.keys[key].anchor].T_track_robot, match.T_ref_cur)
     step = between(track.keys[key - 1].T_track_robot, T_track_match)
     slipped = OdometryMotion(T_key_robot=compose(step, np.array([off, 0.0, 0.0])), covariance=np.eye(3) * 0.03**2)
@@ -391,7 +392,7 @@ def test_odometry_is_no_farther_from_a_sharp_match_than_chance_explains(track: T
         assert not back_end.contested
     else:
         in_hindsight = back_end.contested[key]
-        assert off**2 / in_hindsight[0, 0] == pytest.approx(min(claimed, 99.0), rel=1e-6)
+        assert off**2 / in_hindsight[0, 0] == pytest.approx(min(claimed, config.beyond_chance_distance2), rel=1e-6)
 
 
 def test_loops_and_finish_bring_the_office_back_together(

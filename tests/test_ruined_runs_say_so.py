@@ -29,3 +29,10 @@ def test_a_laser_that_repeats_every_scan_is_survived(data_dir: Path) -> None:
     cell = Cell(group="faults", source="mit-csail", fault="laser stuck 2")
     (outcome,) = outcomes(recording_of(cell, data_dir), [cell])
     assert outcome.error_m < 0.1
+
+
+def test_a_robot_carried_to_a_place_that_looks_the_same_is_told(data_dir: Path) -> None:
+    """Nothing but a contradiction of match and odometry gives it away: 8.5 m off without a word."""
+    cell = Cell(group="worlds", source="25-school-lms8-poor", fault="carried")
+    (outcome,) = outcomes(recording_of(cell, data_dir), [cell])
+    assert not outcome.verdict.is_ruined_in_silence, (outcome.error_m, outcome.nees)

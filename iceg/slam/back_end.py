@@ -315,10 +315,10 @@ def solve_track(
     if log is not None:
         failures = judged_by_view(failures, ViewChanges(log, track, closer.judge, closures.view), closures.failures)
     solution = back_end.solution()
-    if log is not None and log.has_odometry:
-        solution = with_hindsight(solution, _refused_together(solution, closures), closures, back_end.contested)
-    solution = relocalise(closer, track, solution, failures)
-    return with_conflicts(solution, track, failures, closures) if log is not None and log.has_odometry else solution
+    if log is None or not log.has_odometry:
+        return relocalise(closer, track, solution, failures)
+    solution = with_hindsight(solution, _refused_together(solution, closures), closures, back_end.contested)
+    return with_conflicts(relocalise(closer, track, solution, failures), track, failures, closures)
 
 
 def _refused_together(solution: Solution, config: LoopClosureConfig) -> list[list[Attempt]]:
