@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
 
-from frontends.logs import LogError
+from frontends.logs import LogError, _sweep_kernels, carmen_records
 from frontends.logs.carmen_records import Records, collect
 
 _LASERS = ("FLASER", "ROBOTLASER1", "RAWLASER1")
@@ -51,7 +52,7 @@ def test_blocks_hold_what_their_lines_hold(
     # A blank before the name leaves a message to the reader of single lines.
     at_once, one_by_one = (collected(path, [f"{indent}{line}" for line in lines], tuple(names)) for indent in ("", " "))
     for field in fields(Records):
-        if field.name not in {"ranges", "counts"}:
+        if field.name not in {"ranges", "counts", "room"}:
             assert repr(getattr(at_once, field.name)) == repr(getattr(one_by_one, field.name))
     assert at_once.counts == one_by_one.counts
     for one, other in zip(at_once.ranges, one_by_one.ranges, strict=True):
@@ -67,3 +68,19 @@ def test_a_malformed_line_after_a_block_is_counted_right(tmp_path: Path, n_befor
         collect(path, ("FLASER",), skip_bad_lines=False)
     records = collect(path, ("FLASER",), skip_bad_lines=True)
     assert (len(records.ranges), records.counts["ODOM"]) == (n_before + 1, n_before)
+
+
+def test_comments_are_passed_over_with_the_messages_around_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    calls = []
+
+    def counted(*given: Any) -> int:
+        calls.append(given)
+        return _sweep_kernels.scan_sweeps(*given)
+
+    monkeypatch.setattr(carmen_records, "scan_sweeps", counted)
+    sound = "FLASER 2 1.5 2.5 0 0 0 0 0 0 1.0 host 1.0"
+    records = collected(tmp_path / "robot.clf", [sound, *["# a comment", "", sound] * 100], ("FLASER",))
+    assert (len(records.ranges), dict(records.counts)) == (101, {"FLASER": 101})
+    assert len(calls) == 1

@@ -55,7 +55,7 @@ def scan_sweeps(text: U8, start: int, names: U8, lengths: I64, plain: Plain, row
         lengths: … (k,) of so many bytes.
         plain: what the messages must be like.
         rows: filled from the first row on.
-        counts: (k,) increased by the messages met.
+        counts: (k + 1,) increased by the messages met, and at last by the comments and empty lines.
 
     Returns:
         Where the first line begins that was not read.
@@ -80,7 +80,9 @@ def scan_sweeps(text: U8, start: int, names: U8, lengths: I64, plain: Plain, row
 
 @compiled
 def _kind(text: U8, start: int, stop: int, names: U8, lengths: I64) -> int:
-    """Which of the names a line begins with, a blank behind it; -1 for none."""
+    """Which of the names a line begins with, a blank behind it; one more for a comment or nothing; -1 for all else."""
+    if start == stop or text[start] == 35:
+        return len(names)
     for kind in range(len(names)):
         n = lengths[kind]
         if start + n < stop and text[start + n] == 32:

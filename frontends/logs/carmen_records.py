@@ -38,6 +38,7 @@ class Records:
         parameters: the PARAM lines.
         counts: messages by kind.
         troubles: lines passed over, and what else a person should know.
+        room: where messages are read into, many at once, before they are kept.
     """
 
     name: str = ""
@@ -50,6 +51,15 @@ class Records:
     parameters: dict[str, str] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
     troubles: LineTroubles = field(default_factory=LineTroubles)
+    room: Rows | None = None
+
+    def room_for(self, n_bytes: int, n_beams: int) -> Rows:
+        """For all messages that so many bytes can hold: a number takes two of them at least."""
+        n, kept = n_bytes // (2 * n_beams + 8) + 1, self.room
+        if kept is None or len(kept.readings) < n or kept.readings.shape[1] != n_beams:
+            readings = np.empty((n, n_beams), dtype=np.float32)
+            self.room = kept = Rows(readings=readings, poses=np.empty((n, 6)), stamps=np.empty((n, 2)))
+        return kept
 
     def change_to(self, name: str) -> None:
         """Start over with a better laser message."""
@@ -83,8 +93,12 @@ def collect(path: Path, names: tuple[str, ...], *, skip_bad_lines: bool) -> Reco
             _record_parameter(records, line)
         records.counts[name] += 1
 
+    @cache
+    def only_counted(used: str, best: int) -> tuple[str, ...]:
+        return tuple(name for name in _NAMES.values() if _is_only_counted(name, used, best, ranks))
+
     def read_many(block: Block, start: int) -> tuple[int, int]:
-        return _record_many(records, block, start, best, ranks, budget)
+        return _record_many(records, block, start, only_counted(records.name, best), budget)
 
     read_lines(path, read, records.troubles, skip_bad_lines=skip_bad_lines, read_many=read_many)
     return records
@@ -122,9 +136,16 @@ def _record_laser(records: Records, line: Line, name: str, budget: Budget) -> No
 
 
 def _record_many(
-    records: Records, block: Block, start: int, best: int, ranks: dict[str, int], budget: Budget
+    records: Records, block: Block, start: int, only_counted: tuple[str, ...], budget: Budget
 ) -> tuple[int, int]:
     """Take in messages like the last one, for as long as they are plain, and count those between that are not used.
+
+    Args:
+        records: so far.
+        block: lines …
+        start: … from here on.
+        only_counted: names of messages that are not used.
+        budget: of readings.
 
     Returns:
         How many lines that were, and where the first one begins that is neither.
@@ -133,9 +154,9 @@ def _record_many(
     if layout is None or (layout.described and records.setups[-1].description is None):
         return 0, start
     setup = records.setups[-1]
-    names = [records.name, *(name for name in _NAMES.values() if _is_only_counted(name, records, best, ranks))]
-    rows = _room(len(block.text) - start, setup.n_beams)
-    counts = np.zeros(len(names), dtype=np.int64)
+    names = (records.name, *only_counted)
+    rows = records.room_for(len(block.text), setup.n_beams)
+    counts = np.zeros(len(names) + 1, dtype=np.int64)
     plain = Plain(
         described=layout.described,
         n_poses=6 + layout.trailing if layout.posed else 0,
@@ -145,28 +166,25 @@ def _record_many(
         most_stamp=LIMITS.stamp,
         most_type=inf if layout.posed else _MOST_TYPE,
     )
-    position = scan_sweeps(block.bytes, start, *_packed(tuple(names)), plain, rows, counts)
-    n = int(counts[0])
+    position = scan_sweeps(block.bytes, start, *_packed(names), plain, rows, counts)
+    met = counts.tolist()
+    n = met[0]
     budget.take(setup.n_beams, n)
     records.ranges += list(rows.readings[:n].copy())
     records.poses += map(tuple, rows.poses[:n].tolist()) if layout.posed else [()] * n
     records.stamps += map(tuple, rows.stamps[:n].tolist())
     records.setups += [setup] * n
-    records.counts.update({name: count for name, count in zip(names, counts.tolist(), strict=True) if count})
-    return int(counts.sum()), position
+    for name, count in zip(names, met[:-1], strict=True):
+        if count:
+            records.counts[name] += count
+    return sum(met), position
 
 
-def _is_only_counted(name: str, records: Records, best: int, ranks: dict[str, int]) -> bool:
+def _is_only_counted(name: str, used: str, best: int, ranks: dict[str, int]) -> bool:
     """Whether nothing is read of a message because a better one tells the same."""
     if name == "PARAM" or ranks.get(name, best + 1) <= best:
         return False
-    return name != "ODOM" or _has_poses(records)
-
-
-def _room(n_bytes: int, n_beams: int) -> Rows:
-    """For all messages that so many bytes can hold: a number takes two of them at least."""
-    n = n_bytes // (2 * n_beams + 8) + 1
-    return Rows(readings=np.empty((n, n_beams), dtype=np.float32), poses=np.empty((n, 6)), stamps=np.empty((n, 2)))
+    return name != "ODOM" or _has_poses(used)
 
 
 @cache
@@ -177,13 +195,13 @@ def _packed(names: tuple[str, ...]) -> tuple[NDArray[np.uint8], NDArray[np.int64
     return np.frombuffer(rows, dtype=np.uint8).reshape(len(names), -1), lengths
 
 
-def _has_poses(records: Records) -> bool:
-    """Whether the messages that are used tell the odometry themselves."""
-    return bool(records.name) and not records.name.startswith("RAWLASER")
+def _has_poses(used: str) -> bool:
+    """Whether the messages that are used, if any, tell the odometry themselves."""
+    return bool(used) and not used.startswith("RAWLASER")
 
 
 def _record_odometry(records: Records, line: Line) -> None:
-    if _has_poses(records):
+    if _has_poses(records.name):
         return
     records.odometry.append(parse_odometry(line))
     records.scans_before_odometry.append(len(records.ranges))

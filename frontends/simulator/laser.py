@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -208,11 +209,14 @@ class _View:
         """(n, n_beams, 3) where each beam starts from and its direction."""
         T_laser_beam = np.zeros((len(bearings), 3))
         T_laser_beam[:, 2] = bearings
-        if self.course is None:
-            return compose(T_world_laser[:, None], T_laser_beam)
-        delays = np.linspace(-0.5, 0.5, len(bearings)) * self.laser.sweep_time
-        T_world_then = self.course.at(self.times[:, None] + delays)
-        return compose(compose(T_world_then, self.laser.geometry.T_robot_laser), T_laser_beam)
+        return compose(T_world_laser[:, None] if self.course is None else self._T_world_lasers, T_laser_beam)
+
+    @cached_property
+    def _T_world_lasers(self) -> NDArray[np.float64]:
+        """(n, n_beams, 3) the laser as each beam leaves it, while the robot goes on: whatever side it is turned."""
+        assert self.course is not None
+        delays = np.linspace(-0.5, 0.5, self.laser.geometry.n_beams) * self.laser.sweep_time
+        return compose(self.course.at(self.times[:, None] + delays), self.laser.geometry.T_robot_laser)
 
     def _slant(self, hits: NDArray[np.int32], side: float) -> NDArray[np.float64]:
         """Angle between each beam and the normal of the segment it hits [rad]."""
