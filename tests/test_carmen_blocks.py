@@ -16,7 +16,9 @@ from frontends.logs.carmen_records import Records, collect
 
 _LASERS = ("FLASER", "ROBOTLASER1", "RAWLASER1")
 _NUMBERS = ("1.25", "-0.5", ".5", "3", "81.830002", "1e1", "123456789012345678.5", "nan", "1e60", "x", "")
-_ODD = st.sampled_from(("# a comment", "", "ODOM 1 2 0.5 0 0 0 5.0 host 5.0", "ODOM x", "RLASER 1 x", "SYNC a 1 h 1"))
+_ODD = st.sampled_from(
+    ("# a comment", "", "\t# one", "\r", "ODOM 1 2 0.5 0 0 0 5.0 host 5.0", "ODOM x", "RLASER 1 x", "SYNC a 1 h 1")
+)
 
 
 @st.composite
@@ -81,6 +83,8 @@ def test_comments_are_passed_over_with_the_messages_around_them(
 
     monkeypatch.setattr(carmen_records, "scan_sweeps", counted)
     sound = "FLASER 2 1.5 2.5 0 0 0 0 0 0 1.0 host 1.0"
-    records = collected(tmp_path / "robot.clf", [sound, *["# a comment", "", sound] * 100], ("FLASER",))
+    records = collected(
+        tmp_path / "robot.clf", [sound, *["# a comment", "", "\t # one more", "\r", sound] * 100], ("FLASER",)
+    )
     assert (len(records.ranges), dict(records.counts)) == (101, {"FLASER": 101})
     assert len(calls) == 1

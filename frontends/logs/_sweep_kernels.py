@@ -81,7 +81,10 @@ def scan_sweeps(text: U8, start: int, names: U8, lengths: I64, plain: Plain, row
 @compiled
 def _kind(text: U8, start: int, stop: int, names: U8, lengths: I64) -> int:
     """Which of the names a line begins with, a blank behind it; one more for a comment or nothing; -1 for all else."""
-    if start == stop or text[start] == 35:
+    first = start
+    while first < stop and _is_space(text[first]):
+        first += 1
+    if first == stop or text[first] == 35:
         return len(names)
     for kind in range(len(names)):
         n = lengths[kind]
