@@ -38,7 +38,6 @@ class Records:
         parameters: the PARAM lines.
         counts: messages by kind.
         troubles: lines passed over, and what else a person should know.
-        room: where messages are read into, many at once, before they are kept.
     """
 
     name: str = ""
@@ -51,15 +50,6 @@ class Records:
     parameters: dict[str, str] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
     troubles: LineTroubles = field(default_factory=LineTroubles)
-    room: Rows | None = None
-
-    def room_for(self, n_bytes: int, n_beams: int) -> Rows:
-        """For all messages that so many bytes can hold: a number takes two of them at least."""
-        n, kept = n_bytes // (2 * n_beams + 8) + 1, self.room
-        if kept is None or len(kept.readings) < n or kept.readings.shape[1] != n_beams:
-            readings = np.empty((n, n_beams), dtype=np.float32)
-            self.room = kept = Rows(readings=readings, poses=np.empty((n, 6)), stamps=np.empty((n, 2)))
-        return kept
 
     def change_to(self, name: str) -> None:
         """Start over with a better laser message."""
@@ -69,11 +59,26 @@ class Records:
         self.scans_before_odometry = [0] * len(self.odometry)
 
 
+class _Room:
+    """Where messages are read into, many at once, before they are kept; made anew for a larger block alone."""
+
+    def __init__(self) -> None:
+        self._rows: Rows | None = None
+
+    def rows(self, n_bytes: int, n_beams: int) -> Rows:
+        """For all messages that so many bytes can hold: a number takes two of them at least."""
+        n, kept = n_bytes // (2 * n_beams + 8) + 1, self._rows
+        if kept is None or len(kept.readings) < n or kept.readings.shape[1] != n_beams:
+            readings = np.empty((n, n_beams), dtype=np.float32)
+            self._rows = kept = Rows(readings=readings, poses=np.empty((n, 6)), stamps=np.empty((n, 2)))
+        return kept
+
+
 def collect(path: Path, names: tuple[str, ...], *, skip_bad_lines: bool) -> Records:
     """Go through the log once."""
     ranks = {name: rank for rank, name in enumerate(names)}
     best = len(names)
-    records = Records()
+    records, room = Records(), _Room()
     budget = Budget(path)
 
     def read(line: Line) -> None:
@@ -98,7 +103,7 @@ def collect(path: Path, names: tuple[str, ...], *, skip_bad_lines: bool) -> Reco
         return tuple(name for name in _NAMES.values() if _is_only_counted(name, used, best, ranks))
 
     def read_many(block: Block, start: int) -> tuple[int, int]:
-        return _record_many(records, block, start, only_counted(records.name, best), budget)
+        return _record_many(records, block, start, only_counted(records.name, best), room, budget)
 
     read_lines(path, read, records.troubles, skip_bad_lines=skip_bad_lines, read_many=read_many)
     return records
@@ -136,7 +141,7 @@ def _record_laser(records: Records, line: Line, name: str, budget: Budget) -> No
 
 
 def _record_many(
-    records: Records, block: Block, start: int, only_counted: tuple[str, ...], budget: Budget
+    records: Records, block: Block, start: int, only_counted: tuple[str, ...], room: _Room, budget: Budget
 ) -> tuple[int, int]:
     """Take in messages like the last one, for as long as they are plain, and count those between that are not used.
 
@@ -145,6 +150,7 @@ def _record_many(
         block: lines …
         start: … from here on.
         only_counted: names of messages that are not used.
+        room: for what is read.
         budget: of readings.
 
     Returns:
@@ -155,7 +161,7 @@ def _record_many(
         return 0, start
     setup = records.setups[-1]
     names = (records.name, *only_counted)
-    rows = records.room_for(len(block.text), setup.n_beams)
+    rows = room.rows(len(block.text), setup.n_beams)
     counts = np.zeros(len(names) + 1, dtype=np.int64)
     plain = Plain(
         described=layout.described,
