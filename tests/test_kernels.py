@@ -56,6 +56,19 @@ def test_each_kernel_is_listed_for_one_kind_of_arguments_or_few() -> None:
     assert max(count.values()) <= 2, count.most_common(3)
 
 
+def test_what_is_kept_is_loaded_without_what_compiling_needs() -> None:
+    ahead.compile_ahead()
+    code = (
+        "import sys\n"
+        "from iceg.kernels.signatures import listed_kernels\n"
+        "for kernel in listed_kernels():\n"
+        "    kernel.compile()\n"
+        "sys.exit(', '.join(m for m in ('numba.np.arraymath', 'scipy.linalg', 'numpy.f2py') if m in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr.strip() == ""
+
+
 def test_a_run_calls_what_is_listed_and_compiles_nothing() -> None:
     """Once all are compiled; `python -m iceg.kernels.record` renews the list."""
     ahead.compile_ahead()
