@@ -4,10 +4,10 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import compiled_for_both
 
 
-@compiled
+@compiled_for_both
 def assign(target: NDArray[Any], values: NDArray[Any]) -> None:
     """target[:] = values, of the same shape.
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import compiled, compiled_for_both
 
 Floats = NDArray[np.float64]
 
@@ -77,7 +77,7 @@ def factorize(matrices: Floats) -> bool:
     return True
 
 
-@compiled
+@compiled_for_both
 def solve(matrices: Floats, right: Floats) -> bool:
     """Put the solutions of A x = b in the place of (n, k, m) b, by elimination with row pivots; spoils (n, k, k) A.
 

@@ -5,12 +5,12 @@ from math import cos, hypot, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import compiled_for_both
 
 F64 = NDArray[np.float64]
 
 
-@compiled
+@compiled_for_both
 def carry(pose: F64, covariance: F64, increments: F64, variances: F64) -> tuple[float, float]:
     """Extend a motion by increments: A C Aᵀ + own for each, A the adjoint of the increment's inverse.
 

@@ -1,5 +1,6 @@
 """How inner loops are compiled: numbers and arrays handed from one to the next."""
 
+import ast
 import os
 import re
 import subprocess
@@ -68,3 +69,29 @@ def test_what_only_kernels_call_is_not_called_from_python() -> None:
                 name for line in re.findall(r"_kernels import (.*)", text) for name in re.findall(r"\b_\w+", line)
             }
             assert not called & private, f"{path}: call it through tests/kernels.py"
+
+
+def test_what_is_for_python_alone_no_kernel_calls() -> None:
+    """It is kept as machine code, which another compiled function cannot take in."""
+    compiled, called = {}, set()
+    for path in (path for folder in ("graph", "frontends", "iceg") for path in (ROOT / folder).rglob("*.py")):
+        module, tree = ".".join(path.relative_to(ROOT).with_suffix("").parts), ast.parse(path.read_text("utf-8"))
+        imported = {
+            name.asname or name.name: f"{node.module}.{name.name}"
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom)
+            for name in node.names
+        }
+        for function in (node for node in tree.body if isinstance(node, ast.FunctionDef)):
+            decorators = {ast.unparse(decorator) for decorator in function.decorator_list}
+            if decorators & {"compiled", "compiled_aside", "compiled_for_both"}:
+                compiled[f"{module}.{function.name}"] = decorators.pop()
+                names = {ast.unparse(node.func) for node in ast.walk(function) if isinstance(node, ast.Call)}
+                called |= {
+                    ".".join([imported.get(first, f"{module}.{first}"), *others])
+                    for first, *others in (name.split(".") for name in names)
+                }
+    public = {name for name in compiled if not name.rpartition(".")[2].startswith("_")}
+    for_both = {name for name in public if compiled[name] == "compiled_for_both"}
+    assert for_both >= {"graph._assign_kernels.assign"}
+    assert called & public == for_both

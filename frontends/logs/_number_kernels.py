@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import compiled, compiled_for_both
 
 _EXACT_INTEGERS = 2**53  # a float64 holds every integer up to here
 _EXACT_DECIMALS = 22  # and every power of ten up to here: their quotient is rounded once, as float() rounds
@@ -15,7 +15,7 @@ def _is_space(byte: int) -> bool:
     return byte == 32 or 9 <= byte <= 13
 
 
-@compiled
+@compiled_for_both
 def scan_numbers(text: NDArray[np.uint8], start: int, stop: int, out: NDArray[np.float64]) -> tuple[int, int]:
     """Read numbers parted by white space into `out` until it is full or a token is no plain decimal number.
 

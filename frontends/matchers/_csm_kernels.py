@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph._dense_kernels import _solve_one
-from graph.compiled import compiled
+from graph.compiled import compiled, compiled_for_both
 
 FULL = 255
 """Value of the table where a reference point lies; 0 stands for `reach` away from any and farther."""
@@ -283,7 +283,7 @@ def _smooth(table: NDArray[np.uint8], x: float, y: float) -> tuple[float, float,
     return value / FULL, ((b - a) * (1.0 - v) + (d - c) * v) / FULL, ((c - a) * (1.0 - u) + (d - b) * u) / FULL
 
 
-@compiled
+@compiled_for_both
 def mean_value(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],

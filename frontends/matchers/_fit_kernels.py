@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph._dense_kernels import solve
-from graph.compiled import compiled
+from graph.compiled import compiled, compiled_for_both
 
 
-@compiled
+@compiled_for_both
 def line_fit(
     moved: NDArray[np.float64],
     targets: NDArray[np.float64],
@@ -68,7 +68,7 @@ def line_fit(
     return x, y, angle
 
 
-@compiled
+@compiled_for_both
 def rigid_fit(
     points: NDArray[np.float64], targets: NDArray[np.float64], kept: NDArray[np.bool_]
 ) -> tuple[float, float, float]:
@@ -94,7 +94,7 @@ def rigid_fit(
     return qx - c * px + s * py, qy - s * px - c * py, angle
 
 
-@compiled
+@compiled_for_both
 def metric_normal_equations(
     moved: NDArray[np.float64], targets: NDArray[np.float64], kept: NDArray[np.bool_], length2: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -145,7 +145,7 @@ def _unit_minimum(S: NDArray[np.float64], h: NDArray[np.float64]) -> float:
     return math.atan2(s * along + c * across, c * along - s * across)
 
 
-@compiled
+@compiled_for_both
 def move(points: NDArray[np.float64], pose: NDArray[np.float64], moved: NDArray[np.float64]) -> None:
     """Place (n, 2) points at a pose, into `moved`, which the descent fills anew at every step."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -155,14 +155,14 @@ def move(points: NDArray[np.float64], pose: NDArray[np.float64], moved: NDArray[
         moved[i, 1] = pose[1] + s * px + c * py
 
 
-@compiled
+@compiled_for_both
 def composed(x: float, y: float, angle: float, pose: NDArray[np.float64]) -> tuple[float, float, float]:
     """A motion in the reference frame after the pose so far."""
     c, s = math.cos(angle), math.sin(angle)
     return x + c * pose[0] - s * pose[1], y + s * pose[0] + c * pose[1], pose[2] + angle
 
 
-@compiled
+@compiled_for_both
 def take(fit: tuple[float, float, float], pose: NDArray[np.float64], epsilon: float) -> bool:
     """Make the fit the pose; true when it moved by less than `epsilon` in metres and radians."""
     turn = (fit[2] - pose[2] + math.pi) % (2.0 * math.pi) - math.pi

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import compiled, compiled_for_both
 
 MEAN_X, MEAN_Y, INV_XX, INV_XY, INV_YY, VALID = range(6)
 """Columns of a cell: mean [m], inverse covariance [1/m²], whether there is a distribution."""
@@ -80,7 +80,7 @@ def _index(x: float, y: float, grid: int, origin: NDArray[np.float64], cell: flo
     return int(row), int(column)
 
 
-@compiled
+@compiled_for_both
 def score_of(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],
@@ -108,7 +108,7 @@ def score_of(
     return total
 
 
-@compiled
+@compiled_for_both
 def derivatives(
     points: NDArray[np.float64],
     pose: NDArray[np.float64],

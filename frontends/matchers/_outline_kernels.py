@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import compiled, compiled_for_both
 
 
 class Outline(NamedTuple):
@@ -29,7 +29,7 @@ class Outline(NamedTuple):
     ends: NDArray[np.int8]
 
 
-@compiled
+@compiled_for_both
 def closest(
     x: float, y: float, outline: Outline, length2: float, window: float, limit2: float, hint: int
 ) -> tuple[float, float, float, int]:
@@ -77,7 +77,7 @@ def closest(
     return fx, fy, best2, found
 
 
-@compiled
+@compiled_for_both
 def matching_range(
     x: float, y: float, outline: Outline, ranges: NDArray[np.float64], window: float
 ) -> tuple[float, float, bool]:

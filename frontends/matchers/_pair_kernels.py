@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from frontends.matchers._fit_kernels import move
 from frontends.matchers._outline_kernels import Outline, closest, matching_range
-from graph.compiled import compiled
+from graph.compiled import compiled, compiled_for_both
 
 
 class Pairs(NamedTuple):
@@ -53,7 +53,7 @@ class Trimming(NamedTuple):
     least_end: int
 
 
-@compiled
+@compiled_for_both
 def no_pairs(n: int) -> Pairs:
     """Room for the pairs of n points."""
     return Pairs(
@@ -61,7 +61,7 @@ def no_pairs(n: int) -> Pairs:
     )
 
 
-@compiled
+@compiled_for_both
 def associate(
     outline: Outline,
     points: NDArray[np.float64],
@@ -100,7 +100,7 @@ def _end_at(outline: Outline, j: int, x: float, y: float) -> int:
     return 0
 
 
-@compiled
+@compiled_for_both
 def associate_range(
     outline: Outline, ranges: NDArray[np.float64], window: float, max_distance: float, pairs: Pairs
 ) -> None:
@@ -115,7 +115,7 @@ def associate_range(
             pairs.squares[i] = (x - px) ** 2 + (y - py) ** 2
 
 
-@compiled
+@compiled_for_both
 def measure_to_lines(pairs: Pairs) -> None:
     """Take the distances to the lines through the surfaces instead of those to the nearest places."""
     for i in range(len(pairs.squares)):
@@ -127,7 +127,7 @@ def measure_to_lines(pairs: Pairs) -> None:
             pairs.squares[i] = (nx * dx + ny * dy) ** 2
 
 
-@compiled
+@compiled_for_both
 def drop_doubles(n: int, pairs: Pairs) -> None:
     """Of the points that share a piece of the outline, one of n, only the one with the least error stays."""
     owner = np.full(n, -1, np.int64)
@@ -144,7 +144,7 @@ def drop_doubles(n: int, pairs: Pairs) -> None:
             pairs.squares[i] = math.inf
 
 
-@compiled
+@compiled_for_both
 def drop_hidden(pairs: Pairs) -> None:
     """Points that fall behind an earlier one in bearing order cannot have been seen from the reference."""
     moved = pairs.moved
@@ -160,7 +160,7 @@ def drop_hidden(pairs: Pairs) -> None:
             farthest = turned
 
 
-@compiled
+@compiled_for_both
 def trim(trimming: Trimming, pairs: Pairs) -> int:
     """Mark the pairs that are near enough; return how many."""
     finite = pairs.squares[np.isfinite(pairs.squares)]

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import compiled, compiled_for_both
 
 
 @compiled
@@ -84,7 +84,7 @@ def _wall_direction(xy: NDArray[np.float64], linked: NDArray[np.bool_], i: int, 
     return math.cos(angle), math.sin(angle)
 
 
-@compiled
+@compiled_for_both
 def rotated(xx: float, xy: float, yy: float, c: float, s: float) -> tuple[float, float, float]:
     """R P Rᵀ."""
     return (

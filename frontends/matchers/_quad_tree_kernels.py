@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import compiled, compiled_for_both
 
 _BUCKET = 6
 """A node of more points than this is split …"""
@@ -74,7 +74,7 @@ def build_tree(xy: NDArray[np.float64]) -> Nodes:
     return Nodes(boxes[:count].copy(), children[:count].copy(), leaves[:count].copy(), order)
 
 
-@compiled
+@compiled_for_both
 def nearest(
     x: float, y: float, xy: NDArray[np.float64], nodes: Nodes, stack: NDArray[np.int32], limit2: float, hint: int
 ) -> tuple[int, float]:

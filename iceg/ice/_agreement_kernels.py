@@ -5,7 +5,7 @@ from math import atan2, cos, floor, hypot, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import compiled, compiled_for_both
 from iceg.ice._refinement_kernels import partner
 from iceg.ice.sweeps import Sweeps
 
@@ -122,7 +122,7 @@ def _surfels_in_view(surfels: F64, poses: F64, sweeps: Sweeps, reach: float, mar
     return seen, contradicted
 
 
-@compiled
+@compiled_for_both
 def visible_agreement(
     surfels: F64,
     pose: F64,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from graph._assign_kernels import assign
 from graph._sort_kernels import _sort
-from graph.compiled import ONE, ZERO, compiled
+from graph.compiled import ONE, ZERO, compiled, compiled_for_both
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -60,7 +60,7 @@ class RangeNoise(NamedTuple):
     typical: float
 
 
-@compiled
+@compiled_for_both
 def scan_points(
     ranges: F32,
     directions: F64,
@@ -434,7 +434,7 @@ def _count_returns(ranges: F32, near: float) -> tuple[int, int]:
     return returns, close
 
 
-@compiled
+@compiled_for_both
 def range_noise(points: F64, beams: I32) -> float:
     """Standard deviation of the points across the surfaces they lie on [m].
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph._assign_kernels import assign
-from graph.compiled import compiled
+from graph.compiled import compiled, compiled_for_both
 from iceg.ice._telling_kernels import beyond_end
 
 F64 = NDArray[np.float64]
@@ -29,7 +29,7 @@ _NEARLY_M, _NEARLY_RAD = 0.02, 0.01
 """After a step shorter than this the weights are narrow at once [m, rad]."""
 
 
-@compiled
+@compiled_for_both
 def partner(
     x: float,
     y: float,
@@ -71,7 +71,7 @@ def _solve_step(h: F64, gradient: F64, pull: float, pose: F64, start: F64, step:
     return True
 
 
-@compiled
+@compiled_for_both
 def refine(
     points: F64,
     normals: F64,

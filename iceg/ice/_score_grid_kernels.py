@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import compiled, compiled_for_both
 from iceg.ice._refinement_kernels import _look_up
 from iceg.ice.scored import Scored
 
@@ -43,7 +43,7 @@ class Landed(NamedTuple):
     ny: F64
 
 
-@compiled
+@compiled_for_both
 def score_grid(scored: Scored, n_picks: int, pose: F64, axes: F64, steps: F64, costs: F64) -> float:
     """Costs on a grid of poses around `pose`.
 

@@ -10,7 +10,7 @@ from math import ceil, cos, exp, floor, hypot, sin, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import compiled, compiled_for_both
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -208,7 +208,7 @@ def _reach(points: F64, usual: float) -> float:
     return sqrt(farthest2) if beyond > _FEW_BEYOND * len(points) else usual
 
 
-@compiled
+@compiled_for_both
 def stamp_field(
     surfels: F64,
     start: int,

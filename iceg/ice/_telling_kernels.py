@@ -11,13 +11,13 @@ boundary of a mesh for the same reason (Turk and Levoy, *Zippered polygon meshes
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import compiled_for_both
 
 F64 = NDArray[np.float64]
 I32 = NDArray[np.int32]
 
 
-@compiled
+@compiled_for_both
 def beyond_end(x: float, y: float, k: int, surfels: F64, nearest: I32, x0: float, y0: float, per_metre: float) -> bool:
     """Whether (x, y) lies beyond where the surface of its surfel was seen to go on: nothing lies along it over there.
 

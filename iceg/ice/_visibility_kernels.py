@@ -5,7 +5,7 @@ from math import atan2, cos, floor, hypot, pi, sin
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import compiled
+from graph.compiled import compiled, compiled_for_both
 from iceg.ice.sweeps import Sweeps
 
 F32 = NDArray[np.float32]
@@ -136,7 +136,7 @@ def beams_through(
     return count
 
 
-@compiled
+@compiled_for_both
 def judge_points(
     points: F64,
     normals: F64,

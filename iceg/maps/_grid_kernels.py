@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.compiled import ZERO, compiled, compiled_aside
+from graph.compiled import ZERO, compiled, compiled_aside, compiled_for_both
 
 F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
@@ -377,7 +377,7 @@ def render(
             flat[cells[h]] = max(flat[cells[h]], min(before[h] + shares[h], high))
 
 
-@compiled
+@compiled_for_both
 def outline(
     x: float, y: float, c: float, s: float, cos: F64, sin: F64, cone: Cone, prints: Footprints, xs: F64, ys: F64
 ) -> tuple[int, int]:
