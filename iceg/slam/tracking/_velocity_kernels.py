@@ -9,6 +9,7 @@ from math import cos, sin
 import numpy as np
 from numpy.typing import NDArray
 
+from graph._assign_kernels import assign
 from graph.compiled import compiled
 
 F64 = NDArray[np.float64]
@@ -31,27 +32,29 @@ def predict(velocity: F64, spread: F64, turn: float, kept_aside: float, ahead: f
     """
     velocity[1] *= kept_aside
     c, s = cos(turn), sin(turn)
-    before = spread.copy()
-    before[3, :] *= kept_aside
-    before[:, 3] *= kept_aside
-    before[2, 2] += ahead
-    before[3, 3] += aside
-    moved = before.copy()  # by the step: where tracking is off takes up the error of the velocity
+    for k in range(4):
+        spread[3, k] *= kept_aside
+    for k in range(4):
+        spread[k, 3] *= kept_aside
+    spread[2, 2] += ahead
+    spread[3, 3] += aside
+    moved = np.empty((4, 4))  # by the step: where tracking is off takes up the error of the velocity
     for a in range(4):
         for b in range(4):
+            moved[a, b] = spread[a, b]
             if a < 2:
-                moved[a, b] += before[a + 2, b]
+                moved[a, b] += spread[a + 2, b]
             if b < 2:
-                moved[a, b] += before[a, b + 2]
+                moved[a, b] += spread[a, b + 2]
             if a < 2 and b < 2:
-                moved[a, b] += before[a + 2, b + 2]
+                moved[a, b] += spread[a + 2, b + 2]
     for b in range(4):  # what was ahead lies aside after a turn
         x, y = moved[0, b], moved[1, b]
         moved[0, b], moved[1, b] = c * x + s * y, c * y - s * x
     for a in range(4):
         x, y = moved[a, 0], moved[a, 1]
         moved[a, 0], moved[a, 1] = c * x + s * y, c * y - s * x
-    spread[:, :] = moved
+    assign(spread, moved)
 
 
 @compiled
@@ -77,10 +80,10 @@ def correct(velocity: F64, spread: F64, offset: F64, information: F64, together:
         gain[k, 1] = (spread[k, 1] * a - spread[k, 0] * b) / determinant
     for k in range(2):
         velocity[k] += gain[k + 2, 0] * offset[0] + gain[k + 2, 1] * offset[1]
-    rows = spread[:2].copy()
-    for i in range(4):
-        for j in range(4):
-            spread[i, j] -= gain[i, 0] * rows[0, j] + gain[i, 1] * rows[1, j]
+    for j in range(4):
+        x, y = spread[0, j], spread[1, j]
+        for i in range(4):
+            spread[i, j] -= gain[i, 0] * x + gain[i, 1] * y
     for i in range(4):
         for j in range(i):
             spread[i, j] = spread[j, i] = 0.5 * (spread[i, j] + spread[j, i])
