@@ -76,9 +76,12 @@ class _MachineCode(CompileResultCacheImpl):
 
     def reduce(self, cres: Any) -> Any:  # noqa: ANN401 numba's own, which has no types
         """The machine code of a compiled function, and the name by which Python enters it."""
-        (name, kind, (code, _)), *others = cast("Any", super()).reduce(cres)
-        entry = f'define available_externally void @"{cres.fndesc.llvm_cpython_wrapper_name}"() {{ ret void }}'
-        return ((name, kind, (code, llvm.parse_assembly(entry).as_bitcode())), *others)
+        match cast("Any", super()).reduce(cres):
+            case [(name, "object", (code, _)), *others]:
+                entry = f'define available_externally void @"{cres.fndesc.llvm_cpython_wrapper_name}"() {{ ret void }}'
+                return ((name, "object", (code, llvm.parse_assembly(entry).as_bitcode())), *others)
+            case kept_otherwise:  # by another version of numba
+                return kept_otherwise
 
 
 class _OnDisk(_OnDiskForBoth):
