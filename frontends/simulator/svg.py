@@ -143,6 +143,7 @@ def _view_of_root(root: ET.Element) -> tuple[float, float, _View]:
 def _outlines(root: ET.Element, view: _View) -> Iterator[Points]:
     """All outlines in the order of the drawing, however deep its groups are nested."""
     named = {element.get("id"): element for element in root.iter() if element.get("id")}
+    drawn: dict[tuple[ET.Element, _View], list[Points]] = {}  # what is used often is taken apart once
     waiting = [_Place(child, np.eye(3), view) for child in reversed(root)]
     n_done = 0
     while waiting:
@@ -154,7 +155,10 @@ def _outlines(root: ET.Element, view: _View) -> Iterator[Points]:
             continue
         here = _placed(place)
         if tag in _SHAPES:
-            for points in _outline(element, here.view):
+            shape = (element, here.view)
+            if shape not in drawn:
+                drawn[shape] = list(_outline(*shape))
+            for points in drawn[shape]:
                 yield matmul(points, here.T[:2, :2].T) + here.T[:2, 2]
         elif tag == "use":
             waiting.append(_used(here, named))
@@ -174,7 +178,8 @@ def _is_hidden(element: ET.Element) -> bool:
 def _placed(place: _Place) -> _Place:
     """Inside an element: its transform, and where it opens a view of its own, that of the view."""
     element = place.element
-    T = matmul(place.T, _transform(element.get("transform", "")))
+    own = element.get("transform", "").strip()
+    T = matmul(place.T, _transform(own)) if own else place.T
     if _tag(element) not in {"svg", "symbol"}:
         return _Place(element, T, place.view, place.used_by)
     import svgelements
@@ -202,10 +207,9 @@ def _used(place: _Place, named: dict[str | None, ET.Element]) -> _Place:
         raise SvgError(f"found a <use> of '{href[:40]}', expected '#' and the id of an element of this drawing")
     if any(use is other for other in place.used_by):
         raise SvgError(f"found a <use> of '{href[:40]}' inside what it uses")
-    shift = np.eye(3)
-    shift[:2, 2] = _length(use, "x", place.view), _length(use, "y", place.view)
-    size = (use.get("width"), use.get("height"))
-    return _Place(target, matmul(place.T, shift), place.view, (*place.used_by, use), size)
+    x, y = _length(use, "x", place.view), _length(use, "y", place.view)
+    T = matmul(place.T, np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])) if x or y else place.T
+    return _Place(target, T, place.view, (*place.used_by, use), (use.get("width"), use.get("height")))
 
 
 def _outline(element: ET.Element, view: _View) -> Iterator[Points]:
@@ -285,8 +289,6 @@ def _checked_points(element: ET.Element) -> str:
 
 def _transform(text: str) -> Points:
     """(3, 3) of a list of transforms."""
-    if not text.strip():
-        return np.eye(3)
     import svgelements
 
     _numbers(text)
