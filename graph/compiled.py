@@ -46,7 +46,7 @@ def compiled_aside(function: _Function) -> _Function:
 
 def _kept(function: _Function, compile_it: Callable[[_Function], Any], place: Any) -> _Function:  # noqa: ANN401
     found = compile_it(function)
-    if found is not function:  # as where NUMBA_DISABLE_JIT says so
+    if found is not function:  # it is where NUMBA_DISABLE_JIT says so
         try:
             found._cache = place(function)  # noqa: SLF001 what `cache=True` does
         except RuntimeError:
