@@ -47,6 +47,8 @@ GONE = {
     "front_end.tracking.polished": "guesses come from a pass before, where turns are all that is known",
     "loops.failures.widened_distance2": "odometry is widened as far as loops.failures.false_alarm asks",
     "loops.max_deviations": "closures are believed as far as the path explains them, see loops.path_probability",
+    "loops.revisit_drift": "without loops.enabled no loop is closed",
+    "loops.revisits": "without loops.enabled no loop is closed",
     "loops.relocalisation.dissent": "places are weighed by how probable they are, see loops.relocalisation.odds",
     "loops.relocalisation.lead": "places are weighed by how probable they are, see loops.relocalisation.odds",
     "loops.relocalisation.majority": "places are weighed by how probable they are, see loops.relocalisation.odds",

@@ -74,12 +74,12 @@ def test_a_run_in_a_fresh_process_is_judged_and_timed(tmp_path: Path) -> None:
     truth = tmp_path / "short.truth.csv"
     truth.write_text("".join(iceg.demo_truth_path().read_text().splitlines(keepends=True)[:41]))
     log = BenchLog(name="short", path=tmp_path / "short.clf", known=truth)
-    accuracy, speed = accuracy_and_speed(log, "recent scans", tmp_path)
+    accuracy, speed = accuracy_and_speed(log, "matching alone", tmp_path)
     assert accuracy["scans"] == speed["scans"] == 40
     assert accuracy["closures"] == 0
     assert 0 < float(accuracy["ATE [m]"] or 0) < 0.1
     assert float(speed["CPU [s]"] or 0) > 0
-    assert (tmp_path / "short-recent-scans" / "summary.json").exists()
+    assert (tmp_path / "short-matching-alone" / "summary.json").exists()
 
 
 def test_a_run_that_fails_says_why(tmp_path: Path) -> None:

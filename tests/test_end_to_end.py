@@ -36,7 +36,7 @@ def relations_mean(data_dir: Path, name: str, closing_loops: bool) -> float:
 
 @pytest.mark.parametrize(
     ("name", "closing_loops", "bound"),
-    [("intel", False, 0.20), ("intel", True, 0.02), ("mit-csail", False, 0.15), ("mit-csail", True, 0.035)],
+    [("intel", False, 0.5), ("intel", True, 0.02), ("mit-csail", False, 0.15), ("mit-csail", True, 0.035)],
 )
 def test_relations_of_the_benchmark(data_dir: Path, name: str, closing_loops: bool, bound: float) -> None:
     assert relations_mean(data_dir, name, closing_loops) <= bound

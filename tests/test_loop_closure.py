@@ -326,9 +326,7 @@ def test_the_finish_looks_more_seldom_in_confirmed_areas(track: Track) -> None:
 
 def test_each_factor_enters_once(track: Track) -> None:
     odometry = np.array([key.T_track_robot for key in track.keys])
-    back_end = BackEnd(
-        track, LoopCloser(IceMatcher(), track, LoopClosureConfig(enabled=False, revisits=False)), PoseGraphConfig()
-    )
+    back_end = BackEnd(track, LoopCloser(IceMatcher(), track, LoopClosureConfig(enabled=False)), PoseGraphConfig())
     for key in range(1, 60):
         step = between(odometry[key - 1], odometry[key])
         back_end.add(key, OdometryMotion(T_key_robot=step, covariance=np.eye(3) * 1e-3))
@@ -359,9 +357,7 @@ def test_a_small_correction_bends_the_path_since_the_last_search(track: Track, t
 
 
 def test_odometry_that_jumps_is_given_little_weight(track: Track) -> None:
-    back_end = BackEnd(
-        track, LoopCloser(IceMatcher(), track, LoopClosureConfig(enabled=False, revisits=False)), PoseGraphConfig()
-    )
+    back_end = BackEnd(track, LoopCloser(IceMatcher(), track, LoopClosureConfig(enabled=False)), PoseGraphConfig())
     for key in range(1, 30):
         step = between(track.keys[key - 1].T_track_robot, track.keys[key].T_track_robot)
         jump = np.array([0.0, 0.0, np.radians(30.0) if key == 15 else 0.0])
@@ -379,7 +375,7 @@ def test_odometry_is_no_farther_from_a_sharp_match_than_chance_explains(track: T
     match = track.keys[key].match
     assert isinstance(match, RelativePose)
     sharp = replace(match, covariance=np.eye(3) * 1e-12)
-    closer = LoopCloser(IceMatcher(), track, LoopClosureConfig(enabled=False, revisits=False))
+    closer = LoopCloser(IceMatcher(), track, LoopClosureConfig(enabled=False))
     back_end, config = BackEnd(track, closer, PoseGraphConfig()), closer.config.failures
     gate = chi2_gate(config.false_alarm)
     T_track_match = compose(track.keys[track.keys[key].anchor].T_track_robot, match.T_ref_cur)
@@ -415,11 +411,10 @@ def test_loops_and_finish_bring_the_office_back_together(
     assert finished.rounds[-1].closures > len([a for a in solution.attempts if a.accepted])
 
 
-@pytest.mark.parametrize(("enabled", "widest"), [(True, 3.0), (False, 0.3)])
-def test_a_search_reaches_as_far_as_drift_and_no_farther(track: Track, enabled: bool, widest: float) -> None:
-    config = LoopClosureConfig(enabled=enabled, max_drift=3.0, revisit_drift=0.3, max_turn=0.4)
+def test_a_search_reaches_as_far_as_drift_and_no_farther(track: Track) -> None:
+    config = LoopClosureConfig(max_drift=3.0, max_turn=0.4)
     passes = EarlierPasses(track, config, [])
     little = np.array([config.drift_factor * 0.01 + config.drift_floor] * 2 + [config.drift_factor * 0.02])
     little[2] += config.turn_floor
     np.testing.assert_allclose(passes._search_deviations(np.array([0.01, 0.02])), little)
-    np.testing.assert_allclose(passes._search_deviations(np.array([50.0, 50.0])), [widest, widest, 0.4])
+    np.testing.assert_allclose(passes._search_deviations(np.array([50.0, 50.0])), [3.0, 3.0, 0.4])

@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 
 HEADER = "scan_i,scan_j,x_m,y_m,theta_rad"
 N_SCANS = 400
-CONFIG = iceg.Config(loops=LoopClosureConfig(enabled=False, revisits=False), grid=GridConfig(resolution=0.5))
+CONFIG = iceg.Config(loops=LoopClosureConfig(enabled=False), grid=GridConfig(resolution=0.5))
 
 
 def square() -> Array:
@@ -193,7 +193,7 @@ def test_from_the_command_line(truth: Array, tmp_path: Path, capsys: pytest.Capt
         rows = csv.writer(lines)
         rows.writerow(HEADER.split(","))
         rows.writerow([2, N_SCANS - 2, *between(truth[2], truth[-2]).tolist()])
-    flags = ["--loops.no-enabled", "--loops.no-revisits", "--grid.resolution", "0.5"]
+    flags = ["--loops.no-enabled", "--grid.resolution", "0.5"]
     assert main(["run", str(recorded), "-o", str(tmp_path / "run"), "--closures", str(file), *flags]) == 0
     (recorded_closure,) = read_closures(tmp_path / "run" / "closures.csv")
     assert (recorded_closure.scan_i, recorded_closure.scan_j) == (2, N_SCANS - 2)

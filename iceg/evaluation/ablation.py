@@ -40,7 +40,7 @@ Covariances = Literal["calibrated", "constant", "identity"]
 Judge = Callable[[NDArray[np.float64]], dict[str, float]]
 
 _COARSE = GridConfig(resolution=0.5)
-_OPEN = LoopClosureConfig(enabled=False, revisits=False)
+_OPEN = LoopClosureConfig(enabled=False)
 _STAGES: dict[str, Config] = {
     "front end": Config(loops=_OPEN, finish=FinishConfig(enabled=False), grid=_COARSE),
     "+ loops": Config(finish=FinishConfig(enabled=False), grid=_COARSE),

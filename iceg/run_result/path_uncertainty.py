@@ -25,7 +25,7 @@ class LeastKnown:
             return None
         return (
             f"the path is uncertain: around scan {self.scan} it is known only to ±{self.deviation:.1f} m (one standard "
-            "deviation, relative to the first scan); no place seen twice tells it better"
+            "deviation, relative to the first scan)"
         )
 
 

@@ -143,11 +143,6 @@ class LoopClosureConfig(SlamSettings):
     """Least share of the beams on the earlier pass that agree with it."""
     min_view: float = 0.8
     """Least share of the earlier pass in view that the beams see, instead of looking through it."""
-    revisits: bool = True
-    """With loop closing off: still match against earlier key scans while the drift is small, so that the reference
-    holds what was seen before."""
-    revisit_drift: float = 0.3
-    """Largest standard deviation of the drift taken for such a revisit [m]."""
     drift_factor: float = 1.5
     """The path's covariance since the last closure is trusted only after this factor on its standard deviations."""
     odometry_inflation: float = between(2.0, 0.01, 1000.0)

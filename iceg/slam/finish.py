@@ -131,7 +131,7 @@ def matched_again(
     loops = [replace(f, kernel=kernel) for f in solution.factors if f.kind == "closure" and f not in kept]
     poses, done = _solved("solve", chain, loops, solution.poses, clock, stages)
     attempts, rounds = solution.attempts, [done]
-    for _ in range(config.rounds if closures.enabled or closures.revisits else 0):
+    for _ in range(config.rounds if closures.enabled else 0):
         joined = _joined(loops)
         sure, outliers = _judged(loops, poses)
         tried = match_again(closer, track, poses, sure, outliers, config)

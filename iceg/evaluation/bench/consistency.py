@@ -14,7 +14,7 @@ from iceg.slam.config import FinishConfig, LoopClosureConfig
 SCENES = ("room", "long_corridor")
 _UNOBSERVED = 0.5
 """A principal standard deviation beyond this is that of a direction left to odometry [m, rad]."""
-_CONFIG = Config(loops=LoopClosureConfig(enabled=False, revisits=False), finish=FinishConfig(enabled=False))
+_CONFIG = Config(loops=LoopClosureConfig(enabled=False), finish=FinishConfig(enabled=False))
 
 
 def factor_consistency(scene: str, seeds: range) -> Row:

@@ -17,10 +17,8 @@ MODES: dict[str, tuple[str, ...]] = {
     "default": (),
     "no loops": ("--loops.no-enabled",),
     "matching alone": ("--loops.no-enabled", "--finish.no-enabled"),
-    "recent scans": ("--loops.no-enabled", "--loops.no-revisits", "--finish.no-enabled"),
 }
-"""Flags of each mode: as it comes; the local reference may still hold what was seen before while the drift is small;
-the same without the offline finish; recent key scans only."""
+"""Flags of each mode: as it comes; no place is found again; the same without the offline finish."""
 ONE_CORE = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
 """Environment of a process that is to stay on one core."""
 _COMPILED = {"PYTHONDONTWRITEBYTECODE": ""}

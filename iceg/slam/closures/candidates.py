@@ -83,7 +83,7 @@ class EarlierPasses:
     def within_drift(self, key_new: int, poses: NDArray[np.float64], drift: Drift) -> list[Candidate]:
         """Those that the drift since the last closure leaves possible; see `LoopCloser.candidates`."""
         config = self._config
-        if not (config.enabled or config.revisits):
+        if not config.enabled:
             return []
         spread = drift.spread(key_new, poses)
         widest = float(self._search_deviations(spread.since(0))[0])
@@ -116,8 +116,7 @@ class EarlierPasses:
     def _search_deviations(self, drift: NDArray[np.float64]) -> NDArray[np.float64]:
         """Standard deviations [m, m, rad] of a search, from those of the path."""
         config = self._config
-        most = config.max_drift if config.enabled else config.revisit_drift
-        position = min(most, config.drift_factor * float(drift[0]) + config.drift_floor)
+        position = min(config.max_drift, config.drift_factor * float(drift[0]) + config.drift_floor)
         heading = min(config.max_turn, config.drift_factor * float(drift[1]) + config.turn_floor)
         return np.array([position, position, heading])
 
