@@ -140,7 +140,7 @@ def conclude(
             distrusted=after.distrusted,
         )
     with clock.stage("covariances"):
-        solution = in_frame(own.frame, finished.solution, track, config.ice.segments)
+        solution, walls = in_frame(own.frame, finished.solution, finished.walls, track, config.ice.segments)
         joint = _joint_covariance(finished, solution)
         _release(matcher, track)
     trajectory = track.trajectory(solution.poses)
@@ -167,7 +167,7 @@ def conclude(
         graph=PoseGraph.from_factors(solution.factors, solution.poses, config.graph),
         landmarks=landmarks,
         grid=grid,
-        walls=finished.walls,
+        walls=walls,
         closures=[*_closures(track, solution, config.loops.verification.place), *after.by_hand],
         warnings=warnings,
         summary=_summary(counts, findings, corrections, clock),

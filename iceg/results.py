@@ -101,7 +101,9 @@ def check_directory(directory: Path, *, overwrite: bool) -> None:
             f"{directory}: found {there}, where nothing can be written ({reason(err)}), expected a folder for results"
         ) from err
     if not overwrite and directory.is_dir() and any(directory.iterdir()):
-        raise ResultsError(f"{directory}: is not empty; choose another folder, or replace its results with --overwrite")
+        raise ResultsError(
+            f"{directory}: is not empty; choose another folder, or replace its results with --overwrite (overwrite=True)"
+        )
 
 
 def write_results(
@@ -136,11 +138,26 @@ def write_results(
     if beside:
         writers["beside"] = partial(_write_texts, beside)
     if progress:
-        parts = enumerate(writers.items())
-        writers = {name: partial(_write_told, progress, name, k, len(writers), write) for k, (name, write) in parts}
+        writers = _telling(writers, progress)
     warning = stamps_warning(result)
     more = {"warnings": [*result.summary["warnings"], warning]} if warning else {}
     write_folder(directory, writers, {**result.summary, **more}, overwrite=overwrite)
+
+
+def _telling(
+    writers: Mapping[str, Callable[[Path], None]], progress: Callable[[str, int, int], None]
+) -> dict[str, Callable[[Path], None]]:
+    """The same, each telling of itself first; those that a second process runs, which begin before all, at once."""
+    names = sorted(writers, key=lambda name: name not in _WRITTEN_ASIDE)
+    for k, name in enumerate(names):
+        if name in _WRITTEN_ASIDE:
+            progress(name, k, len(names))
+    return {
+        name: write
+        if name in _WRITTEN_ASIDE
+        else partial(_write_told, progress, name, names.index(name), len(names), write)
+        for name, write in writers.items()
+    }
 
 
 def _write_told(

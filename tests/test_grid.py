@@ -357,7 +357,7 @@ def test_crowded_scans_can_be_left_out() -> None:
 
 
 def test_classes_follow_the_thresholds() -> None:
-    probabilities = np.array([[0.1, 0.39, 0.41, 0.5, 0.59, 0.61, 0.95]])
+    probabilities = np.array([[0.1, 0.44, 0.46, 0.5, 0.59, 0.61, 0.95]])
     grid = OccupancyGrid(
         log_odds=np.log(probabilities / (1 - probabilities)).astype(np.float32), origin=np.zeros(2), resolution=0.1
     )

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 import iceg
-from graph.se2 import between, compose
+from graph.se2 import between, compose, inverse, transform_points
 from iceg.cli import main
 from iceg.corrections.corrections import Corrections, CorrectionsError, Cut, Distrusted, Forbidden, MapFrame, Pinned
 from iceg.corrections.manual_closures import ManualClosure
@@ -232,10 +232,12 @@ def test_closures_csv_of_a_run_that_was_cut(folder: Path, tmp_path: Path) -> Non
 
 def test_a_rejected_closure_may_be_pinned(findings: Findings, as_found: SlamResult) -> None:
     closure = next(c for c in as_found.closures if c.verdict == "rejected" and np.isfinite(c.T_i_j).all())
-    result = conclude(findings, Corrections(pinned=(Pinned(scan_i=closure.scan_i, scan_j=closure.scan_j),)))
+    result = conclude(findings, Corrections(pinned=(Pinned(scan_i=closure.scan_i, scan_j=closure.scan_j),) * 2))
     now = {(c.scan_i, c.scan_j): c for c in result.closures}[closure.scan_i, closure.scan_j]
     assert now.verdict == "accepted"
     assert now.reason.startswith("pinned; ")
+    keys = [int(np.searchsorted(as_found.key_scans, scan)) for scan in (closure.scan_i, closure.scan_j)]
+    assert [(f.i, f.j) for f in result.graph.factors if f.kind == "closure"].count((keys[0], keys[1])) == 1
 
 
 def test_walls_upright_and_the_origin_at_a_scan(findings: Findings, as_found: SlamResult) -> None:
@@ -244,6 +246,10 @@ def test_walls_upright_and_the_origin_at_a_scan(findings: Findings, as_found: Sl
     seen, expected = (between(each.trajectory[200], each.trajectory) for each in (turned, as_found))
     np.testing.assert_allclose(seen, expected, atol=1e-9)
     np.testing.assert_array_equal(turned.covariances, as_found.covariances)
+    walls, walls_as_found = (  # seen from the same scan they stand where they stood
+        transform_points(inverse(each.trajectory[200]), each.walls.ends) for each in (turned, as_found)
+    )
+    np.testing.assert_allclose(walls, walls_as_found, atol=1e-9)
     upright = conclude(findings, Corrections(frame=MapFrame(upright=True)))
     segments = as_found.config.ice.segments
     assert abs(walls_heading(findings.track, upright.key_poses, segments)) < 1e-6

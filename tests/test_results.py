@@ -104,6 +104,13 @@ def test_exactly_the_promised_files_are_written(tmp_path: Path) -> None:
     assert names(tmp_path / "deep" / "out") == sorted(RESULT_FILES)
 
 
+def test_progress_is_told_of_every_part_and_never_goes_back(tmp_path: Path) -> None:
+    told: list[tuple[str, int, int]] = []
+    write_results(make_result(), tmp_path, progress=lambda name, begun, of: told.append((name, begun, of)))
+    assert {name for name, _, _ in told} == set(results._WRITERS)
+    assert [(begun, of) for _, begun, of in told] == [(k, len(told)) for k in range(len(told))]
+
+
 def test_trajectory_covariances_settings_and_summary_read_back(tmp_path: Path) -> None:
     result = make_result()
     write_results(result, tmp_path)

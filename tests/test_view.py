@@ -354,3 +354,13 @@ def test_corrections_that_a_run_was_given_are_not_lost(folder: Path, tmp_path: P
     session = Session(tmp_path / "given")
     with pytest.raises(CorrectionsError, match=f"put them there as {CORRECTIONS}"):
         session.edit("forbid", {"revision": 0, "scans": second})
+
+
+def test_corrections_of_an_earlier_run_are_told_of(
+    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (folder / CORRECTIONS).write_text("[map]\nupright = true\n")
+    short = tmp_path / "short.csv"
+    iceg.write_log(short, iceg.read_log(iceg.demo_log_path()).select(slice(60)))
+    assert main(["run", str(short), "-o", str(folder), "--overwrite", "--no-report"]) == 0
+    assert f"{folder / CORRECTIONS} was there before and corrects nothing of this run" in capsys.readouterr().err

@@ -78,6 +78,7 @@ def run_log(
         page = "report.html, " if report else ""
         files = f"{page}map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more"
         telling.say(f"Results are in {directory}: {files}")
+        _tell_older_corrections(directory, is_given=beside is not None)
         telling.keep(results=str(directory))
 
 
@@ -204,6 +205,16 @@ def _tell_warnings(result: "SlamResult", told: Sequence[str]) -> None:
     _warn([warning for warning in result.log.warnings if warning not in told])
     tell_result_warnings(result)
     _warn([warning for warning in [stamps_warning(result)] if warning])
+
+
+def _tell_older_corrections(directory: Path, *, is_given: bool) -> None:
+    """Warn of corrections of an earlier run, which are nobody's to delete."""
+    from iceg.view.session import CORRECTIONS
+
+    path = directory / CORRECTIONS
+    if not is_given and path.exists():
+        sentence = f"{path} was there before and corrects nothing of this run, but iceg view would apply it: "
+        _warn([f"{sentence}move it away if it is of another log, or pass it with --corrections"])
 
 
 def _tracking_warnings(result: "SlamResult") -> list[RunWarning]:

@@ -30,6 +30,8 @@ class View:
             from iceg.view.session import CORRECTIONS, Session
 
             session = Session(self.directory)
+            if session.is_corrected:
+                print(f"solved anew with the corrections in {self.directory / CORRECTIONS}")
         with ViewServer(session, self.port) as server:
             try:
                 print(f"{self.directory} is at {server.address}", flush=True)

@@ -118,6 +118,7 @@ def _loosened(found: Solution, by_key: dict[int, float]) -> Solution:
 def _pinned(found: Solution, pins: Sequence[Pinned], track: Track) -> tuple[Solution, list[Factor], list[RunWarning]]:
     """With pinned closures without a robust kernel, before the others; these, and a warning for each not matched."""
     attempts, pinned, warnings = list(found.attempts), [], []
+    rows: set[int] = set()
     for pin in pins:
         ends = _ends(pin.scan_i, pin.scan_j, track)
         row = next((k for k, a in enumerate(attempts) if (a.key_old, a.key_new) in ends and a.match is not None), None)
@@ -128,6 +129,9 @@ def _pinned(found: Solution, pins: Sequence[Pinned], track: Track) -> tuple[Solu
             )
             warnings.append(RunWarning(kind="corrections", sentence=sentence, scan=pin.scan_i))
             continue
+        if row in rows:  # pinned twice it is still one measurement
+            continue
+        rows.add(row)
         attempts[row] = replace(attempts[row], accepted=True, removed=False, reason=f"pinned; {attempts[row].reason}")
         pinned.append(closure_factor(attempts[row]))
     ends_of_pinned = {(factor.i, factor.j) for factor in pinned}

@@ -11,6 +11,7 @@ from graph.se2 import compose
 from iceg.corrections.corrections import MapFrame
 from iceg.ice.config import SegmentConfig
 from iceg.ice.segments import extract_segments
+from iceg.slam.joint.wall_pieces import WallPieces
 from iceg.slam.solution import Solution
 from iceg.slam.track import Track
 
@@ -18,24 +19,27 @@ _LOOKED_AT = 400
 """Key scans whose walls are asked, spread over the path."""
 
 
-def in_frame(frame: MapFrame, solution: Solution, track: Track, config: SegmentConfig) -> Solution:
-    """A solution in the frame of the map that is asked for; of its factors only priors know of frames.
+def in_frame(
+    frame: MapFrame, solution: Solution, walls: WallPieces, track: Track, config: SegmentConfig
+) -> tuple[Solution, WallPieces]:
+    """A solution and its walls in the frame of the map that is asked for; of the factors only priors know of frames.
 
     Args:
         frame: what is asked for; scans counted as the track counts them.
         solution: the graph and its key poses.
+        walls: as the joint refinement found them.
         track: key scans.
-        config: of the straight segments that are taken for walls.
+        config: of the straight segments whose direction makes a map upright.
     """
     if frame.is_as_found:
-        return solution
+        return solution, walls
     T_new_map = _transform(frame, track, solution.poses, config)
     poses = compose(T_new_map, solution.poses)
     factors = [
         factor.measuring(compose(T_new_map, factor.T_i_j)) if factor.i is None else factor
         for factor in solution.factors
     ]
-    return replace(solution, factors=factors, poses=poses)
+    return replace(solution, factors=factors, poses=poses), walls.moved(T_new_map)
 
 
 def walls_heading(track: Track, key_poses: NDArray[np.float64], config: SegmentConfig) -> float:

@@ -37,7 +37,7 @@ class OccupancyGrid:
     origin: NDArray[np.float64]
     resolution: float
     occupied_above: float = 0.6
-    free_below: float = 0.4
+    free_below: float = 0.45
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -137,11 +137,11 @@ class LoopClosureConfig(SlamSettings):
     """Most pieces of passes tried for one key scan after much drift."""
     reference_half: int = between(7, 0, 1000)
     """Key scans of the earlier pass on either side that make up the reference."""
-    min_overlap: float = 0.4
+    min_overlap: float = between(0.4, 0.0, 1.0)
     """Least share of the beams of a key scan and its neighbours that fall on the earlier pass."""
-    min_fit: float = 0.8
+    min_fit: float = between(0.8, 0.0, 1.0)
     """Least share of the beams on the earlier pass that agree with it."""
-    min_view: float = 0.8
+    min_view: float = between(0.8, 0.0, 1.0)
     """Least share of the earlier pass in view that the beams see, instead of looking through it."""
     drift_factor: float = 1.5
     """The path's covariance since the last closure is trusted only after this factor on its standard deviations."""
@@ -211,7 +211,7 @@ class FinishConfig(SlamSettings):
     closure_false_alarm: float = between(0.001, *RATES)
     """Of true closures so many lie so far off that dynamic covariance scaling weakens them: its Φ is where χ² of three
     degrees of freedom exceeds that."""
-    outlier_weight: float = 0.1
+    outlier_weight: float = between(0.1, 0.0, 1.0)
     """A closure whose robust kernel leaves it a smaller weight than this is an outlier, and is taken out."""
     by_hand_sigmas: float = 10.0
     """By so many of its standard deviations the path is bent for a closure by hand that costs no other one: successive

@@ -94,6 +94,11 @@ class Session:
             pass
 
     @property
+    def is_corrected(self) -> bool:
+        """Whether any corrections are in force."""
+        return bool(self._texts[-1])
+
+    @property
     def has_edits(self) -> bool:
         """Whether any edit is in force."""
         return len(self._texts) > 1

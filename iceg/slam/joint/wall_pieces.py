@@ -1,6 +1,6 @@
 """What a run tells of the walls: the pieces that the joint refinement ended with, as short straight segments."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -35,6 +35,10 @@ class WallPieces:
         """Without a piece, as where nothing was refined."""
         whole = np.empty(0, np.int64)
         return cls(ends=np.empty((0, 2, 2)), points=whole, deviations=np.empty(0), key_poses=whole)
+
+    def moved(self, T_new_map: NDArray[np.float64]) -> Self:
+        """The same in another frame, (3,) T_new_map."""
+        return replace(self, ends=transform_points(T_new_map, self.ends))
 
     @classmethod
     def of(
