@@ -102,7 +102,8 @@ def check_directory(directory: Path, *, overwrite: bool) -> None:
         ) from err
     if not overwrite and directory.is_dir() and any(directory.iterdir()):
         raise ResultsError(
-            f"{directory}: is not empty; choose another folder, or replace its results with --overwrite (overwrite=True)"
+            f"{directory}: is not empty; choose another folder, or replace its results with --overwrite "
+            "(in Python overwrite=True)"
         )
 
 
