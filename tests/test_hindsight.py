@@ -12,7 +12,7 @@ from graph.measurement import RelativePose
 from graph.se2 import between, compose
 from iceg.slam.closures.attempt import Attempt, Verdict, closure_factor
 from iceg.slam.config import LoopClosureConfig
-from iceg.slam.hindsight import refused_by_path, with_hindsight
+from iceg.slam.hindsight import _refused_by_path, weighed
 from iceg.slam.solution import Solution
 
 Array = NDArray[np.float64]
@@ -71,7 +71,7 @@ def worst(poses: Array) -> float:
 def test_many_that_agree_refute_the_match_that_led_the_path_astray() -> None:
     config, claimed = LoopClosureConfig(), refused(6, np.zeros(3))
     before = solution(claimed, astray=22)
-    after = with_hindsight(before, [claimed], config, _CONTESTED)
+    after = weighed(before, claimed, config, _CONTESTED)
     assert worst(before.poses) > 0.25
     assert worst(after.poses) < 0.02
     gone = [factor for factor in before.factors if factor not in after.factors]
@@ -87,7 +87,7 @@ def test_many_that_agree_refute_the_match_that_led_the_path_astray() -> None:
 
 def test_a_closure_that_led_the_path_astray_leaves_the_graph() -> None:
     wrong, claimed = closure(17, 22, _SLID, 0.5, accepted=True), refused(6, np.zeros(3))
-    after = with_hindsight(solution([wrong, *claimed], astray=22), [claimed], LoopClosureConfig(), _CONTESTED)
+    after = weighed(solution([wrong, *claimed], astray=22), claimed, LoopClosureConfig(), _CONTESTED)
     assert worst(after.poses) < 0.02
     assert after.attempts[0].verdict is Verdict.REMOVED
     assert after.attempts[0].reason == "refuted in hindsight; fits"
@@ -105,7 +105,7 @@ def test_a_closure_that_led_the_path_astray_leaves_the_graph() -> None:
 def test_the_path_stays_as_it_is(n: int, off: list[float], astray: int | None, is_doubtful: bool) -> None:
     claimed = refused(n, np.array(off))
     before = solution(claimed, astray, is_doubtful=is_doubtful)
-    after = with_hindsight(before, [claimed], LoopClosureConfig(), _CONTESTED if astray and is_doubtful else _NOTHING)
+    after = weighed(before, claimed, LoopClosureConfig(), _CONTESTED if astray and is_doubtful else _NOTHING)
     assert after is before
 
 
@@ -114,7 +114,7 @@ def test_where_nothing_led_the_path_astray_many_that_agree_are_no_witnesses() ->
     claimed = refused(9, np.array([0.6, 0.0, 0.0]))
     known = solution(claimed, None)
     before = replace(known, factors=[factor for factor in known.factors if factor.kind != "ice"])
-    assert with_hindsight(before, [claimed], LoopClosureConfig(), _NOTHING) is before
+    assert weighed(before, claimed, LoopClosureConfig(), _NOTHING) is before
 
 
 def test_only_what_the_path_alone_refused_is_asked_again() -> None:
@@ -124,4 +124,4 @@ def test_only_what_the_path_alone_refused_is_asked_again() -> None:
         closure(3, 32, np.zeros(3), 1.0),
         replace(closure(3, 33, np.zeros(3), 5.0), off_path=np.nan),
     ]
-    assert refused_by_path([asked, *others], LoopClosureConfig()) == [asked]
+    assert _refused_by_path([asked, *others], LoopClosureConfig()) == [asked]

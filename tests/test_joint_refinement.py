@@ -17,11 +17,13 @@ from iceg.evaluation.trajectory import trajectory_errors
 from iceg.ice.matcher import IceMatcher
 from iceg.pipeline import run
 from iceg.slam.back_end import solve_track
-from iceg.slam.config import FinishConfig, FrontEndConfig, JointRefinementConfig, LoopClosureConfig, SlamConfigError
+from iceg.slam.checked_settings import SlamConfigError
+from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.finish import Finished, matched_again, refined
 from iceg.slam.joint import _wall_kernels as kernels
 from iceg.slam.joint._system_kernels import JointSystem, PointsOnLines, fill, normal_equations, product
 from iceg.slam.joint.refinement import Clouds, key_clouds, refine_jointly
+from iceg.slam.joint_config import JointRefinementConfig
 from iceg.slam.odometry.motions import motions_of
 from iceg.slam.solution import Solution
 from iceg.slam.track import Track

@@ -19,7 +19,8 @@ from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
 from iceg.pipeline import run
 from iceg.run_result.slam_result import SlamResult
-from iceg.slam.config import FrontEndConfig, SlamConfigError
+from iceg.slam.checked_settings import SlamConfigError
+from iceg.slam.config import FrontEndConfig
 from iceg.slam.match_errors import closure_covariance
 from iceg.slam.stages import Stages
 from iceg.slam.track import Track

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from graph.se2 import compose, expmap
-from iceg.slam.config import JointRefinementConfig
 from iceg.slam.joint.covariance import Walls
 from iceg.slam.joint.refinement import refine_jointly
 from iceg.slam.joint.wall_pieces import WallPieces
+from iceg.slam.joint_config import JointRefinementConfig
 from tests.test_joint_refinement import ROOM, chain, drive, room_clouds
 
 FLOOR, POST, NONE = 0, 1, -1

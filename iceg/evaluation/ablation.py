@@ -31,7 +31,8 @@ from iceg.evaluation.trajectory import (
 from iceg.maps.config import GridConfig
 from iceg.pipeline import run
 from iceg.run_result.slam_result import SlamResult
-from iceg.slam.config import FinishConfig, JointRefinementConfig, LoopClosureConfig
+from iceg.slam.config import FinishConfig, LoopClosureConfig
+from iceg.slam.joint_config import JointRefinementConfig
 from iceg.slam.odometry.calibration import OdometryCalibration
 
 Covariances = Literal["calibrated", "constant", "identity"]

@@ -19,14 +19,13 @@ from graph.se2 import between, compose, wrap_angle
 from iceg.slam.agreement import is_small
 from iceg.slam.broken_path.conflicts import with_conflicts
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
-from iceg.slam.broken_path.place_hypothesis import agreeing_sets
 from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, unsettled
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.broken_path.view_change import ViewChanges, judged_by_view
 from iceg.slam.closures.attempt import Attempt, are_consistent, closure_factor
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
-from iceg.slam.hindsight import refused_by_path, with_hindsight
+from iceg.slam.hindsight import with_hindsight
 from iceg.slam.loop_closure import Forbids, LoopCloser
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.solution import Solution
@@ -317,16 +316,8 @@ def solve_track(
     solution = back_end.solution()
     if log is None or not log.has_odometry:
         return relocalise(closer, track, solution, failures)
-    solution = with_hindsight(solution, _refused_together(solution, closures), closures, back_end.contested)
+    solution = with_hindsight(solution, closures, back_end.contested)
     return with_conflicts(relocalise(closer, track, solution, failures), track, failures, closures)
-
-
-def _refused_together(solution: Solution, config: LoopClosureConfig) -> list[list[Attempt]]:
-    """Sets of closures that the path alone refused, and that agree; of these those that are as many as it takes."""
-    refused = refused_by_path(solution.attempts, config)
-    path = [factor for factor in solution.factors if factor.kind in {"odometry", "ice"}]
-    sets = agreeing_sets(refused, path, solution.poses, config.confirmations)
-    return [agreeing for agreeing in sets if len(agreeing) >= config.confirmations]
 
 
 def _front_end_failures(track: Track) -> dict[int, TrackingFailure]:

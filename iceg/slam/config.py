@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass, field
 
-from graph.ranges import RATES, between, check_marked, positive
+from graph.ranges import RATES, between, positive
 from graph.units import Radians
 from iceg.slam.agreement import Tolerance
 from iceg.slam.calibration_config import CalibrationConfig
-from iceg.slam.checked_settings import SlamConfigError, SlamSettings
+from iceg.slam.checked_settings import SlamSettings
 from iceg.slam.closure_config import (
     ConfirmedAreaConfig,
     PlaceSignatureConfig,
@@ -27,15 +27,6 @@ from iceg.slam.tracking_config import (
     TrackingConfig,
 )
 
-__all__ = [
-    "FinishConfig",
-    "FrontEndConfig",
-    "JointRefinementConfig",
-    "KeyScanConfig",
-    "LoopClosureConfig",
-    "SlamConfigError",
-]
-
 
 @dataclass(frozen=True, kw_only=True)
 class KeyScanConfig(SlamSettings, prefix="key_scans: "):
@@ -49,15 +40,8 @@ class KeyScanConfig(SlamSettings, prefix="key_scans: "):
     """A scan that sees nothing becomes a key scan after so many times the way: one that sees may come before."""
     window: int = between(25, 1, 1000)
     """Key scans in the local reference."""
-    rebuild: int = 8
+    rebuild: int = positive(8)
     """The reference is built anew after this many key scans; in between it is only extended."""
-
-    def __post_init__(self) -> None:
-        if not (self.distance > 0 and self.angle > 0):
-            raise SlamConfigError(f"key_scans: distance {self.distance} and angle {self.angle} must be positive")
-        if self.window < 1 or self.rebuild < 1:
-            raise SlamConfigError(f"key_scans: window {self.window} and rebuild {self.rebuild} must be at least 1")
-        check_marked(self, SlamConfigError, self._prefix)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from graph.batch import BatchResult, optimize
 from graph.factors import Factor, FactorKind, RobustKernel
 from graph.noise import largest_squared_norm
+from iceg.slam.broken_path.place_hypothesis import agreeing_sets
 from iceg.slam.closures.attempt import Attempt, closure_factor
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.solution import BATCH, Solution
@@ -26,16 +27,12 @@ _SUSPECTS: tuple[FactorKind, ...] = ("closure", "ice")
 
 
 def with_hindsight(
-    solution: Solution,
-    sets: Sequence[Sequence[Attempt]],
-    config: LoopClosureConfig,
-    contested: Mapping[int, NDArray[np.float64]],
+    solution: Solution, config: LoopClosureConfig, contested: Mapping[int, NDArray[np.float64]]
 ) -> Solution:
-    """Let closures in that were refused, where what they say is more probable than the path.
+    """Let closures in that the path alone refused, where what those that agree say is more probable than the path.
 
     Args:
         solution: the graph as it was found on the way.
-        sets: of closures that the path alone refused, and that agree with each other.
         config: how far a true closure may be off, and how many must say the same.
         contested: by the key poses whose match contradicts odometry, (3, 3) how well odometry knows the step if the
             match is wrong; the graph has it wider, as if the match were right.
@@ -43,24 +40,27 @@ def with_hindsight(
     Returns:
         The solution; where closures come in, what they refute is out.
     """
-    for refused in sets:
-        solution = _weighed(solution, refused, config, contested)
+    path = [factor for factor in solution.factors if factor.kind in {"odometry", "ice"}]
+    refused = _refused_by_path(solution.attempts, config)
+    for agreeing in agreeing_sets(refused, path, solution.poses, config.confirmations):
+        if len(agreeing) >= config.confirmations:
+            solution = weighed(solution, agreeing, config, contested)
     return solution
 
 
-def refused_by_path(attempts: Sequence[Attempt], config: LoopClosureConfig) -> list[Attempt]:
+def _refused_by_path(attempts: Sequence[Attempt], config: LoopClosureConfig) -> list[Attempt]:
     """Those that would have been accepted had the path explained them."""
     most = largest_squared_norm(config.path_probability)
     return [attempt for attempt in attempts if not attempt.accepted and attempt.off_path**2 > most]
 
 
-def _weighed(
+def weighed(
     solution: Solution,
     refused: Sequence[Attempt],
     config: LoopClosureConfig,
     contested: Mapping[int, NDArray[np.float64]],
 ) -> Solution:
-    """The more probable of the path and of what some closures say that agree."""
+    """The more probable of the path and of what some closures say that agree; see `with_hindsight`."""
     claims = [closure_factor(attempt) for attempt in refused]
     before = [_with_doubt(factor, contested) for factor in solution.factors]
     gate = largest_squared_norm(config.path_probability)
@@ -77,9 +77,9 @@ def _weighed(
     path = _explained(before, solution.poses, config)
     if found.cost >= path.cost + 0.5 * gate * len(claims):
         return solution
-    weighed = list(zip([*solution.factors, *claims], holds, strict=True))
-    refuted = {factor.j for factor, held in weighed if factor.kind == "ice" and not held}
-    factors = [_as_known(factor, contested) if factor.j in refuted else factor for factor, held in weighed if held]
+    judged = list(zip([*solution.factors, *claims], holds, strict=True))
+    refuted = {factor.j for factor, held in judged if factor.kind == "ice" and not held}
+    factors = [_as_known(factor, contested) if factor.j in refuted else factor for factor, held in judged if held]
     closed = {(factor.i, factor.j) for factor in factors if factor.kind == "closure"}
     return replace(
         solution,

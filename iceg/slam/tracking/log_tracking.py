@@ -1,7 +1,7 @@
 """The front end over a whole log; what its odometry does wrong is learnt on the way."""
 
 from bisect import bisect_left
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,30 +40,9 @@ NOTHING_FOREKNOWN = Foreknown()
 """As in a first pass."""
 
 
-def track_log(
-    log: Log,
-    matcher: MapMatcher,
-    noise: OdometryModel,
-    config: FrontEndConfig,
-    progress: ProgressCallback | None = None,
-    n_scans: int | None = None,
-) -> Track:
-    """Run the front end over a log with its odometry as it is.
-
-    Args:
-        log: the log.
-        matcher: ICE or any other.
-        noise: of the odometry.
-        config: key scans and local reference.
-        progress: called as scans are followed.
-        n_scans: stop after so many.
-
-    Returns:
-        The track.
-    """
-    journey = _Journey(log, matcher, noise, config, progress)
-    journey.advance(len(log) if n_scans is None else min(n_scans, len(log)), log.odometry)
-    return journey.track()
+def track_log(log: Log, matcher: MapMatcher, noise: OdometryModel, config: FrontEndConfig) -> Track:
+    """Run the front end over a log with its odometry as it is, of which only the noise is known."""
+    return track_calibrating(log, matcher, noise, replace(config, calibrate_odometry=False))[0]
 
 
 def track_calibrating(
@@ -123,7 +102,7 @@ class _Journey:
         noise: OdometryModel,
         config: FrontEndConfig,
         progress: ProgressCallback | None,
-        foreknown: Foreknown = NOTHING_FOREKNOWN,
+        foreknown: Foreknown,
     ) -> None:
         self._log = log
         self._min_motion = config.standstill.min_motion
