@@ -1,9 +1,11 @@
 """Reading bags: what a person who has one notices."""
 
 import math
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -407,3 +409,88 @@ def test_what_is_odd_about_real_bags(data_dir: Path) -> None:
     assert "/stable_scan repeats it" in neato.choices["laser"]
     gaps = describe_log(read_log(data_dir / "bags" / "urg-corridor-2019-04.bag")).gaps
     assert gaps[0][1] == pytest.approx(5.53, abs=0.01)
+
+
+@pytest.mark.parametrize("apart", [-30.0, 4.0])
+def test_odometry_whose_clock_is_seconds_off_is_aligned_by_the_recording(tmp_path: Path, apart: float) -> None:
+    said = [scan(START + k, readings(k % N_SCANS)) for k in range(100)]
+    said += [
+        odometry(START + apart + 0.25 * k, (0.1 * k, 0.0, 0.0), recorded=START + 0.25 * k + 0.02 * (k % 3))
+        for k in range(400)
+    ]
+    log = read_log(write_bag(tmp_path, said))
+    np.testing.assert_allclose(log.odometry[:, 0], 0.4 * np.arange(100), atol=0.02)
+    assert any(f"{abs(apart):.1f} s" in warning and "another clock" in warning for warning in log.warnings)
+
+
+def test_while_odometry_is_silent_its_last_reading_is_held_and_a_whole_source_is_taken(tmp_path: Path) -> None:
+    scans = [scan(START + k, readings(k % N_SCANS)) for k in range(60)]
+    torn = [odometry(START + k, (0.1 * k, 0.0, 0.0)) for k in range(60) if not 20 < k < 40]
+    log = read_log(write_bag(tmp_path, [*scans, *torn], name="torn"))
+    np.testing.assert_allclose(log.odometry[20:40, 0], 2.0, atol=1e-6)
+    assert log.odometry[40, 0] == pytest.approx(4.0)
+    whole = [transform(START + k, "odom", "base_link", (0.1 * k, 0.5, 0.0)) for k in range(60)]
+    log = read_log(write_bag(tmp_path, [*scans, *torn, *whole], name="whole"))
+    np.testing.assert_allclose(log.odometry[:, 0], 0.1 * np.arange(60), atol=1e-6)
+    assert "transform" in log.choices["odometry"]
+
+
+@pytest.mark.parametrize("is_topic", [True, False])
+def test_of_several_robots_the_odometry_is_that_of_the_lasers_own(tmp_path: Path, is_topic: bool) -> None:
+    said = [scan(START + 0.1 * k, readings(k), topic="/b/scan", frame="b/laser") for k in range(N_SCANS)]
+    said += [transform(START, f"{robot}/base_link", f"{robot}/laser", (0.1, 0.0, 0.0)) for robot in "ab"]
+    for k in range(N_SCANS):
+        for robot, speed in (("a", 1.0), ("b", 0.02)):
+            frames, pose = (f"{robot}/odom", f"{robot}/base_link"), (speed * k, 0.0, 0.0)
+            if is_topic:
+                moved = odometry(START + 0.1 * k, pose, topic=f"/{robot}/odom", parent=frames[0], child=frames[1])
+            else:
+                moved = transform(START + 0.1 * k, *frames, pose)
+            said.append(moved)
+    log = read_log(write_bag(tmp_path, said))
+    np.testing.assert_allclose(log.odometry[:, 0], 0.02 * np.arange(N_SCANS), atol=1e-6)
+
+
+def test_parts_of_a_recording_that_each_bear_their_own_date_are_one_bag(tmp_path: Path) -> None:
+    folder = tmp_path / "split"
+    folder.mkdir()
+    for part, said in enumerate(np.array_split(np.arange(N_SCANS), 3)):
+        own = [scan(START + 0.1 * k, readings(k)) for k in said.tolist()]
+        write_bag(tmp_path, own).rename(folder / f"run_2024-05-01-10-0{5 * part % 7}-00_{part}.bag")
+    assert len(read_log(folder)) == N_SCANS
+
+
+def test_what_a_recorder_had_still_to_write_is_read(tmp_path: Path) -> None:
+    file = storage_file(write_bag(tmp_path, moving_scans(), "sqlite3"))
+    crashed = tmp_path / "crashed"
+    crashed.mkdir()
+    with closing(sqlite3.connect(file)) as database:
+        database.execute("PRAGMA journal_mode=WAL").fetchall()
+        rows = database.execute("SELECT * FROM messages ORDER BY id DESC LIMIT 4").fetchall()
+        database.execute("DELETE FROM messages WHERE id IN (SELECT id FROM messages ORDER BY id DESC LIMIT 4)")
+        database.commit()
+        database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+        database.executemany(f"INSERT INTO messages VALUES ({','.join('?' * len(rows[0]))})", rows)
+        database.commit()
+        for name in (file.name, f"{file.name}-wal"):
+            (crashed / name).write_bytes((file.parent / name).read_bytes())
+    before = {entry.name: entry.read_bytes() for entry in crashed.iterdir()}
+    assert len(read_log(crashed / file.name)) == N_SCANS
+    assert {entry.name: entry.read_bytes() for entry in crashed.iterdir()} == before
+
+
+def test_a_flat_cloud_may_be_given_in_the_frame_of_the_base(tmp_path: Path) -> None:
+    bearings = np.radians(np.arange(0.25, 360.0, 1.0))
+    points = np.column_stack([3.0 * np.cos(bearings), 3.0 * np.sin(bearings), np.full(len(bearings), 0.3)])
+    said = [point_cloud(START + 0.1 * k, points, frame="base_link") for k in range(12)]
+    ranges = read_log(write_bag(tmp_path, said)).ranges
+    assert np.isfinite(ranges).sum(axis=1).min() == len(bearings)
+    np.testing.assert_allclose(ranges[np.isfinite(ranges)], 3.0, atol=1e-5)
+
+
+def test_scans_recorded_a_few_periods_late_keep_their_stamps(tmp_path: Path) -> None:
+    late = [0.9 if k % 4 == 0 else 0.0 for k in range(80)]
+    said = [scan(START + 0.1 * k, readings(k % N_SCANS), recorded=START + 0.1 * k + late[k]) for k in range(80)]
+    log = read_log(write_bag(tmp_path, said))
+    np.testing.assert_allclose(log.stamps, START + 0.1 * np.arange(80), atol=1e-6)
+    assert any("arrived behind later ones" in warning for warning in log.warnings)

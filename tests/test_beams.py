@@ -33,3 +33,10 @@ def test_sweeps_are_stacked_on_the_usual_setting() -> None:
     assert_array_equal(stacked, np.repeat([[1.0], [2.0], [3.0]], 181, axis=1))
     assert_allclose(bearings, find_beams(usual, {}).bearings)
     assert warnings == ["the beams change: 1 scans with 361 are placed on the bearings of the usual 181"]
+
+
+def test_parameters_that_say_another_view_than_the_known_scanners_are_believed() -> None:
+    around = find_beams(Setup(360, None), {"resolution": 1.0, "fov": 360.0}).bearings
+    assert np.degrees(around[-1] - around[0]) == pytest.approx(359.0)
+    known = find_beams(Setup(360, None), {}).bearings
+    assert_array_equal(find_beams(Setup(360, None), {"resolution": 0.5, "fov": 180.0}).bearings, known)

@@ -174,3 +174,11 @@ def test_a_robot_whose_scans_match_nothing_is_lost_and_does_not_stand_still() ->
     assert track.dead == [(1, 99)]
     assert track.lost
     assert len(track.keys) > 20
+
+
+def test_what_is_held_for_long_is_no_arc(log: Log) -> None:
+    held = replace(log, odometry=_held(log.odometry, 3))
+    filled = with_odometry_between_readings(held, StandstillConfig())
+    assert not np.array_equal(filled.odometry, held.odometry)
+    shorter = 1.5 * float(np.median(np.diff(log.stamps)))
+    assert with_odometry_between_readings(held, StandstillConfig(held_longest=shorter)) is held

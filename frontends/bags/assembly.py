@@ -165,7 +165,7 @@ def choose(records: Records, options: BagOptions) -> Choice:
     times = _times(scans, stacked)
     sweep = _sweep(scans, stacked, times)
     stamps = times.stamps + 0.5 * abs(sweep or 0.0)
-    odometry, notes = choose_odometry(records, frames, laser.laser.frame, times, stamps, options.odometry_topic)
+    odometry, notes = choose_odometry(records, frames, laser.laser, times, stamps, options.odometry_topic)
     return Choice(
         frames=frames,
         laser=laser.laser,

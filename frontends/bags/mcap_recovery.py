@@ -18,6 +18,8 @@ _RECORD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
 _CHUNK_HEAD = struct.Struct("<QQQI")
 _MOST_BYTES = 1 << 31
+_ENCODINGS = ("cdr", "ros1")
+"""How messages of ROS are serialised; what JSON or protocol buffers hold is no message of its."""
 
 
 class _Book:
@@ -74,13 +76,13 @@ def _messages(operation: int, content: bytes, book: _Book, types: Collection[str
     elif operation == _CHANNEL:
         topic, at = _text(content, 4)
         encoding, _ = _text(content, at)
-        name = book.types.get(_short(content, 2), "")
+        name = book.types.get(_short(content, 2), "") if encoding in _ENCODINGS else f"one as {encoding}"
         book.channels[_short(content, 0)] = Channel(topic, name, is_cdr=encoding == "cdr")
     elif operation == _MESSAGE:
         number, _, logged, _ = _MESSAGE_HEAD.unpack_from(content)
         channel = book.channels[number]
         see(channel, 1)
-        if channel.type in types and channel.is_cdr:
+        if channel.type in types:
             yield Message(channel, 1e-9 * logged, content[_MESSAGE_HEAD.size :])
 
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +10,7 @@ from numpy.typing import NDArray
 from frontends.bags import messages
 from frontends.bags.errors import BagError
 from frontends.bags.frames import Frames
-from frontends.bags.records import PoseSource, Records, Rows
+from frontends.bags.records import Laser, PoseSource, Records, Rows
 from frontends.bags.rigid import planar_poses
 from frontends.bags.sources import is_fixed_frame, is_odometry, is_odometry_frame, is_truth, last_word
 from frontends.bags.times import ScanTimes, covered, pose_times
@@ -42,14 +43,14 @@ class PosesOfScans:
 
 
 def choose_odometry(
-    records: Records, frames: Frames, laser_frame: str, times: ScanTimes, stamps: NDArray[np.float64], topic: str | None
+    records: Records, frames: Frames, laser: Laser, times: ScanTimes, stamps: NDArray[np.float64], topic: str | None
 ) -> tuple[PosesOfScans | None, tuple[str, ...]]:
     """Find the robot's own odometry at the scans.
 
     Args:
         records: what the bag holds.
         frames: its tree.
-        laser_frame: of the laser.
+        laser: of the robot; where the bag holds several robots, the others carry another.
         times: of the scans, as their messages state them.
         stamps: (n,) the times odometry is wanted at [s].
         topic: the topic to take, whatever it is; None to choose.
@@ -62,7 +63,7 @@ def choose_odometry(
     """
     if topic is not None:
         return _at_scans(*_asked_for(records, topic), times, stamps), ()
-    candidates = _candidates(records, frames, laser_frame)
+    candidates = _candidates(records, frames, laser)
     found = [_at_scans(name, child, rows, times, stamps) for name, child, rows in candidates]
     if not found:
         return None, _why_none(records)
@@ -82,15 +83,25 @@ def choose_truth(records: Records, times: ScanTimes, stamps: NDArray[np.float64]
     return max(found, key=lambda source: (source.moves, source.share), default=None)
 
 
-def _candidates(records: Records, frames: Frames, laser_frame: str) -> Iterator[tuple[str, str, Rows]]:
-    """Name, child frame and poses of what may be odometry, best first."""
-    topics = [source for source in records.poses if is_odometry(source)]
-    for source in sorted(topics, key=lambda source: (last_word(source.topic) != "odom", source.topic)):
+def _candidates(records: Records, frames: Frames, laser: Laser) -> Iterator[tuple[str, str, Rows]]:
+    """Name, child frame and poses of what may be odometry, best first: of several robots the laser's own."""
+
+    def rank(source: PoseSource) -> tuple[bool, int, bool, str]:
+        is_of_another = bool(source.child) and frames.between(source.child, laser.frame) is None
+        return is_of_another, -_n_shared(source.topic, laser.topic), last_word(source.topic) != "odom", source.topic
+
+    for source in sorted(filter(is_odometry, records.poses), key=rank):
         yield f"{source.topic} (Odometry)", source.child, records.poses[source]
-    chain = frames.above(laser_frame)
-    for (parent, child), rows in records.transforms.items():
+    chain = frames.above(laser.frame)
+    for (parent, child), rows in sorted(records.transforms.items(), key=lambda entry: entry[0][1] not in chain):
         if is_odometry_frame(parent) and child in {*chain, *_bases(records.transforms)} and len(rows) > 1:
             yield f"the transform {parent} → {child}", child, rows
+
+
+def _n_shared(topic: str, other: str) -> int:
+    """How many words two topics begin with, both."""
+    words = zip(topic.strip("/").split("/"), other.strip("/").split("/"), strict=False)
+    return sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], words))
 
 
 def _bases(transforms: Mapping[tuple[str, str], Rows]) -> set[str]:

@@ -19,6 +19,8 @@ POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 _LOWEST, _HIGHEST = -0.006, 0.021
 """Height over distance of the points that count: from a third of a degree below the horizon, where no floor is met for
 long, to 1.2° above it, so that a laser of sixteen rings two degrees apart has one there."""
+_FLAT, _FEWEST_FLAT = 0.02, 20
+"""So many points that lie no higher one than another [m] are a planar laser's, in whatever frame they are given."""
 _STEP = math.radians(0.5)
 _BEARINGS: NDArray[np.float64] = _STEP * (np.arange(round(2.0 * math.pi / _STEP), dtype=np.float64) + 0.5) - math.pi
 _SETTING = (float(_BEARINGS[0]), float(_BEARINGS[-1]), _STEP, 0.0, 0.0, 0.0, 0.0)
@@ -57,6 +59,9 @@ def point_cloud(wire: Wire) -> LaserScan:
     points = _points(wire, _Layout(rows, columns, fields))
     with np.errstate(invalid="ignore", over="ignore"):
         distances = np.sqrt(points[0] ** 2 + points[1] ** 2)
+        heights = points[2, np.isfinite(points).all(axis=0)]
+        if len(heights) >= _FEWEST_FLAT and float(np.ptp(heights)) < _FLAT:
+            points[2] = 0.0
         is_level = (points[2] >= _LOWEST * distances) & (points[2] <= _HIGHEST * distances) & (distances > 0.0)
     x, y = points[:2, is_level & np.isfinite(distances)]
     bearings = arctan2(y, x)

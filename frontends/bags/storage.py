@@ -1,8 +1,10 @@
 """The files of a bag, of whatever container, as one stream of serialised messages."""
 
 import re
+import shutil
+import sqlite3
 from collections.abc import Collection, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -146,6 +148,9 @@ def _opened(path: Path, unpacked: ExitStack) -> BagFile:
         raise BagError(f"{path}: found no bag, expected one of ROS 1, or of ROS 2 as sqlite3 or MCAP")
     with path.open("rb") as file:
         is_packed = file.read(4) == ZSTD
+    log = path.with_name(f"{path.name}-wal")
+    if found == "sqlite3" and not is_packed and log.is_file() and log.stat().st_size:
+        return BagFile(_with_log(path, log, Path(unpacked.enter_context(TemporaryDirectory(prefix="iceg-")))), found)
     if not is_packed:
         return BagFile(path, found)
     return BagFile(_unpacked(path, Path(unpacked.enter_context(TemporaryDirectory(prefix="iceg-")))), found)
@@ -199,8 +204,27 @@ def _natural(path: Path) -> list[tuple[int, str]]:
 
 
 def _stem(path: Path) -> str:
-    """The name of a recording without the number of its part."""
-    return re.sub(r"_\d+$", "", path.name.split(".", 1)[0]) + path.name.removesuffix(".zstd")[-4:]
+    """The name of a recording without the number of its part, and without the date that ROS 1 gives each part."""
+    name = re.sub(r"(_?\d{4}(-\d\d){5})?_\d+$", "", path.name.split(".", 1)[0])
+    return name + path.name.removesuffix(".zstd")[-4:]
+
+
+def _with_log(path: Path, log: Path, room: Path) -> Path:
+    """A copy of a database of SQLite with what its write-ahead log holds, as a recorder that crashed leaves it.
+
+    Raises:
+        BagError: the copy cannot be made.
+    """
+    copy = room / path.name
+    try:
+        for file in (path, log):
+            shutil.copyfile(file, room / file.name)
+        with closing(sqlite3.connect(copy)) as database:
+            database.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchall()
+            database.execute("PRAGMA journal_mode=DELETE").fetchall()
+    except (OSError, sqlite3.Error) as error:
+        raise BagError(f"{log}: what the recorder had still to write cannot be taken over ({error})") from error
+    return copy
 
 
 def _listed(paths: list[Path]) -> str:

@@ -5,6 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.pose_samples import is_gap
+
 _ANOTHER_CLOCK = 3600.0
 """Stamps whose distance from the recording differs by more than this [s] from the rest's are of another clock."""
 _CLOSE, _MOSTLY = 0.5, 0.2
@@ -12,6 +14,9 @@ _CLOSE, _MOSTLY = 0.5, 0.2
 within half of the usual period."""
 _REACH = 0.5
 """A source of poses tells of times that lie up to this [s] outside its own."""
+_CLOCKS_APART, _STEADY = 2.0, 0.25
+"""Two sources that are recorded so much [s] later after their stamps, the one than the other, have two clocks, if the
+difference varies by no more than this share of it."""
 _ENOUGH = 0.5
 """Share of the scans that the stamps of a source must cover to be of the same clock."""
 
@@ -55,7 +60,7 @@ def scan_times(stamps: NDArray[np.float64], recorded: NDArray[np.float64]) -> Sc
             f"{int(elsewhere.sum())} scans bear stamps of another clock: they are placed by the times of recording"
         )
     order = np.argsort(times, kind="stable")
-    if _runs_again(times, order):
+    if _runs_again(times, order, recorded):
         again = "the stamps run through the same time more than once: the times of recording are taken"
         return _as_recorded(recorded, again)
     late = int(np.count_nonzero(times < np.maximum.accumulate(times)))
@@ -79,6 +84,14 @@ def pose_times(
     """
     if scans.are_recorded:
         return recorded, []
+    lag = recorded - stamps
+    apart = float(np.median(lag)) - scans.behind
+    is_steady = float(np.ptp(np.percentile(lag, (10.0, 90.0)))) < _STEADY * abs(apart)
+    if abs(apart) > _CLOCKS_APART and is_steady and covered(stamps + apart, scans.stamps).mean() >= _ENOUGH:
+        side = "behind" if apart > 0.0 else "ahead of"
+        return stamps + apart, [
+            f"the stamps lie {abs(apart):.1f} s {side} the scans', by another clock: the times of recording align them"
+        ]
     if covered(stamps, scans.stamps).mean() >= _ENOUGH:
         return stamps, []
     by_recording = recorded - scans.behind
@@ -90,10 +103,13 @@ def pose_times(
 
 
 def covered(times: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Which of the times `at` lie within those of a source, or hardly outside."""
+    """Which of the times `at` lie within those of a source, or hardly outside, and in no gap of it."""
     if not len(times):
         return np.zeros(len(at), dtype=np.bool_)
-    within: NDArray[np.bool_] = (at >= times.min() - _REACH) & (at <= times.max() + _REACH)
+    times = np.unique(times)
+    within: NDArray[np.bool_] = (at >= times[0] - _REACH) & (at <= times[-1] + _REACH)
+    if len(times) > 1:
+        within &= ~is_gap(times)[np.clip(np.searchsorted(times, at), 1, len(times) - 1) - 1]
     return within
 
 
@@ -102,10 +118,11 @@ def _as_recorded(recorded: NDArray[np.float64], why: str) -> ScanTimes:
     return ScanTimes(order=order, stamps=recorded[order], behind=0.0, are_recorded=True, warnings=(why,))
 
 
-def _runs_again(times: NDArray[np.float64], order: NDArray[np.int64]) -> bool:
+def _runs_again(times: NDArray[np.float64], order: NDArray[np.int64], recorded: NDArray[np.float64]) -> bool:
     steps = np.diff(times)
     forward = steps[steps > 0.0]
     if not len(forward) or len(forward) == len(steps):
         return False
     sorted_steps = np.diff(times[order])
-    return bool(np.mean(sorted_steps < _CLOSE * np.median(forward)) > _MOSTLY)
+    period = min(float(np.median(forward)), float(np.median(np.diff(np.sort(recorded)))))
+    return bool(np.mean(sorted_steps < _CLOSE * period) > _MOSTLY)

@@ -78,9 +78,9 @@ def find_beams(setup: Setup, parameters: Mapping[str, float]) -> Beams:
     """Find the bearings of a setting.
 
     In this order: first bearing and step of the message; its first bearing and field of view, where the step
-    contradicts them; the scanner known for this number of beams; `resolution` and `fov` of the log's parameters; an
-    even spread over 180°. Numbers that no laser can have (a first bearing beyond two turns, beams less than 10⁻⁶ rad
-    apart or over more than a whole turn) are passed over with a warning.
+    contradicts them; the scanner known for this number of beams, unless `resolution` and `fov` of the log's
+    parameters say another; these; an even spread over 180°. Numbers that no laser can have (a first bearing beyond two
+    turns, beams less than 10⁻⁶ rad apart or over more than a whole turn) are passed over with a warning.
 
     Args:
         setup: number of beams and, where the message has one, the description.
@@ -102,14 +102,20 @@ def find_beams(setup: Setup, parameters: Mapping[str, float]) -> Beams:
         if any((start, view, step)):
             said = f"{n_beams} beams {step:g} rad apart over {view:g} rad from {start:g} rad on"
             warnings = (f"the log says {said}, which is no laser's: it is left out",)
-    known = _known(n_beams)
-    if known is not None:
-        return Beams(bearings=known, warnings=warnings)
     step, view = (math.radians(parameters.get(name, 0.0)) for name in ("resolution", "fov"))
-    if step > 0 and _spans(step, n_beams, view):
+    is_said = step > 0 and _spans(step, n_beams, view)
+    known = _known(n_beams)
+    if known is not None and not (is_said and _is_of_another(known, view, step)):
+        return Beams(bearings=known, warnings=warnings)
+    if is_said:
         return Beams(bearings=_evenly(-0.5 * view, step, n_beams), warnings=warnings)
     warning = f"no scanner with {n_beams} beams is known: they are spread evenly from -90° to +90°"
     return Beams(bearings=np.linspace(-0.5 * np.pi, 0.5 * np.pi, n_beams), warnings=(*warnings, warning))
+
+
+def _is_of_another(known: NDArray[np.float64], view: float, step: float) -> bool:
+    """Whether a scanner of a field of view and step is not the one known for its number of beams."""
+    return abs(float(known[-1] - known[0]) - view) > 2.0 * step
 
 
 def place_on_bearings(

@@ -43,6 +43,9 @@ class StandstillConfig(SlamSettings, prefix="standstill: "):
     readings that are held."""
     fastest: float = 2.0
     """Nobody moves more times as fast while a reading is held as in all but one in a hundred of the other steps."""
+    held_longest: float = between(3.0, 0.0, 3600.0)
+    """A reading that is held for longer [s] tells nothing of the way meanwhile, which need not be the arc from one
+    reading to the next: odometry counts as dead."""
     least_change: float = positive(0.001)
     """Standard deviation of the change of velocity from one scan to the next, at least [m, rad]."""
     ends: int = 3

@@ -40,6 +40,9 @@ def with_odometry_between_readings(log: Log, config: StandstillConfig) -> Log:
     odometry, periods = log.odometry[is_new], waits(log.stamps[is_new])
     moves, spread = held_readings(odometry, periods, config)
     spread = np.where(_are_confirmed(log.ranges[is_new], moves, spread, config), spread, 1)
+    stamps = log.stamps[is_new]
+    is_arc = stamps[moves + 1] - stamps[moves + 1 - spread] <= config.held_longest
+    spread = np.where(is_arc, spread, 1)
     if not (spread > 1).any():
         return log
     filled = between_readings(odometry, periods, moves, spread)[np.cumsum(is_new) - 1]
