@@ -112,18 +112,20 @@ def optimize(
         The optimum, and what every factor had to do with it.
 
     Raises:
-        GraphError: a factor joins a pose that is not there, a pose hangs on nothing, or no damping helps.
+        GraphError: the guesses are no poses, a factor joins a pose that is not there, a pose hangs on nothing, or no
+            damping helps.
     """
     settings = config or BatchConfig()
-    n_poses = len(initial) if initial is not None else _n_poses(factors)
+    guesses = None if initial is None else _checked_poses(initial, factors)
+    n_poses = _n_poses(factors) if guesses is None else len(guesses)
     check_determined(factors, n_poses)
     problem = Problem.of(factors, n_poses)
     suspects = _suspects(factors, problem, settings.suspects)
     robust = _with_kernel(problem, settings, suspects)
     stages: list[Stage] = []
-    start = chained_poses(factors, n_poses) if initial is None else np.array(initial, dtype=np.float64, order="C")
+    start = chained_poses(factors, n_poses) if guesses is None else guesses
     poses, active = start, np.ones_like(suspects)
-    if initial is None:
+    if guesses is None:
         grown = _best_grown_start(robust, suspects, start)
         poses, active = grown.poses, grown.active
         stages.append(_stage("start", robust, start, poses, grown.iterations))
@@ -154,8 +156,13 @@ def optimize(
 
 
 def graph_error(factors: Sequence[Factor], poses: NDArray[np.float64]) -> float:
-    """Half the sum of squared, whitened (and robustly weighted) residuals of the factors at (n, 3) poses."""
-    return float(Problem.of(factors, len(poses)).evaluate(np.asarray(poses, dtype=np.float64)).losses.sum())
+    """Half the sum of squared, whitened (and robustly weighted) residuals of the factors at (n, 3) poses.
+
+    Raises:
+        GraphError: the poses are none, or a factor joins one that is not among them.
+    """
+    here = _checked_poses(poses, factors)
+    return float(Problem.of(factors, len(here)).evaluate(here).losses.sum())
 
 
 def marginal_covariances(factors: Sequence[Factor], poses: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -169,10 +176,11 @@ def marginal_covariances(factors: Sequence[Factor], poses: NDArray[np.float64]) 
         (n, 3, 3) marginal covariances, each in the tangent space at its pose.
 
     Raises:
-        GraphError: the factors do not determine every pose.
+        GraphError: the poses are none, or the factors do not determine every one of them.
     """
-    check_determined(factors, len(poses))
-    return Problem.of(factors, len(poses)).marginal_covariances(np.array(poses, dtype=np.float64, order="C"))
+    here = _checked_poses(poses, factors)
+    check_determined(factors, len(here))
+    return Problem.of(factors, len(here)).marginal_covariances(here)
 
 
 def check_determined(factors: Sequence[Factor], n_poses: int, ids: NDArray[np.int64] | None = None) -> None:
@@ -243,6 +251,25 @@ def chained_poses(factors: Sequence[Factor], n_poses: int) -> NDArray[np.float64
 _WORTH_WEIGHING = 100.0  # times the gate
 _WIDER = 6.0
 """Φ of the robust start over that of the solution: a closure that drift has put far off must still pull."""
+
+
+def _checked_poses(poses: NDArray[np.float64], factors: Sequence[Factor]) -> NDArray[np.float64]:
+    """(n, 3) a copy of the poses, all factors' ends among them: the kernels read wherever a factor points."""
+    checked = np.array(poses, dtype=np.float64, order="C")
+    if checked.ndim != 2 or checked.shape[1] != 3:
+        raise GraphError(f"found poses of shape {checked.shape}, expected (n, 3)")
+    if not np.isfinite(checked).all():
+        raise GraphError("found NaN or infinity in the poses, expected finite numbers")
+    second = np.array([factor.j for factor in factors], dtype=np.int64)
+    first = np.array([factor.j if factor.i is None else factor.i for factor in factors], dtype=np.int64)
+    missed = (np.minimum(first, second) < 0) | (np.maximum(first, second) >= len(checked))
+    if missed.any():
+        raise _misses(factors[int(missed.argmax())], len(checked))
+    return checked
+
+
+def _misses(factor: Factor, n_poses: int) -> GraphError:
+    return GraphError(f"{factor} joins a pose that is not among the {n_poses} there are")
 
 
 def _n_poses(factors: Sequence[Factor]) -> int:
@@ -373,7 +400,7 @@ def _factors_at(factors: Sequence[Factor], n_poses: int) -> list[list[Factor]]:
     at: list[list[Factor]] = [[] for _ in range(n_poses)]
     for factor in factors:
         if not (0 <= factor.j < n_poses and (factor.i is None or 0 <= factor.i < n_poses)):
-            raise GraphError(f"{factor} joins a pose that is not among the {n_poses} there are")
+            raise _misses(factor, n_poses)
         if factor.i is not None:
             at[factor.i].append(factor)
             at[factor.j].append(factor)
