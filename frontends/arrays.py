@@ -10,7 +10,7 @@ from frontends.logs.laser_mount import UNKNOWN
 from frontends.logs.plausibility import judge_odometry
 from frontends.logs.usable_range import mask_no_returns, usable_range, warn_of_no_returns
 from frontends.scan import Log, ScanError, ScanGeometry
-from graph.limits import LIMITS
+from graph.limits import LIMITS, LimitError, check_limit
 from graph.se2 import wrap_angle
 
 _Number = TypeVar("_Number", np.float32, np.float64)
@@ -40,10 +40,16 @@ def log_from_arrays(
     Raises:
         ScanError: an array is not of the shape it must have, or holds what it must not.
     """
-    readings = _array("ranges", ranges, np.float32, ndim=2).copy()
-    n_scans, n_beams = readings.shape
+    given = _array("ranges", ranges, np.float32, ndim=2)
+    n_scans, n_beams = given.shape
     if n_scans < 1 or n_beams < 2:
-        raise ScanError(f"found ranges of shape {readings.shape}, expected (n_scans, n_beams), at least (1, 2)")
+        raise ScanError(f"found ranges of shape {given.shape}, expected (n_scans, n_beams), at least (1, 2)")
+    try:
+        check_limit(n_scans, "scans", f"found ranges of shape {given.shape}")
+        check_limit(given.size, "readings", f"found ranges of shape {given.shape}")
+    except LimitError as error:
+        raise ScanError(str(error)) from error
+    readings = given.copy()
     directions = _bearings(bearings, field_of_view, n_beams)
     if directions[0] > directions[-1]:
         directions, readings = directions[::-1].copy(), np.ascontiguousarray(readings[:, ::-1])
