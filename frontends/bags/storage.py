@@ -13,6 +13,7 @@ from frontends.bags.errors import BagError
 from frontends.bags.magic import ZSTD, container
 from frontends.bags.message import Message, See, Tell
 from graph.errors import reason
+from graph.limits import LimitError, check_limit
 
 _SUFFIXES = (".bag", ".db3", ".mcap", ".zstd")
 _RECOVERIES = {
@@ -154,11 +155,15 @@ def _opened(path: Path, unpacked: ExitStack) -> BagFile:
 def _unpacked(path: Path, room: Path) -> Path:
     from frontends.bags.compression import zstd
 
-    unpacked = room / path.name.removesuffix(".zstd")
+    unpacked, size = room / path.name.removesuffix(".zstd"), 0
     with path.open("rb") as file, zstd.open(file, "rb") as source, unpacked.open("wb") as target:
         try:
             while block := source.read(1 << 20):
+                size += len(block)
+                check_limit(size, "log_bytes", f"{path}: found {size} bytes or more when unpacked")
                 target.write(block)
+        except LimitError as error:
+            raise BagError(str(error)) from error
         except (zstd.ZstdError, EOFError):
             pass  # what is there is told when it is read
     return unpacked
