@@ -1,6 +1,7 @@
 """Reading bags: what a person who has one notices."""
 
 import math
+import os
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -96,6 +97,23 @@ def test_files_that_continue_each_other_are_one_bag(tmp_path: Path) -> None:
     log = read_log(folder)
     assert len(log) == N_SCANS
     assert any("gone.db3" in warning for warning in log.warnings)
+
+
+@pytest.mark.parametrize("name", ["metadata.yaml", "part_0.db3"])
+def test_a_pipe_among_the_files_of_a_bag_is_refused(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    storage_file(write_bag(tmp_path, moving_scans(), "sqlite3")).rename(folder / "part_1.db3")
+    os.mkfifo(folder / name)
+    with pytest.raises(LogError, match=rf"{name}: cannot be read as .*: found a device or pipe, expected a file"):
+        read_log(folder)
+
+
+def test_digits_that_are_no_number_do_not_count_the_files(tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    storage_file(write_bag(tmp_path, moving_scans(), "sqlite3")).rename(folder / "1²2_0.db3")
+    assert len(read_log(folder)) == N_SCANS
 
 
 def test_a_folder_of_several_bags_is_refused(tmp_path: Path) -> None:
