@@ -53,6 +53,8 @@ class BearingScan:
         """
         step = np.roll(self.xy, -1, axis=0) - self.xy
         turn = np.mod(np.roll(self.bearings, -1) - self.bearings, 2 * np.pi)
+        if len(self) and self.bearings[-1] - self.bearings[0] > 2 * np.pi:
+            turn[-1] = 0.0  # the last beam lies past the first
         near = step[:, 0] ** 2 + step[:, 1] ** 2 <= max_gap**2
         return np.asarray(near & (turn <= (max_beams + 0.5) * self.resolution), dtype=np.bool_)
 
