@@ -34,7 +34,8 @@ class ScanGeometry:
         T_robot_laser: (3,) pose of the laser on the robot: x [m], y [m], heading [rad].
 
     Raises:
-        ScanError: bearings that do not increase or span more than a whole turn, a range or a place that no laser has.
+        ScanError: fewer than two bearings, some that do not increase or span more than a whole turn, a range or a place
+            that no laser has.
     """
 
     bearings: NDArray[np.float64]
@@ -44,8 +45,8 @@ class ScanGeometry:
 
     def __post_init__(self) -> None:
         bearings, place = np.asarray(self.bearings), np.asarray(self.T_robot_laser)
-        if bearings.ndim != 1 or not 1 <= len(bearings) <= LIMITS.beams:
-            raise ScanError(f"found bearings of shape {bearings.shape}, expected one row of 1 to {LIMITS.beams}")
+        if bearings.ndim != 1 or not 2 <= len(bearings) <= LIMITS.beams:
+            raise ScanError(f"found bearings of shape {bearings.shape}, expected one row of 2 to {LIMITS.beams}")
         if not (np.abs(bearings).max() <= _MOST_BEARING and bearings[-1] - bearings[0] <= WHOLE_TURN):
             raise ScanError(
                 f"found bearings from {bearings.min():g} to {bearings.max():g} rad, expected them within a whole turn"

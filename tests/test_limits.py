@@ -174,6 +174,7 @@ def test_a_description_that_is_no_lasers_is_left_out_with_a_warning(start: float
         [1e150, 2e150],
         [0.0, 7.0],
         [],
+        [0.0],
         [[0.0, 1.0]],
     ],
 )

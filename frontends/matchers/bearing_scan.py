@@ -38,8 +38,7 @@ class BearingScan:
         xy = np.empty((len(ranges), 2))
         cos, sin = cos_sin(bearings)
         xy[:, 0], xy[:, 1] = ranges * cos, ranges * sin
-        resolution = geometry.resolution if geometry.n_beams > 1 else 0.0
-        return cls(xy=xy, bearings=bearings, ranges=ranges, resolution=resolution)
+        return cls(xy=xy, bearings=bearings, ranges=ranges, resolution=geometry.resolution)
 
     def links(self, max_gap: float, max_beams: float = 3.0) -> NDArray[np.bool_]:
         """Which neighbours may be joined by a piece of surface.
