@@ -120,7 +120,7 @@ def optimize(
     n_poses = _n_poses(factors) if guesses is None else len(guesses)
     check_determined(factors, n_poses)
     problem = Problem.of(factors, n_poses)
-    suspects = _suspects(factors, problem, settings.suspects)
+    suspects = suspect_factors(factors, n_poses, settings.suspects)
     robust = _with_kernel(problem, settings, suspects)
     stages: list[Stage] = []
     start = chained_poses(factors, n_poses) if guesses is None else guesses
@@ -214,6 +214,33 @@ def check_determined(factors: Sequence[Factor], n_poses: int, ids: NDArray[np.in
         )
 
 
+def suspect_factors(
+    factors: Sequence[Factor], n_poses: int, kinds: tuple[FactorKind, ...] = ("closure",)
+) -> NDArray[np.bool_]:
+    """Which factors may be false.
+
+    Args:
+        factors: the records.
+        n_poses: number of key poses.
+        kinds: those of factors that may be false.
+
+    Returns:
+        (m,) factors of these kinds, but for those that alone tie a part of the graph to the rest.
+    """
+    suspects = np.array([factor.kind in kinds for factor in factors], dtype=bool)
+    first, second = _ends(factors)
+    if _hang_on_earlier(first[~suspects], second[~suspects], n_poses):
+        return suspects
+    first = np.where(first < 0, n_poses, first)  # the map is a node of its own
+    parts = _Parts(n_poses + 1)
+    for factor in np.flatnonzero(~suspects).tolist():
+        parts.join(int(first[factor]), int(second[factor]))
+    for factor in np.flatnonzero(suspects).tolist():
+        if parts.join(int(first[factor]), int(second[factor])):
+            suspects[factor] = False
+    return suspects
+
+
 def chained_poses(factors: Sequence[Factor], n_poses: int) -> NDArray[np.float64]:
     """First guesses from the factors alone: measurements chained from the priors outwards.
 
@@ -282,21 +309,6 @@ def _with_kernel(problem: Problem, settings: BatchConfig, suspects: NDArray[np.b
     if settings.kernel == "none":
         return problem.with_kernel("dcs" if settings.gnc else None, settings.kernel_width, suspects)
     return problem.with_kernel(settings.kernel, settings.kernel_width, suspects)
-
-
-def _suspects(factors: Sequence[Factor], problem: Problem, kinds: tuple[FactorKind, ...]) -> NDArray[np.bool_]:
-    """(m,) factors that may be false, but for those that alone tie a part of the graph to the rest."""
-    suspects = np.array([factor.kind in kinds for factor in factors], dtype=bool)
-    if _hang_on_earlier(problem.i[~suspects], problem.j[~suspects], problem.n_poses):
-        return suspects
-    first, second = np.where(problem.i < 0, problem.n_poses, problem.i), problem.j  # the map is a node of its own
-    parts = _Parts(problem.n_poses + 1)
-    for factor in np.flatnonzero(~suspects).tolist():
-        parts.join(int(first[factor]), int(second[factor]))
-    for factor in np.flatnonzero(suspects).tolist():
-        if parts.join(int(first[factor]), int(second[factor])):
-            suspects[factor] = False
-    return suspects
 
 
 class _Parts:
