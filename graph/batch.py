@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,12 @@ class BatchConfig:
     absolute_tolerance: float = 1e-9
 
     def __post_init__(self) -> None:
+        if self.kernel not in get_args(KernelChoice):
+            raise GraphError(f"found the kernel {self.kernel!r}, expected one of {', '.join(get_args(KernelChoice))}")
+        if not set(self.suspects) <= set(get_args(FactorKind)):
+            raise GraphError(
+                f"found the suspects {self.suspects!r}, expected some of {', '.join(get_args(FactorKind))}"
+            )
         if not self.kernel_width > 0.0:
             raise GraphError(f"kernel_width is positive, found {self.kernel_width}")
         if not 0.0 < self.inlier_probability < 1.0:
