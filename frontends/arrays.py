@@ -9,13 +9,12 @@ from numpy.typing import ArrayLike, NDArray
 from frontends.logs.laser_mount import UNKNOWN
 from frontends.logs.plausibility import judge_odometry
 from frontends.logs.usable_range import mask_no_returns, usable_range, warn_of_no_returns
-from frontends.scan import Log, ScanError, ScanGeometry
-from graph.limits import LIMITS
+from frontends.scan import WHOLE_TURN, Log, ScanError, ScanGeometry
+from graph.limits import LIMITS, LimitError, check_limit
 from graph.se2 import wrap_angle
 
 _Number = TypeVar("_Number", np.float32, np.float64)
 
-_WHOLE_TURN = 2.0 * np.pi * (1.0 + 1e-6)
 _UNEVEN = 0.5
 """Bearings may lie off an even spread by less than this share of a step."""
 
@@ -40,10 +39,16 @@ def log_from_arrays(
     Raises:
         ScanError: an array is not of the shape it must have, or holds what it must not.
     """
-    readings = _array("ranges", ranges, np.float32, ndim=2).copy()
-    n_scans, n_beams = readings.shape
+    given = _array("ranges", ranges, np.float32, ndim=2)
+    n_scans, n_beams = given.shape
     if n_scans < 1 or n_beams < 2:
-        raise ScanError(f"found ranges of shape {readings.shape}, expected (n_scans, n_beams), at least (1, 2)")
+        raise ScanError(f"found ranges of shape {given.shape}, expected (n_scans, n_beams), at least (1, 2)")
+    try:
+        check_limit(n_scans, "scans", f"found ranges of shape {given.shape}")
+        check_limit(given.size, "readings", f"found ranges of shape {given.shape}")
+    except LimitError as error:
+        raise ScanError(str(error)) from error
+    readings = given.copy()
     directions = _bearings(bearings, field_of_view, n_beams)
     if directions[0] > directions[-1]:
         directions, readings = directions[::-1].copy(), np.ascontiguousarray(readings[:, ::-1])
@@ -88,7 +93,7 @@ def _bearings(bearings: ArrayLike | None, field_of_view: float | None, n_beams: 
         raise ScanError("found bearings and field_of_view, or neither, expected exactly one of them")
     if field_of_view is not None:
         view = float(checked_finite("field_of_view", field_of_view, ()))
-        if not 0.0 < view <= _WHOLE_TURN:
+        if not 0.0 < view <= WHOLE_TURN:
             raise ScanError(f"found a field of view of {view} rad, expected more than 0 and at most 2π")
         return np.linspace(-0.5 * view, 0.5 * view, n_beams)
     directions = checked_finite("bearings", bearings, (n_beams,))
@@ -96,7 +101,7 @@ def _bearings(bearings: ArrayLike | None, field_of_view: float | None, n_beams: 
     step = float(directions[-1] - directions[0]) / (n_beams - 1)
     if not (np.sign(steps) == np.sign(step)).all() or step == 0.0:
         raise ScanError("found bearings that neither increase nor decrease throughout, expected them in order")
-    if abs(step) * (n_beams - 1) > _WHOLE_TURN:
+    if abs(step) * (n_beams - 1) > WHOLE_TURN:
         raise ScanError(f"found bearings over {abs(step) * (n_beams - 1):.4f} rad, expected at most 2π, in radians")
     even = directions[0] + step * np.arange(n_beams)
     if float(np.abs(directions - even).max()) > _UNEVEN * abs(step):

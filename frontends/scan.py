@@ -17,7 +17,7 @@ class ScanError(IcegError):
     """Numbers that are no scan, no laser or no log."""
 
 
-_WHOLE_TURN = 2.0 * np.pi + 2e-3
+WHOLE_TURN = 2.0 * np.pi + 2e-3
 """The widest field of view [rad]; the first beam may be measured twice, and steps are printed rounded."""
 _MOST_BEARING = 8.0 * np.pi
 """Farther round no beam points, however the angles are counted [rad]."""
@@ -34,7 +34,8 @@ class ScanGeometry:
         T_robot_laser: (3,) pose of the laser on the robot: x [m], y [m], heading [rad].
 
     Raises:
-        ScanError: bearings that do not increase or span more than a whole turn, a range or a place that no laser has.
+        ScanError: fewer than two bearings, some that do not increase or span more than a whole turn, a range or a place
+            that no laser has.
     """
 
     bearings: NDArray[np.float64]
@@ -44,9 +45,9 @@ class ScanGeometry:
 
     def __post_init__(self) -> None:
         bearings, place = np.asarray(self.bearings), np.asarray(self.T_robot_laser)
-        if bearings.ndim != 1 or not 1 <= len(bearings) <= LIMITS.beams:
-            raise ScanError(f"found bearings of shape {bearings.shape}, expected one row of 1 to {LIMITS.beams}")
-        if not (np.abs(bearings).max() <= _MOST_BEARING and bearings[-1] - bearings[0] <= _WHOLE_TURN):
+        if bearings.ndim != 1 or not 2 <= len(bearings) <= LIMITS.beams:
+            raise ScanError(f"found bearings of shape {bearings.shape}, expected one row of 2 to {LIMITS.beams}")
+        if not (np.abs(bearings).max() <= _MOST_BEARING and bearings[-1] - bearings[0] <= WHOLE_TURN):
             raise ScanError(
                 f"found bearings from {bearings.min():g} to {bearings.max():g} rad, expected them within a whole turn"
             )
@@ -116,12 +117,13 @@ class Scan:
             T_robot_laser: (3,) pose of the laser on the robot.
 
         Raises:
-            ScanError: the ranges are not one row of at least two, or the field of view is not in (0, 2π].
+            ScanError: the ranges are not one row of at least two, or the field of view is not positive and at most
+                a whole turn.
         """
         readings = np.asarray(ranges, dtype=np.float32)
         if readings.ndim != 1 or len(readings) < 2:
             raise ScanError(f"found ranges of shape {readings.shape}, expected one row of at least 2")
-        if not 0 < field_of_view <= 2 * np.pi:
+        if not 0 < field_of_view <= WHOLE_TURN:
             raise ScanError(f"found a field of view of {field_of_view} rad, expected more than 0 and at most 2π")
         usable = np.isfinite(readings) & (readings >= range_min) & (readings < range_max)
         half = 0.5 * field_of_view

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +47,12 @@ class BatchConfig:
     absolute_tolerance: float = 1e-9
 
     def __post_init__(self) -> None:
+        if self.kernel not in get_args(KernelChoice):
+            raise GraphError(f"found the kernel {self.kernel!r}, expected one of {', '.join(get_args(KernelChoice))}")
+        if not set(self.suspects) <= set(get_args(FactorKind)):
+            raise GraphError(
+                f"found the suspects {self.suspects!r}, expected some of {', '.join(get_args(FactorKind))}"
+            )
         if not self.kernel_width > 0.0:
             raise GraphError(f"kernel_width is positive, found {self.kernel_width}")
         if not 0.0 < self.inlier_probability < 1.0:
@@ -112,18 +118,20 @@ def optimize(
         The optimum, and what every factor had to do with it.
 
     Raises:
-        GraphError: a factor joins a pose that is not there, a pose hangs on nothing, or no damping helps.
+        GraphError: the guesses are no poses, a factor joins a pose that is not there, a pose hangs on nothing, or no
+            damping helps.
     """
     settings = config or BatchConfig()
-    n_poses = len(initial) if initial is not None else _n_poses(factors)
+    guesses = None if initial is None else _checked_poses(initial, factors)
+    n_poses = _n_poses(factors) if guesses is None else len(guesses)
     check_determined(factors, n_poses)
     problem = Problem.of(factors, n_poses)
-    suspects = _suspects(factors, problem, settings.suspects)
+    suspects = suspect_factors(factors, n_poses, settings.suspects)
     robust = _with_kernel(problem, settings, suspects)
     stages: list[Stage] = []
-    start = chained_poses(factors, n_poses) if initial is None else np.array(initial, dtype=np.float64, order="C")
+    start = chained_poses(factors, n_poses) if guesses is None else guesses
     poses, active = start, np.ones_like(suspects)
-    if initial is None:
+    if guesses is None:
         grown = _best_grown_start(robust, suspects, start)
         poses, active = grown.poses, grown.active
         stages.append(_stage("start", robust, start, poses, grown.iterations))
@@ -154,8 +162,13 @@ def optimize(
 
 
 def graph_error(factors: Sequence[Factor], poses: NDArray[np.float64]) -> float:
-    """Half the sum of squared, whitened (and robustly weighted) residuals of the factors at (n, 3) poses."""
-    return float(Problem.of(factors, len(poses)).evaluate(np.asarray(poses, dtype=np.float64)).losses.sum())
+    """Half the sum of squared, whitened (and robustly weighted) residuals of the factors at (n, 3) poses.
+
+    Raises:
+        GraphError: the poses are none, or a factor joins one that is not among them.
+    """
+    here = _checked_poses(poses, factors)
+    return float(Problem.of(factors, len(here)).evaluate(here).losses.sum())
 
 
 def marginal_covariances(factors: Sequence[Factor], poses: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -169,10 +182,11 @@ def marginal_covariances(factors: Sequence[Factor], poses: NDArray[np.float64]) 
         (n, 3, 3) marginal covariances, each in the tangent space at its pose.
 
     Raises:
-        GraphError: the factors do not determine every pose.
+        GraphError: the poses are none, or the factors do not determine every one of them.
     """
-    check_determined(factors, len(poses))
-    return Problem.of(factors, len(poses)).marginal_covariances(np.array(poses, dtype=np.float64, order="C"))
+    here = _checked_poses(poses, factors)
+    check_determined(factors, len(here))
+    return Problem.of(factors, len(here)).marginal_covariances(here)
 
 
 def check_determined(factors: Sequence[Factor], n_poses: int, ids: NDArray[np.int64] | None = None) -> None:
@@ -204,6 +218,33 @@ def check_determined(factors: Sequence[Factor], n_poses: int, ids: NDArray[np.in
             f"{connected.count(False)} of {n_poses} poses are connected to no prior, the first is pose "
             f"{first if ids is None else ids[first]}"
         )
+
+
+def suspect_factors(
+    factors: Sequence[Factor], n_poses: int, kinds: tuple[FactorKind, ...] = ("closure",)
+) -> NDArray[np.bool_]:
+    """Which factors may be false.
+
+    Args:
+        factors: the records.
+        n_poses: number of key poses.
+        kinds: those of factors that may be false.
+
+    Returns:
+        (m,) factors of these kinds, but for those that alone tie a part of the graph to the rest.
+    """
+    suspects = np.array([factor.kind in kinds for factor in factors], dtype=bool)
+    first, second = _ends(factors)
+    if _hang_on_earlier(first[~suspects], second[~suspects], n_poses):
+        return suspects
+    first = np.where(first < 0, n_poses, first)  # the map is a node of its own
+    parts = _Parts(n_poses + 1)
+    for factor in np.flatnonzero(~suspects).tolist():
+        parts.join(int(first[factor]), int(second[factor]))
+    for factor in np.flatnonzero(suspects).tolist():
+        if parts.join(int(first[factor]), int(second[factor])):
+            suspects[factor] = False
+    return suspects
 
 
 def chained_poses(factors: Sequence[Factor], n_poses: int) -> NDArray[np.float64]:
@@ -245,6 +286,25 @@ _WIDER = 6.0
 """Φ of the robust start over that of the solution: a closure that drift has put far off must still pull."""
 
 
+def _checked_poses(poses: NDArray[np.float64], factors: Sequence[Factor]) -> NDArray[np.float64]:
+    """(n, 3) a copy of the poses, all factors' ends among them: the kernels read wherever a factor points."""
+    checked = np.array(poses, dtype=np.float64, order="C")
+    if checked.ndim != 2 or checked.shape[1] != 3:
+        raise GraphError(f"found poses of shape {checked.shape}, expected (n, 3)")
+    if not np.isfinite(checked).all():
+        raise GraphError("found NaN or infinity in the poses, expected finite numbers")
+    second = np.array([factor.j for factor in factors], dtype=np.int64)
+    first = np.array([factor.j if factor.i is None else factor.i for factor in factors], dtype=np.int64)
+    missed = (np.minimum(first, second) < 0) | (np.maximum(first, second) >= len(checked))
+    if missed.any():
+        raise _misses(factors[int(missed.argmax())], len(checked))
+    return checked
+
+
+def _misses(factor: Factor, n_poses: int) -> GraphError:
+    return GraphError(f"{factor} joins a pose that is not among the {n_poses} there are")
+
+
 def _n_poses(factors: Sequence[Factor]) -> int:
     return 1 + max((max(factor.j, -1 if factor.i is None else factor.i) for factor in factors), default=-1)
 
@@ -255,21 +315,6 @@ def _with_kernel(problem: Problem, settings: BatchConfig, suspects: NDArray[np.b
     if settings.kernel == "none":
         return problem.with_kernel("dcs" if settings.gnc else None, settings.kernel_width, suspects)
     return problem.with_kernel(settings.kernel, settings.kernel_width, suspects)
-
-
-def _suspects(factors: Sequence[Factor], problem: Problem, kinds: tuple[FactorKind, ...]) -> NDArray[np.bool_]:
-    """(m,) factors that may be false, but for those that alone tie a part of the graph to the rest."""
-    suspects = np.array([factor.kind in kinds for factor in factors], dtype=bool)
-    if _hang_on_earlier(problem.i[~suspects], problem.j[~suspects], problem.n_poses):
-        return suspects
-    first, second = np.where(problem.i < 0, problem.n_poses, problem.i), problem.j  # the map is a node of its own
-    parts = _Parts(problem.n_poses + 1)
-    for factor in np.flatnonzero(~suspects).tolist():
-        parts.join(int(first[factor]), int(second[factor]))
-    for factor in np.flatnonzero(suspects).tolist():
-        if parts.join(int(first[factor]), int(second[factor])):
-            suspects[factor] = False
-    return suspects
 
 
 class _Parts:
@@ -373,7 +418,7 @@ def _factors_at(factors: Sequence[Factor], n_poses: int) -> list[list[Factor]]:
     at: list[list[Factor]] = [[] for _ in range(n_poses)]
     for factor in factors:
         if not (0 <= factor.j < n_poses and (factor.i is None or 0 <= factor.i < n_poses)):
-            raise GraphError(f"{factor} joins a pose that is not among the {n_poses} there are")
+            raise _misses(factor, n_poses)
         if factor.i is not None:
             at[factor.i].append(factor)
             at[factor.j].append(factor)

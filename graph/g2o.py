@@ -217,8 +217,9 @@ def _covariance_of(information: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _known(remark: list[str]) -> list[str]:
-    """The remark, if it is one of ours; other people's are passed over."""
-    return remark if remark and remark[0] in get_args(FactorKind) else []
+    """The remark, if it is one of ours: a kind alone, or a kind and a kernel; other people's are passed over."""
+    is_kind = 1 <= len(remark) <= 3 and remark[0] in get_args(FactorKind)
+    return remark if is_kind and (len(remark) == 1 or remark[1] in get_args(KernelName)) else []
 
 
 def _kernel(edge: _Edge) -> RobustKernel | None:

@@ -7,7 +7,16 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from graph.batch import BatchConfig, BatchResult, KernelChoice, chained_poses, check_determined, graph_error, optimize
+from graph.batch import (
+    BatchConfig,
+    BatchResult,
+    KernelChoice,
+    chained_poses,
+    check_determined,
+    graph_error,
+    optimize,
+    suspect_factors,
+)
 from graph.consistency import consistent_closures
 from graph.factors import Factor, KernelName, RobustKernel
 from graph.g2o import G2oGraph
@@ -149,13 +158,14 @@ def _solved_incrementally(factors: list[Factor], n: int, config: BatchConfig) ->
     by_newest: list[list[Factor]] = [[] for _ in range(n)]
     for factor in factors:
         by_newest[max(factor.j, -1 if factor.i is None else factor.i)].append(_growing(factor, config))
-    guesses, growing = chained_poses(factors, n), PoseGraph()
+    guesses, growing, is_tied = chained_poses(factors, n), PoseGraph(), False
     for key, arriving in enumerate(by_newest):
         step = next((factor.T_i_j for factor in arriving if factor.i == key - 1 and factor.kind != "closure"), None)
-        growing.add_pose(guesses[key] if step is None or not key else compose(growing.pose(key - 1), step))
+        growing.add_pose(guesses[key] if step is None or not is_tied else compose(growing.pose(key - 1), step))
         for factor in arriving:
             growing.add(factor)
-        if not growing.has_loose_poses:
+        is_tied = not growing.has_loose_poses
+        if is_tied:
             growing.update()
     return optimize(factors, growing.all_poses(), config)
 
@@ -171,11 +181,11 @@ def _growing(factor: Factor, config: BatchConfig) -> Factor:
 
 
 def _pairwise_consistent(factors: tuple[Factor, ...], n: int) -> NDArray[np.bool_]:
-    is_closure = np.array([factor.kind == "closure" for factor in factors], dtype=bool)
-    closures = [factor for factor in factors if factor.kind == "closure"]
-    along = [factor for factor in factors if factor.kind != "closure"]
+    is_suspect = suspect_factors(factors, n)
+    closures = [factor for factor, suspect in zip(factors, is_suspect, strict=True) if suspect]
+    along = [factor for factor, suspect in zip(factors, is_suspect, strict=True) if not suspect]
     agreeing = np.ones(len(factors), dtype=bool)
-    agreeing[is_closure] = consistent_closures(closures, chained_poses(along, n), along)
+    agreeing[is_suspect] = consistent_closures(closures, chained_poses(along, n), along)
     return agreeing
 
 

@@ -1,19 +1,26 @@
 """Reading bags: what a person who has one notices."""
 
 import math
+import os
 import sqlite3
 import subprocess
 import sys
 from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import graph.limits
+from frontends.bags import compression
+from frontends.bags.compression import unpacked_beginning, unpacked_message, zstd
+from frontends.bags.errors import MalformedMessageError
 from frontends.logs import LogError, describe_log, read_log
 from frontends.scan import Log
+from graph.limits import LIMITS
 from graph.se2 import compose, expmap
 from tests.bags import (
     CONTAINERS,
@@ -92,6 +99,23 @@ def test_files_that_continue_each_other_are_one_bag(tmp_path: Path) -> None:
     log = read_log(folder)
     assert len(log) == N_SCANS
     assert any("gone.db3" in warning for warning in log.warnings)
+
+
+@pytest.mark.parametrize("name", ["metadata.yaml", "part_0.db3"])
+def test_a_pipe_among_the_files_of_a_bag_is_refused(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    storage_file(write_bag(tmp_path, moving_scans(), "sqlite3")).rename(folder / "part_1.db3")
+    os.mkfifo(folder / name)
+    with pytest.raises(LogError, match=rf"{name}: cannot be read as .*: found a device or pipe, expected a file"):
+        read_log(folder)
+
+
+def test_digits_that_are_no_number_do_not_count_the_files(tmp_path: Path) -> None:
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    storage_file(write_bag(tmp_path, moving_scans(), "sqlite3")).rename(folder / "1²2_0.db3")
+    assert len(read_log(folder)) == N_SCANS
 
 
 def test_a_folder_of_several_bags_is_refused(tmp_path: Path) -> None:
@@ -366,6 +390,33 @@ def test_damaged_bags_are_read_or_refused_in_one_line(tmp_path: Path, container:
             told.append(str(error))
     assert told
     assert not any("\n" in sentence for sentence in told)
+
+
+def test_a_packed_bag_is_unpacked_no_farther_than_a_log_may_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag = write_bag(tmp_path, [*moving_scans(), text(START, "/long", "a" * 1_000_000)], "ros1")
+    packed = tmp_path / "packed.bag.zstd"
+    packed.write_bytes(zstd.compress(bag.read_bytes()))
+    assert len(read_log(packed)) == N_SCANS
+    monkeypatch.setattr(graph.limits, "LIMITS", replace(LIMITS, log_bytes=500_000))
+    with pytest.raises(LogError, match=r"packed\.bag\.zstd: found \d+ bytes or more .*\(ICEG_LIMITS=log_bytes="):
+        read_log(packed, log_format="bag")
+
+
+def test_a_message_is_unpacked_no_farther_than_a_log_may_be(monkeypatch: pytest.MonkeyPatch) -> None:
+    packed = zstd.compress(b"a" * 60_000) + zstd.compress(b"b" * 60_000)
+    assert unpacked_message(packed) == b"a" * 60_000 + b"b" * 60_000
+    with pytest.raises(MalformedMessageError, match="cannot be unpacked"):
+        unpacked_message(packed[:-3])
+    noise = np.random.default_rng(0).bytes(200_000)
+    assert unpacked_beginning("zstd", zstd.compress(noise)) == (noise, True)
+    for module in (compression, graph.limits):
+        monkeypatch.setattr(module, "LIMITS", replace(LIMITS, log_bytes=100_000))
+    with pytest.raises(MalformedMessageError, match=r"found more bytes when unpacked, expected at most 100000 "):
+        unpacked_message(packed)
+    beginning, is_whole = unpacked_beginning("zstd", zstd.compress(noise))
+    assert noise.startswith(beginning)
+    assert not is_whole
+    assert len(beginning) < len(noise)
 
 
 def test_a_bag_cut_off_gives_what_is_there(tmp_path: Path) -> None:

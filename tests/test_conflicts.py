@@ -22,8 +22,8 @@ _SETTLING = _CONFIG.failures.settling_closures
 def track() -> Track:
     """A straight way, half a metre from key scan to key scan."""
     motion = OdometryMotion(T_key_robot=np.array([0.5, 0.0, 0.0]), covariance=np.eye(3) * 1e-4, distance=0.5, turn=0.0)
-    laser = ScanGeometry(bearings=np.zeros(1), range_min=0.1, range_max=8.0, T_robot_laser=np.zeros(3))
-    scan = Scan(ranges=np.full(1, 2.0, dtype=np.float32), geometry=laser)
+    laser = ScanGeometry(bearings=np.array([0.0, 0.1]), range_min=0.1, range_max=8.0, T_robot_laser=np.zeros(3))
+    scan = Scan(ranges=np.full(2, 2.0, dtype=np.float32), geometry=laser)
     keys = [
         KeyScan(
             index=4 * k,

@@ -16,8 +16,10 @@ from numpy.testing import assert_array_equal
 
 import frontends.logs.budget
 import frontends.logs.text
+import graph.limits
 from frontends.logs import LogError, read_log
 from frontends.logs.beams import BeamDescription, Setup, find_beams
+from frontends.logs.writers import write_log
 from frontends.scan import Log, ScanError, ScanGeometry
 from graph.errors import IcegError
 from graph.files import check_file
@@ -99,6 +101,34 @@ def test_scans_that_grow_when_they_are_brought_to_the_usual_beams_are_counted_be
         read_log(path)
 
 
+@pytest.mark.parametrize("name", ["log.npz", "log.parquet"])
+@pytest.mark.parametrize(("limit", "most"), [("scans", 9), ("beams", 19), ("readings", 199)])
+def test_a_packed_table_is_unpacked_no_farther_than_its_limits(
+    limit: str, most: int, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_log(tmp_path / name, Log.from_arrays(np.ones((10, 20)), field_of_view=1.0))
+    read_log(tmp_path / name)
+    monkeypatch.setattr(graph.limits, "LIMITS", replace(LIMITS, **{limit: most}))
+    with pytest.raises(LogError, match=rf"{name}: found (the array|10 rows) .*at most {most} \(ICEG_LIMITS={limit}="):
+        read_log(tmp_path / name)
+
+
+def test_arrays_unpack_to_no_more_than_a_log_may_have(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "log.npz"
+    np.savez_compressed(path, ranges=np.ones((2, 3)), field_of_view_rad=1.0, other=np.zeros(200_000))
+    read_log(path)
+    monkeypatch.setattr(graph.limits, "LIMITS", replace(LIMITS, log_bytes=1_000_000))
+    assert path.stat().st_size < 10_000
+    with pytest.raises(LogError, match=r"found 16\d+ bytes when unpacked, expected at most .*\(ICEG_LIMITS=log_bytes="):
+        read_log(path)
+
+
+def test_plain_arrays_hold_no_more_than_a_log_may(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(graph.limits, "LIMITS", replace(LIMITS, readings=5))
+    with pytest.raises(ScanError, match=r"found ranges of shape \(2, 3\), expected at most 5 \(ICEG_LIMITS=readings="):
+        Log.from_arrays(np.ones((2, 3)), field_of_view=1.0)
+
+
 @pytest.mark.parametrize("name", ["folder", "pipe", "/dev/zero", "absent", "n\0ul", "n" * 300])
 def test_only_files_are_opened(name: str, tmp_path: Path) -> None:
     (tmp_path / "folder").mkdir()
@@ -144,6 +174,7 @@ def test_a_description_that_is_no_lasers_is_left_out_with_a_warning(start: float
         [1e150, 2e150],
         [0.0, 7.0],
         [],
+        [0.0],
         [[0.0, 1.0]],
     ],
 )

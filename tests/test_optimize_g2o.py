@@ -111,6 +111,26 @@ def test_vertices_that_hang_in_the_air_are_named_as_in_the_file() -> None:
         optimize_g2o(loose)
 
 
+@pytest.mark.parametrize(
+    "options",
+    [
+        OptimizeOptions(incremental=True),
+        OptimizeOptions(pcm=True),
+        OptimizeOptions(gnc=True, pcm=True, incremental=True),
+    ],
+)
+def test_a_part_that_a_closure_alone_ties_on_is_solved(options: OptimizeOptions) -> None:
+    truth = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.3], [2.0, 1.0, 0.6]])
+    factors = (
+        Factor(kind="prior", i=None, j=0, T_i_j=truth[0], covariance=COVARIANCE),
+        Factor(kind="closure", i=0, j=2, T_i_j=truth[2], covariance=COVARIANCE),
+        Factor(kind="odometry", i=1, j=2, T_i_j=between(truth[1], truth[2]), covariance=COVARIANCE),
+    )
+    solved = optimize_g2o(G2oGraph(ids=np.arange(3), poses=np.zeros((3, 3)), factors=factors), options)
+    assert not solved.rejected
+    np.testing.assert_allclose(solved.poses, truth, atol=1e-6)
+
+
 @pytest.mark.parametrize(("name", "optimum"), [("mit-weak-loops", 20.61)])
 def test_weak_loops_are_solved_incrementally_too(data_dir: Path, name: str, optimum: float) -> None:
     graph = read_g2o(data_dir / "posegraph" / f"{name}.g2o")

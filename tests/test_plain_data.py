@@ -13,7 +13,8 @@ import iceg
 from frontends.logs import read_log
 from frontends.logs.errors import LogError
 from frontends.logs.writers import WRITERS, write_log
-from frontends.scan import Log, ScanError
+from frontends.matchers.bearing_scan import BearingScan
+from frontends.scan import Log, Scan, ScanError
 from iceg.cli import main
 from iceg.tum import format_tum
 
@@ -51,6 +52,21 @@ def test_beams_from_left_to_right_are_turned_about() -> None:
     log = Log.from_arrays([[1.0, 2.0, 3.0]], bearings=[0.5, 0.0, -0.5])
     assert log.ranges[0].tolist() == [3.0, 2.0, 1.0]
     assert log.geometry.bearings.tolist() == [-0.5, 0.0, 0.5]
+
+
+@pytest.mark.parametrize("field_of_view", [2.0 * math.pi, 6.2832, 2.0 * math.pi + 2e-3])
+def test_a_whole_turn_may_be_printed_rounded(field_of_view: float) -> None:
+    bearings = np.linspace(-0.5 * field_of_view, 0.5 * field_of_view, 361)
+    for log in (
+        Log.from_arrays(np.ones((2, 361)), field_of_view=field_of_view),
+        Log.from_arrays(np.ones((2, 361)), bearings=bearings),
+    ):
+        assert log.geometry.field_of_view == pytest.approx(field_of_view, abs=1e-12)
+    scan = Scan.from_ranges(np.ones(361), field_of_view=field_of_view)
+    links = BearingScan.of(scan).links(0.5)
+    assert links.all()
+    with pytest.raises(ScanError, match="expected more than 0 and at most 2π"):
+        Scan.from_ranges(np.ones(361), field_of_view=2.0 * math.pi + 3e-3)
 
 
 RANGES = np.ones((3, 4))

@@ -403,6 +403,32 @@ def test_an_undetermined_graph_is_refused(factors: list[Factor], message: str) -
         optimize(factors, np.zeros((2, 3)))
 
 
+@pytest.mark.parametrize("ask", [optimize, graph_error, marginal_covariances])
+@pytest.mark.parametrize(
+    ("poses", "message"),
+    [
+        (np.zeros((1, 3)), "odometry 0→1 joins a pose that is not among the 1 there are"),
+        (np.zeros((3, 2)), r"found poses of shape \(3, 2\), expected \(n, 3\)"),
+        (np.zeros(3), r"found poses of shape \(3,\), expected \(n, 3\)"),
+        (np.full((3, 3), np.nan), "found NaN or infinity in the poses, expected finite numbers"),
+    ],
+)
+def test_poses_that_are_not_those_of_the_factors_are_refused(
+    ask: Callable[[list[Factor], Array], object], poses: Array, message: str
+) -> None:
+    prior = Factor(kind="prior", i=None, j=0, T_i_j=np.zeros(3), covariance=COVARIANCE)
+    steps = [Factor(kind="odometry", i=i, j=i + 1, T_i_j=STEP, covariance=COVARIANCE) for i in range(2)]
+    with pytest.raises(GraphError, match=message):
+        ask([prior, *steps], poses)
+
+
+def test_a_factor_before_the_first_pose_is_no_prior() -> None:
+    prior = Factor(kind="prior", i=None, j=0, T_i_j=np.zeros(3), covariance=COVARIANCE)
+    stray = Factor(kind="odometry", i=-1, j=0, T_i_j=STEP, covariance=COVARIANCE)
+    with pytest.raises(GraphError, match="odometry -1→0 joins a pose"):
+        graph_error([prior, stray], np.zeros((1, 3)))
+
+
 @pytest.mark.parametrize(
     "act",
     [

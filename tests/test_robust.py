@@ -203,7 +203,17 @@ def test_the_stages_are_told() -> None:
     assert again.poses.tobytes() == result.poses.tobytes()
 
 
-@pytest.mark.parametrize("settings", [{"kernel_width": 0.0}, {"inlier_probability": 1.0}, {"max_iterations": 0}])
-def test_impossible_settings_are_named(settings: dict[str, float]) -> None:
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"kernel": "foo"},
+        {"suspects": ("loop",)},
+        {"suspects": "closure"},
+        {"kernel_width": 0.0},
+        {"inlier_probability": 1.0},
+        {"max_iterations": 0},
+    ],
+)
+def test_impossible_settings_are_named(settings: dict[str, object]) -> None:
     with pytest.raises(GraphError, match=next(iter(settings))):
         BatchConfig(**settings)  # type: ignore[arg-type]

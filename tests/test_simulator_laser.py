@@ -79,7 +79,8 @@ def test_points_of_an_exact_scan_lie_on_the_walls() -> None:
 
 def test_noise_has_the_stated_spread_and_quantisation_the_stated_step() -> None:
     world = World.empty().with_segments(shapes.polyline([(10, -50), (10, 50)]))
-    laser = Laser(geometry=replace(sick_lms200(), bearings=np.zeros(1), T_robot_laser=np.zeros(3)), quantisation=0.0)
+    geometry = replace(sick_lms200(), bearings=np.array([0.0, 1e-6]), T_robot_laser=np.zeros(3))
+    laser = Laser(geometry=geometry, quantisation=0.0)
     ranges = sense(world, np.zeros((20_000, 3)), laser, np.random.default_rng(1))
     assert ranges.mean() == pytest.approx(10.0, abs=5e-4)
     assert ranges.std() == pytest.approx(0.005 + 10 * 0.0005, rel=0.03)

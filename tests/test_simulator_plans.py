@@ -1,6 +1,7 @@
 """Floor plans: drawings and images become walls."""
 
 import math
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -164,6 +165,32 @@ def test_uses_of_uses_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     levels = "".join(f'<g id="u{k + 1}">{f"""<use href="#u{k}"/>""" * 10}</g>' for k in range(9))
     with pytest.raises(SimulatorError, match=r"plan\.svg: found \d+ elements or more, those of <use> counted"):
         walls(tmp_path, f'<defs><g id="u0"/>{levels}</defs><use href="#u9"/>')
+
+
+@pytest.mark.parametrize(
+    ("body", "said"),
+    [
+        (f'<line x1="{"1" * 200_000}z"/>', "found x1='1111"),
+        (f'<line x1="{"1" * 200_000}.{"1" * 200_000}z"/>', "found x1='1111"),
+        (f'<line transform="translate({"1 " * 200_000}" x2="1"/>', "found the transform translate"),
+        (f'<line transform="translate{" " * 200_000}" x2="1"/>', "found the transform translate"),
+        (
+            "".join(f'<g id="u{k}"><use href="#u{k + 1}"/></g>' for k in range(10_000)) + '<g id="u10000"/>',
+            r"found a <use> of '#u\d+' inside 500 others, expected fewer",
+        ),
+    ],
+)
+def test_a_drawing_made_to_keep_the_program_busy_is_refused_at_once(tmp_path: Path, body: str, said: str) -> None:
+    began = time.process_time()
+    with pytest.raises(SimulatorError, match=said):
+        walls(tmp_path, body)
+    assert time.process_time() - began < 5.0
+
+
+def test_uses_inside_each_other_are_drawn(tmp_path: Path) -> None:
+    chain = "".join(f'<g id="u{k}"><use href="#u{k + 1}" x="1"/></g>' for k in range(400))
+    drawn = walls(tmp_path, f'<defs>{chain}<line id="u400" x2="1"/></defs><use href="#u0"/>')
+    assert as_set(drawn) == as_set(np.array([(400.0, 8, 401, 8)]))
 
 
 def test_files_that_are_no_plans(tmp_path: Path) -> None:

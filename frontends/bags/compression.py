@@ -2,13 +2,14 @@
 
 import bz2
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
 import lz4.frame
 
 from frontends.bags.errors import MalformedMessageError
 from frontends.bags.magic import ZSTD
+from graph.limits import LIMITS, at_most
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -34,7 +35,7 @@ _DECOMPRESSORS: dict[str, Callable[[], _Decompressor]] = {
 
 
 def unpacked_beginning(compression: str, data: bytes) -> tuple[bytes, bool]:
-    """Unpack a chunk as far as it goes.
+    """Unpack a chunk as far as it goes, and no farther than a log may.
 
     Args:
         compression: as the chunk states it.
@@ -49,8 +50,13 @@ def unpacked_beginning(compression: str, data: bytes) -> tuple[bytes, bool]:
         return b"", False
     decompressor = _DECOMPRESSORS[compression]()
     pieces: list[bytes] = []
+    size = 0
     try:
-        pieces.extend(decompressor.decompress(data[at : at + _BLOCK]) for at in range(0, len(data), _BLOCK))
+        for at in range(0, len(data), _BLOCK):
+            pieces.append(decompressor.decompress(data[at : at + _BLOCK]))
+            size += len(pieces[-1])
+            if size > LIMITS.log_bytes:
+                return b"".join(pieces), False
     except (OSError, EOFError, RuntimeError, ValueError, zstd.ZstdError):
         return b"".join(pieces), False
     return b"".join(pieces), True
@@ -60,11 +66,26 @@ def unpacked_message(data: bytes) -> bytes:
     """A ROS 2 message that may have been packed on its own: CDR begins with a zero, zstd does not.
 
     Raises:
-        MalformedMessageError: it cannot be unpacked.
+        MalformedMessageError: it cannot be unpacked, or is larger than a log may be.
     """
     if not data.startswith(ZSTD):
         return data
     try:
-        return zstd.decompress(data)
+        return b"".join(_frames(data))
     except (zstd.ZstdError, EOFError, ValueError, MemoryError) as error:
         raise MalformedMessageError(f"it cannot be unpacked ({error})") from error
+
+
+def _frames(data: bytes) -> Iterator[bytes]:
+    """What each frame of packed bytes holds."""
+    room = LIMITS.log_bytes
+    while data:
+        decompressor = zstd.ZstdDecompressor()
+        content = decompressor.decompress(data, room + 1)
+        room -= len(content)
+        if room < 0:
+            raise MalformedMessageError(f"found more bytes when unpacked, expected {at_most('log_bytes')}")
+        if not decompressor.eof:
+            raise EOFError("it ends before its last frame does")
+        yield content
+        data = decompressor.unused_data

@@ -15,6 +15,8 @@ from frontends.bags.errors import BagError
 from frontends.bags.magic import ZSTD, container
 from frontends.bags.message import Message, See, Tell
 from graph.errors import reason
+from graph.files import check_file
+from graph.limits import LimitError, check_limit
 
 _SUFFIXES = (".bag", ".db3", ".mcap", ".zstd")
 _RECOVERIES = {
@@ -141,8 +143,7 @@ def _container_of(path: Path) -> str | None:
 
 def _opened(path: Path, unpacked: ExitStack) -> BagFile:
     """A file with its container; one that is packed as a whole is unpacked until the stack is closed."""
-    if not path.exists():
-        raise BagError(f"{path}: no such file")
+    check_file(path, "log_bytes", BagError, "a bag")
     found = _container_of(path)
     if found is None:
         raise BagError(f"{path}: found no bag, expected one of ROS 1, or of ROS 2 as sqlite3 or MCAP")
@@ -159,11 +160,15 @@ def _opened(path: Path, unpacked: ExitStack) -> BagFile:
 def _unpacked(path: Path, room: Path) -> Path:
     from frontends.bags.compression import zstd
 
-    unpacked = room / path.name.removesuffix(".zstd")
+    unpacked, size = room / path.name.removesuffix(".zstd"), 0
     with path.open("rb") as file, zstd.open(file, "rb") as source, unpacked.open("wb") as target:
         try:
             while block := source.read(1 << 20):
+                size += len(block)
+                check_limit(size, "log_bytes", f"{path}: found {size} bytes or more when unpacked")
                 target.write(block)
+        except LimitError as error:
+            raise BagError(str(error)) from error
         except (zstd.ZstdError, EOFError):
             pass  # what is there is told when it is read
     return unpacked
@@ -192,6 +197,7 @@ def _named(metadata: Path) -> list[str]:
     """The files that metadata.yaml names: none where it is missing or unreadable, and the folder tells."""
     if not metadata.exists():
         return []
+    check_file(metadata, "settings_bytes", BagError, "the description of a bag")
     text = metadata.read_text(encoding="utf-8", errors="replace")
     block = re.search(r"relative_file_paths:[ ]*\n((?:[ ]*-[ ]+\S.*\n?)+)", text)
     names = re.findall(r"-[ ]+(\S.*)", block.group(1)) if block else []
@@ -200,7 +206,7 @@ def _named(metadata: Path) -> list[str]:
 
 def _natural(path: Path) -> list[tuple[int, str]]:
     """Sorts part 10 behind part 9."""
-    return [(int(word), "") if word.isdigit() else (-1, word) for word in re.split(r"(\d+)", path.name)]
+    return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d+)", path.name)]
 
 
 def _stem(path: Path) -> str:

@@ -38,8 +38,7 @@ class BearingScan:
         xy = np.empty((len(ranges), 2))
         cos, sin = cos_sin(bearings)
         xy[:, 0], xy[:, 1] = ranges * cos, ranges * sin
-        resolution = geometry.resolution if geometry.n_beams > 1 else 0.0
-        return cls(xy=xy, bearings=bearings, ranges=ranges, resolution=resolution)
+        return cls(xy=xy, bearings=bearings, ranges=ranges, resolution=geometry.resolution)
 
     def links(self, max_gap: float, max_beams: float = 3.0) -> NDArray[np.bool_]:
         """Which neighbours may be joined by a piece of surface.
@@ -53,6 +52,8 @@ class BearingScan:
         """
         step = np.roll(self.xy, -1, axis=0) - self.xy
         turn = np.mod(np.roll(self.bearings, -1) - self.bearings, 2 * np.pi)
+        if len(self) and self.bearings[-1] - self.bearings[0] > 2 * np.pi:
+            turn[-1] = 0.0  # the last beam lies past the first
         near = step[:, 0] ** 2 + step[:, 1] ** 2 <= max_gap**2
         return np.asarray(near & (turn <= (max_beams + 0.5) * self.resolution), dtype=np.bool_)
 

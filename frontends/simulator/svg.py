@@ -30,9 +30,11 @@ _UNITS = {"": 1.0, "px": 1.0, "in": 96.0, "pc": 16.0, "pt": 96.0 / 72.0, "mm": 9
 _DECIMALS = 9  # of a unit: the last digits of sine and cosine differ from processor to processor
 _CURVE_PIECES = 12
 _ARC_PIECE = math.radians(15.0)
-_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?")
+_NUMBER = re.compile(r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?")
 _LENGTH = re.compile(rf"\s*({_NUMBER.pattern})(px|in|cm|mm|pt|pc|%|)\s*")
-_TRANSFORMS = re.compile(r"(?:(?:matrix|translate|scale|rotate|skewX|skewY)\s*\([^()]*\d[^()]*\)[\s,]*)*")
+_TRANSFORMS = re.compile(r"(?:(?:matrix|translate|scale|rotate|skewX|skewY)\s*\([^()]*\)[\s,]*)*")
+_BRACKETS = re.compile(r"\([^()]*\)")
+_DIGIT = re.compile(r"\d")
 _COMMAND = re.compile(r"([MmLlHhVvZzCcSsQqTtAa])([^MmLlHhVvZzCcSsQqTtAa]*)")
 _ARGUMENTS = {"m": 2, "l": 2, "h": 1, "v": 1, "z": 0, "c": 6, "s": 4, "q": 4, "t": 2, "a": 7}
 _SHAPES = {
@@ -48,6 +50,7 @@ _SHAPES = {
 _HIDDEN = frozenset(
     ("defs", "clipPath", "mask", "pattern", "marker", "metadata", "title", "desc", "text", "style", "script")
 )
+_MOST_NESTED = 500  # <use> elements inside each other
 _HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
 
 
@@ -77,7 +80,7 @@ class _Place:
     element: ET.Element
     T: Points
     view: _View
-    used_by: tuple[ET.Element, ...] = ()
+    used_by: frozenset[ET.Element] = frozenset()
     size: tuple[str | None, str | None] = (None, None)
 
 
@@ -205,11 +208,13 @@ def _used(place: _Place, named: dict[str | None, ET.Element]) -> _Place:
     target = named.get(href.removeprefix("#")) if href.startswith("#") else None
     if target is None:
         raise SvgError(f"found a <use> of '{href[:40]}', expected '#' and the id of an element of this drawing")
-    if any(use is other for other in place.used_by):
+    if use in place.used_by:
         raise SvgError(f"found a <use> of '{href[:40]}' inside what it uses")
+    if len(place.used_by) >= _MOST_NESTED:
+        raise SvgError(f"found a <use> of '{href[:40]}' inside {_MOST_NESTED} others, expected fewer")
     x, y = _length(use, "x", place.view), _length(use, "y", place.view)
     T = matmul(place.T, np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])) if x or y else place.T
-    return _Place(target, T, place.view, (*place.used_by, use), (use.get("width"), use.get("height")))
+    return _Place(target, T, place.view, place.used_by | {use}, (use.get("width"), use.get("height")))
 
 
 def _outline(element: ET.Element, view: _View) -> Iterator[Points]:
@@ -293,7 +298,8 @@ def _transform(text: str) -> Points:
 
     _numbers(text)
     shown = text.strip()[:60]
-    if _TRANSFORMS.fullmatch(text.strip()) is None:
+    is_list = _TRANSFORMS.fullmatch(text.strip()) is not None
+    if not (is_list and all(_DIGIT.search(arguments) for arguments in _BRACKETS.findall(text))):
         raise SvgError(f"found the transform {shown}, expected some of SVG's own")
     try:
         matrix = svgelements.Matrix(text)

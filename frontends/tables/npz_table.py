@@ -1,9 +1,11 @@
 """Tables of scans as NPZ of NumPy: arrays `ranges`, `stamps`, `odometry`, `truth`, `gyro`, and what holds for all."""
 
+import math
 import tokenize
 import zipfile
 import zlib
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +16,8 @@ from frontends.tables.csv_table import check_laser
 from frontends.tables.layout import GYRO, ODOMETRY, SETTINGS, STAMP, TRUTH, ScanTable, log_of, table_of
 from graph.atomic import replacing
 from graph.errors import reason
+from graph.files import check_file
+from graph.limits import LimitError, check_limit
 
 _MAGIC = b"PK\x03\x04"
 _DAMAGE = (
@@ -31,6 +35,8 @@ _DAMAGE = (
 )
 """What NumPy and zipfile make of damage."""
 _THREE = {"odometry": ODOMETRY, "truth": TRUTH, "gyro": GYRO}
+_KNOWN = frozenset(("ranges", "stamps", *_THREE, *SETTINGS))
+_ENDING = ".npy"
 
 
 def is_npz(head: bytes) -> bool:
@@ -50,13 +56,17 @@ def read_npz(
         range_max: longest return [m]; None for what the file states, else it is told from the readings.
 
     Raises:
-        LogError: the file cannot be read, or its arrays make no log.
+        LogError: the file cannot be read, is larger than `graph.limits` allows, or its arrays make no log.
     """
     path = Path(path)
     check_laser(path, laser)
+    check_file(path, "log_bytes", LogError, "a log")
     try:
+        _check_sizes(path)
         with np.load(path, allow_pickle=False) as file:
-            arrays = {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
+            arrays = {name: np.asarray(file[name], dtype=np.float64) for name in file.files if name in _KNOWN}
+    except LimitError as error:
+        raise LogError(str(error)) from error
     except _DAMAGE as error:
         raise LogError(f"{path}: cannot be read as arrays of numbers ({' '.join(str(error).split())})") from error
     return log_of(path, _table(path, arrays), range_min, range_max)
@@ -84,6 +94,49 @@ def write_npz(path: Path | str, log: Log) -> None:
                     np.lib.format.write_array(stream, np.ascontiguousarray(array), allow_pickle=False)
     except OSError as error:
         raise LogError(f"{path}: cannot be written ({reason(error)})") from error
+
+
+def _check_sizes(path: Path) -> None:
+    """Refuse what would not fit, by what the archive and the arrays in it state, before any is unpacked.
+
+    Raises:
+        LimitError: more bytes, scans, beams or readings than allowed.
+    """
+    with zipfile.ZipFile(path) as archive:
+        entries = archive.infolist()
+        total = sum(entry.file_size for entry in entries)
+        check_limit(total, "log_bytes", f"{path}: found {total} bytes when unpacked")
+        for entry in entries:
+            name = entry.filename.removesuffix(_ENDING)
+            if name in _KNOWN:
+                with archive.open(entry) as stream:
+                    shape, dtype = _header(stream)
+                if math.prod(shape) * dtype.itemsize > entry.file_size:
+                    raise ValueError(f"found {name} of shape {shape} in {entry.file_size} bytes, expected more")
+                _check_shape(path, name, shape)
+
+
+def _header(stream: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[np.generic]]:
+    """Shape and type of an array, as the beginning of its entry states them."""
+    version = np.lib.format.read_magic(stream)
+    if version not in {(1, 0), (2, 0)}:
+        raise ValueError(f"found an array of the format {version}, expected 1.0 or 2.0")
+    is_first = version == (1, 0)
+    read = np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
+    shape, _, dtype = read(stream)
+    return shape, dtype
+
+
+def _check_shape(path: Path, name: str, shape: tuple[int, ...]) -> None:
+    found = f"{path}: found the array '{name}' of shape {shape}"
+    if name == "ranges":
+        check_limit(max(shape[:1], default=0), "scans", found)
+        check_limit(max(shape[1:], default=0), "beams", found)
+        check_limit(math.prod(shape), "readings", found)
+    elif name in SETTINGS:
+        check_limit(math.prod(shape), "beams", found)
+    else:
+        check_limit(math.prod(shape) / 3, "scans", found)
 
 
 def _table(path: Path, arrays: dict[str, NDArray[np.float64]]) -> ScanTable:

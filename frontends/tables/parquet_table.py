@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from frontends.tables.csv_table import check_laser
 from frontends.tables.layout import RANGE, SETTINGS, ScanTable, is_known, is_range, log_of, range_columns, table_of
 from graph.atomic import replacing
 from graph.errors import reason
+from graph.files import check_file
+from graph.limits import LimitError, check_limit
 
 _MAGIC = b"PAR1"
 _METADATA = b"iceg"
@@ -34,17 +37,22 @@ def read_parquet(
         range_max: longest return [m]; None for what the table states, else it is told from the readings.
 
     Raises:
-        LogError: pyarrow is not installed, the file cannot be read, or the numbers make no log.
+        LogError: pyarrow is not installed, the file cannot be read, is larger than `graph.limits` allows, or the
+            numbers make no log.
     """
     path = Path(path)
     check_laser(path, laser)
+    check_file(path, "log_bytes", LogError, "a log")
     parquet = _pyarrow(path)
     try:
+        _check_sizes(path, parquet.ParquetFile(path))
         table = parquet.read_table(path)
         said = json.loads((table.schema.metadata or {}).get(_METADATA, b"{}"))
         settings = {str(name): [float(value) for value in values] for name, values in said.items()}
         names = [name for name in table.column_names if is_known(name)]
         columns = {name: np.asarray(table[name].to_numpy(), dtype=np.float64) for name in names}
+    except LimitError as error:
+        raise LogError(str(error)) from error
     except (OSError, ValueError, TypeError, AttributeError) as error:  # pyarrow's own are ValueErrors
         raise LogError(f"{path}: cannot be read as a table of numbers ({' '.join(str(error).split())})") from error
     beams = range_columns(path, names)
@@ -79,6 +87,22 @@ def write_parquet(path: Path | str, log: Log) -> None:
             parquet.write_table(pa.table(columns).replace_schema_metadata(metadata), file)
     except OSError as error:
         raise LogError(f"{path}: cannot be written ({reason(error)})") from error
+
+
+def _check_sizes(path: Path, file: Any) -> None:  # noqa: ANN401
+    """Refuse what would not fit, by what the end of the file states, before any is unpacked.
+
+    Raises:
+        LimitError: more bytes, scans, beams or readings than allowed.
+    """
+    stated = file.metadata
+    total = sum(stated.row_group(group).total_byte_size for group in range(stated.num_row_groups))
+    check_limit(total, "log_bytes", f"{path}: found {total} bytes when unpacked")
+    found = f"{path}: found {stated.num_rows} rows of {stated.num_columns} columns"
+    check_limit(stated.num_rows, "scans", found)
+    n_beams = sum(map(is_range, file.schema_arrow.names))
+    check_limit(n_beams, "beams", found)
+    check_limit(stated.num_rows * n_beams, "readings", found)
 
 
 def _pyarrow(path: Path) -> ModuleType:

@@ -175,6 +175,6 @@ def _reach_towards(p_robot: NDArray[np.float64], ranges: NDArray[np.float64], lo
     )
     beams = cosines.argmax(axis=1)
     rows = np.arange(len(ranges))
-    width = abs(float(geometry.bearings[1] - geometry.bearings[0])) if geometry.n_beams > 1 else 0.01
+    width = float(geometry.bearings[1] - geometry.bearings[0])
     looks = cosines[rows, beams] >= float(cos_sin(_BESIDE * width)[0])
     return np.where(looks, np.nan_to_num(ranges[rows, beams], nan=0.0), 0.0)

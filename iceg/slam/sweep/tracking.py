@@ -68,8 +68,6 @@ def track_swept(
         The same of the last pass, its log with all beams of a scan seen at once; and what is known of the sweep.
     """
     log = followed[0]
-    if log.geometry.n_beams < 2:
-        return followed, SweepFinding(source="nothing")
     interval = usual_interval(log.stamps)
     finding, moved = SweepFinding(source="nothing"), np.zeros((len(log), 3))
     for passes in range(config.max_passes + 1):
