@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from frontends.logs.laser_mount import UNKNOWN
 from frontends.logs.plausibility import judge_odometry
 from frontends.logs.usable_range import mask_no_returns, usable_range, warn_of_no_returns
+from frontends.plain_numbers import plain_numbers
 from frontends.scan import Log, ScanError, ScanGeometry
 from graph.limits import LIMITS
 from graph.se2 import wrap_angle
@@ -167,8 +168,7 @@ def checked_finite(name: str, values: ArrayLike | None, shape: tuple[int, ...]) 
 
 def _array(name: str, values: ArrayLike | None, kind: type[_Number], *, ndim: int) -> NDArray[_Number]:
     try:
-        with np.errstate(over="ignore"):  # what no float32 can hold is no return
-            array = np.asarray(values, dtype=kind)
+        array = plain_numbers(name, values, kind)
     except (TypeError, ValueError) as error:
         raise ScanError(f"found {name} that are no array of numbers ({error})") from error
     if array.ndim != ndim:

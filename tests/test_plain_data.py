@@ -6,14 +6,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from numpy.typing import NDArray
+from pyarrow import parquet
 
 import iceg
 from frontends.logs import read_log
 from frontends.logs.errors import LogError
 from frontends.logs.writers import WRITERS, write_log
-from frontends.scan import Log, ScanError
+from frontends.scan import Log, Scan, ScanError
 from iceg.cli import main
 from iceg.tum import format_tum
 
@@ -70,6 +72,12 @@ RANGES = np.ones((3, 4))
         ({"bearings": [-90.0, -30.0, 30.0, 90.0]}, "in radians"),
         ({"field_of_view": 1.0, "odometry": np.zeros((2, 3))}, r"odometry of shape \(2, 3\), expected \(3, 3\)"),
         ({"field_of_view": 1.0, "odometry": np.full((3, 3), np.nan)}, "NaN or infinity in odometry"),
+        (
+            {"field_of_view": 1.0, "stamps": np.array([0, 1, 2], "datetime64[s]")},
+            r'stamps: found datetime64, expected seconds: \(t - t\[0\]\) / np.timedelta64\(1, "s"\)',
+        ),
+        ({"field_of_view": 1.0, "stamps": np.array([0, 1, 2], "timedelta64[s]")}, "stamps: found timedelta64"),
+        ({"field_of_view": 1.0, "stamps": np.ma.array([0, 1, 2], mask=[0, 1, 0])}, "NaN or infinity in stamps"),
         ({"field_of_view": 1.0, "stamps": [0.0]}, r"stamps of shape \(1,\), expected \(3,\)"),
         ({"field_of_view": 1.0, "T_robot_laser": [0.0]}, r"T_robot_laser of shape \(1,\), expected \(3,\)"),
         ({"field_of_view": 1.0, "range_min": 3.0, "range_max": 2.0}, "range_min < range_max"),
@@ -78,6 +86,26 @@ RANGES = np.ones((3, 4))
 def test_arrays_that_are_no_log(arguments: dict[str, object], found: str) -> None:
     with pytest.raises(ScanError, match=found):
         Log.from_arrays(**{"ranges": RANGES, **arguments})  # type: ignore[arg-type]
+
+
+def test_masked_readings_are_no_returns() -> None:
+    masked = np.ma.array([[1, 2, 3], [4, 5, 6]], mask=[[0, 1, 0], [0, 0, 0]])
+    for ranges in (masked, list(masked)):
+        log = Log.from_arrays(ranges, field_of_view=1.0)
+        np.testing.assert_array_equal(log.ranges, np.array([[1, np.nan, 3], [4, 5, 6]], np.float32))
+    np.testing.assert_array_equal(Scan.from_ranges(masked[0], field_of_view=1.0).ranges, np.float32([1, np.nan, 3]))
+
+
+@pytest.mark.parametrize("name", ["log.npz", "log.parquet"])
+def test_dates_in_tables_are_no_seconds(tmp_path: Path, name: str) -> None:
+    stamps = np.array([0, 1], "datetime64[ns]")
+    if name == "log.npz":
+        np.savez(tmp_path / name, ranges=np.ones((2, 3)), stamps=stamps, field_of_view_rad=1.0)
+    else:
+        columns = {"range_0": [1.0, 1.0], "range_1": [1.0, 1.0], "field_of_view_rad": [1.0, 1.0]}
+        parquet.write_table(pa.table({"stamp_s": stamps, **columns}), tmp_path / name)
+    with pytest.raises(LogError, match=r"log\.\w+: stamp.*: found datetime64, expected seconds"):
+        read_log(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", TABLES)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.logs.errors import LogError
-from frontends.scan import Log
+from frontends.plain_numbers import plain_numbers
+from frontends.scan import Log, ScanError
 from frontends.tables.csv_table import check_laser
 from frontends.tables.layout import GYRO, ODOMETRY, SETTINGS, STAMP, TRUTH, ScanTable, log_of, table_of
 from graph.atomic import replacing
@@ -56,7 +57,9 @@ def read_npz(
     check_laser(path, laser)
     try:
         with np.load(path, allow_pickle=False) as file:
-            arrays = {name: np.asarray(file[name], dtype=np.float64) for name in file.files}
+            arrays = {name: plain_numbers(name, file[name], np.float64) for name in file.files}
+    except ScanError as error:
+        raise LogError(f"{path}: {error}") from error
     except _DAMAGE as error:
         raise LogError(f"{path}: cannot be read as arrays of numbers ({' '.join(str(error).split())})") from error
     return log_of(path, _table(path, arrays), range_min, range_max)
