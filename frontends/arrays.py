@@ -161,8 +161,10 @@ def checked_finite(name: str, values: ArrayLike | None, shape: tuple[int, ...]) 
     array = _array(name, values, np.float64, ndim=len(shape))
     if array.shape != shape:
         raise ScanError(f"found {name} of shape {array.shape}, expected {shape}")
-    if not np.isfinite(array).all():
-        raise ScanError(f"found NaN or infinity in {name}, expected finite numbers")
+    finite = np.isfinite(array)
+    if not finite.all():
+        place = f"[{np.argwhere(~finite)[0, 0]}]" if shape else ""
+        raise ScanError(f"found NaN or infinity in {name}{place}, expected finite numbers")
     return array
 
 

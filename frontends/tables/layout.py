@@ -22,6 +22,8 @@ STAMP = "stamp_s"
 ODOMETRY = ("odom_x_m", "odom_y_m", "odom_theta_rad")
 TRUTH = ("truth_x_m", "truth_y_m", "truth_theta_rad")
 GYRO = ("gyro_x", "gyro_y", "gyro_z")
+FINITE = frozenset({STAMP, *ODOMETRY, *TRUTH, *GYRO})
+"""Columns of which each row must hold a finite number."""
 RANGE = "range_"
 _BEARINGS, _FIRST, _STEP, _VIEW = "bearings_rad", "first_bearing_rad", "bearing_step_rad", "field_of_view_rad"
 _LIMITS = ("range_min_m", "range_max_m")
