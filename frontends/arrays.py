@@ -51,15 +51,16 @@ def log_from_arrays(
     shortest, longest = _limits(range_min, range_max)
     usable = usable_range(readings, range_min=shortest, stated_max=longest)
     mask_no_returns(readings, usable)
-    warnings = list(warn_of_no_returns(readings))
+    warnings = list(warn_of_no_returns(readings, usable))
+    times = None if stamps is None else checked_finite("stamps", stamps, (n_scans,))
     T_odom_robot, has_odometry = np.zeros((n_scans, 3)), False
     if odometry is None:
         warnings.append("there is no odometry")
     else:
         T_odom_robot = _poses("odometry", odometry, n_scans)
-        has_odometry, judged = judge_odometry(T_odom_robot, readings)
+        has_odometry, judged = judge_odometry(T_odom_robot, readings, times)
         warnings += [*judged, *([UNKNOWN] if has_odometry and T_robot_laser is None else [])]
-    if stamps is None:
+    if times is None:
         warnings.append("there are no stamps: scans are numbered 0, 1, 2 … s instead")
     geometry = ScanGeometry(
         bearings=directions,
@@ -70,7 +71,7 @@ def log_from_arrays(
     return Log(
         ranges=readings,
         odometry=T_odom_robot,
-        stamps=np.arange(float(n_scans)) if stamps is None else checked_finite("stamps", stamps, (n_scans,)),
+        stamps=np.arange(float(n_scans)) if times is None else times,
         geometry=geometry,
         path=path,
         has_odometry=has_odometry,

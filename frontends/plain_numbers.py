@@ -25,5 +25,5 @@ def plain_numbers(name: str, values: ArrayLike | None, kind: type[_Number]) -> N
         raise ScanError(f'{name}: found {kinds}, expected seconds: (t{first}) / np.timedelta64(1, "s")')
     with np.errstate(over="ignore"):  # what no float32 can hold is no return
         if isinstance(array, np.ma.MaskedArray):
-            return np.asarray(array.astype(kind).filled(np.nan))
+            return np.asarray(np.ma.filled(array.astype(kind), np.nan))
         return np.asarray(array, dtype=kind)

@@ -77,7 +77,10 @@ RANGES = np.ones((3, 4))
             r'stamps: found datetime64, expected seconds: \(t - t\[0\]\) / np.timedelta64\(1, "s"\)',
         ),
         ({"field_of_view": 1.0, "stamps": np.array([0, 1, 2], "timedelta64[s]")}, "stamps: found timedelta64"),
-        ({"field_of_view": 1.0, "stamps": np.ma.array([0, 1, 2], mask=[0, 1, 0])}, "NaN or infinity in stamps"),
+        (
+            {"field_of_view": 1.0, "stamps": np.ma.array([0, 1, 2], mask=[False, True, False])},
+            "NaN or infinity in stamps",
+        ),
         ({"field_of_view": 1.0, "stamps": [0.0, 1.0, math.inf]}, r"infinity in stamps\[2\], expected finite numbers"),
         ({"field_of_view": 1.0, "odometry": [[0, 0, 0], [0, math.nan, 0], [0, 0, math.nan]]}, r"in odometry\[1\]"),
         ({"field_of_view": 1.0, "stamps": [0.0]}, r"stamps of shape \(1,\), expected \(3,\)"),
@@ -90,12 +93,37 @@ def test_arrays_that_are_no_log(arguments: dict[str, object], found: str) -> Non
         Log.from_arrays(**{"ranges": RANGES, **arguments})  # type: ignore[arg-type]
 
 
+@pytest.mark.parametrize("stamped", [True, False])
+def test_odometry_in_wrong_units_is_told(stamped: bool) -> None:
+    n = 60
+    headings = 0.05 * np.sin(0.5 * np.arange(n)) + np.repeat([0.0, 0.1], n // 2).cumsum()
+    poses = np.column_stack([0.05 * np.arange(n), np.zeros(n), headings])
+    stamps = 0.1 * np.arange(n) if stamped else None
+
+    def told(scale: tuple[float, float, float]) -> str:
+        odometry, ranges = poses * scale, np.ones((n, 3))
+        return " ".join(Log.from_arrays(ranges, field_of_view=1.0, odometry=odometry, stamps=stamps).warnings)
+
+    assert "found odometry" not in told((1.0, 1.0, 1.0))
+    assert "is the heading in degrees?" in told((1.0, 1.0, math.degrees(1.0)))
+    assert ("goes 500 m/s on average: metres and" in told((1000.0, 1000.0, 1.0))) == stamped
+
+
+def test_readings_in_millimetres_are_told_by_their_size() -> None:
+    log = Log.from_arrays([[410.0, 19970.0, 5000.0]], field_of_view=1.0)
+    assert log.warnings[0] == (
+        "no beam of any scan has a usable return: readings run from 410 to 19970, and only those from 0.02 m to 40 m "
+        "count: are they in millimetres?"
+    )
+    assert Log.from_arrays([[0.0, 0.0]], field_of_view=1.0).warnings[0] == "no beam of any scan has a usable return"
+
+
 def test_masked_readings_are_no_returns() -> None:
-    masked = np.ma.array([[1, 2, 3], [4, 5, 6]], mask=[[0, 1, 0], [0, 0, 0]])
+    masked = np.ma.array([[1, 2, 3], [4, 5, 6]], mask=[[False, True, False], [False] * 3])
     for ranges in (masked, list(masked)):
         log = Log.from_arrays(ranges, field_of_view=1.0)
         np.testing.assert_array_equal(log.ranges, np.array([[1, np.nan, 3], [4, 5, 6]], np.float32))
-    np.testing.assert_array_equal(Scan.from_ranges(masked[0], field_of_view=1.0).ranges, np.float32([1, np.nan, 3]))
+    np.testing.assert_array_equal(Scan.from_ranges(masked[0], field_of_view=1.0).ranges, [1.0, np.nan, 3.0])
 
 
 @pytest.mark.parametrize("name", ["log.npz", "log.parquet"])
@@ -149,7 +177,10 @@ def test_a_table_by_hand(tmp_path: Path) -> None:
         ("# field_of_view_rad = 1\nrange_0,range_1,speed\n1,2\n", ":2: found the column 'speed'"),
         ("# field_of_view_rad = 1\nrange_0,range_1\n1,2\n1\n1,2\n", ":4: found 1 fields, expected 2"),
         ("# field_of_view_rad = 1\nrange_0,range_1\n1,2\n1,b\n1,2\n", ":4: found 'b', expected a number"),
-        ("# field_of_view_rad = 1\nrange_0,stamp_s,range_1\n1,0,2\n1,,2\n1,2,2\n", ":4: found '' for stamp_s, expected a fin"),
+        (
+            "# field_of_view_rad = 1\nrange_0,stamp_s,range_1\n1,0,2\n1,,2\n1,2,2\n",
+            ":4: found '' for stamp_s, expected",
+        ),
         ("# field_of_view_rad = 1\nrange_0,range_1\n", "no scan"),
         ("# field_of_view_rad = 1\nodom_x_m,range_0,range_1\n1,1,2\n", "expected all of odom_x_m, odom_y_m"),
     ],
