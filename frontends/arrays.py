@@ -10,6 +10,7 @@ from frontends.logs.laser_mount import UNKNOWN
 from frontends.logs.plausibility import judge_odometry
 from frontends.logs.usable_range import mask_no_returns, usable_range, warn_of_no_returns
 from frontends.plain_numbers import plain_numbers
+from frontends.radians import not_in_radians
 from frontends.scan import Log, ScanError, ScanGeometry
 from graph.limits import LIMITS
 from graph.se2 import wrap_angle
@@ -66,7 +67,7 @@ def log_from_arrays(
         bearings=directions,
         range_min=usable.range_min,
         range_max=usable.range_max,
-        T_robot_laser=np.zeros(3) if T_robot_laser is None else checked_finite("T_robot_laser", T_robot_laser, (3,)),
+        T_robot_laser=np.zeros(3) if T_robot_laser is None else _mount(T_robot_laser),
     )
     return Log(
         ranges=readings,
@@ -121,6 +122,14 @@ def _poses(name: str, values: ArrayLike, n_scans: int) -> NDArray[np.float64]:
     poses = checked_finite(name, values, (n_scans, 3)).copy()
     poses[:, 2] = wrap_angle(poses[:, 2])
     return poses
+
+
+def _mount(values: ArrayLike) -> NDArray[np.float64]:
+    mount = checked_finite("T_robot_laser", values, (3,))
+    misread = not_in_radians(float(mount[2]))
+    if misread:
+        raise ScanError(f"T_robot_laser: {misread}")
+    return mount
 
 
 def _gyro(values: ArrayLike, n_scans: int) -> NDArray[np.float64]:

@@ -85,6 +85,7 @@ RANGES = np.ones((3, 4))
         ({"field_of_view": 1.0, "odometry": [[0, 0, 0], [0, math.nan, 0], [0, 0, math.nan]]}, r"in odometry\[1\]"),
         ({"field_of_view": 1.0, "stamps": [0.0]}, r"stamps of shape \(1,\), expected \(3,\)"),
         ({"field_of_view": 1.0, "T_robot_laser": [0.0]}, r"T_robot_laser of shape \(1,\), expected \(3,\)"),
+        ({"field_of_view": 1.0, "T_robot_laser": [0.0, 0.0, 180.0]}, r"180 rad, expected radians \(180° is 3.14159\)"),
         ({"field_of_view": 1.0, "range_min": 3.0, "range_max": 2.0}, "range_min < range_max"),
     ],
 )
@@ -173,6 +174,10 @@ def test_a_table_by_hand(tmp_path: Path) -> None:
     [
         ("range_0,range_1\n1,2\n", "no directions of the beams"),
         ("# field_of_view_rad = x\nrange_0,range_1\n1,2\n", ":1: found 'x'"),
+        (
+            "# field_of_view_rad = 1\n# laser_theta_rad = 180\nrange_0,range_1\n1,2\n",
+            "heading of 180 rad, expected rad",
+        ),
         ("# field_of_view_rad = 1\nrange_0,range_2\n1,2\n", "2 columns from range_0 to range_2"),
         ("# field_of_view_rad = 1\nrange_0,range_1,speed\n1,2\n", ":2: found the column 'speed'"),
         ("# field_of_view_rad = 1\nrange_0,range_1\n1,2\n1\n1,2\n", ":4: found 1 fields, expected 2"),
