@@ -4,6 +4,7 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -227,6 +228,25 @@ def test_an_array_that_is_missing(tmp_path: Path) -> None:
     np.savez(tmp_path / "log.npz", scans=np.ones((2, 3)))
     with pytest.raises(LogError, match="'ranges' is missing"):
         read_log(tmp_path / "log.npz")
+
+
+def test_a_misspelt_array_is_refused_and_another_one_told(tmp_path: Path) -> None:
+    wrong = {"laser_x": "laser_x_m", "timestamps": "stamps", "Odometry": "odometry"}
+    for name, right in wrong.items():
+        arrays: dict[str, Any] = {"ranges": np.ones((2, 3)), "field_of_view_rad": 1.0, name: np.zeros(2)}
+        np.savez(tmp_path / "log.npz", **arrays)
+        with pytest.raises(LogError, match=f"found the array '{name}', did you mean '{right}'"):
+            read_log(tmp_path / "log.npz")
+    np.savez(tmp_path / "log.npz", ranges=np.ones((2, 3)), field_of_view_rad=1.0, robot=np.array(["a", "b"]))
+    assert read_log(tmp_path / "log.npz").warnings[0].startswith("found the arrays 'robot', expected ranges, stamps, ")
+
+
+def test_a_misspelt_setting_of_a_csv_is_told_and_a_remark_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "scans.csv"
+    path.write_text("# speed = 3 m/s\n# laser_x = 0.2\n# field_of_view_rad = 2\nrange_0,range_1\n1,2\n")
+    log = read_log(path)
+    assert log.warnings[0] == "line 2: found laser_x, which is left out: did you mean laser_x_m?"
+    assert not any("speed" in warning for warning in log.warnings)
 
 
 CONVERTED = ("log.clf", "log.usarsim", "log.bag", "log.db3", "log.mcap", "log.parquet", "log.csv", "log.npz")

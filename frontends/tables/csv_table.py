@@ -22,6 +22,7 @@ from frontends.tables.layout import (
     is_known,
     is_range,
     log_of,
+    meant,
     range_columns,
     table_of,
 )
@@ -69,7 +70,7 @@ def read_csv(
     def read(line: Line) -> None:
         text = line.text.decode("utf-8", "replace").strip()
         if text.startswith("#"):
-            _read_setting(text, settings)
+            _read_setting(line.number, text, settings, troubles)
         elif not names and text:
             names.extend(_names(text))
             finite.extend(place for place, name in enumerate(names) if name in FINITE)
@@ -102,10 +103,13 @@ def write_csv(path: Path | str, log: Log) -> None:
     write_text_log(Path(path), _text(table_of(log)))
 
 
-def _read_setting(text: str, settings: dict[str, list[float]]) -> None:
+def _read_setting(number: int, text: str, settings: dict[str, list[float]], troubles: LineTroubles) -> None:
     name, equals, value = text.lstrip("# ").partition("=")
-    if not equals or name.strip() not in SETTINGS:
-        return  # a comment
+    if not equals or name.strip() not in SETTINGS:  # a comment
+        like = meant(name.strip(), SETTINGS) if equals else None
+        if like:
+            troubles.warnings.append(f"line {number}: found {name.strip()}, which is left out: did you mean {like}?")
+        return
     try:
         settings[name.strip()] = [float(number) for number in value.split()]
     except ValueError:

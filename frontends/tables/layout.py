@@ -8,8 +8,9 @@ the beams' directions must be there.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -50,6 +51,8 @@ class ScanTable:
 
 _MOST_DIGITS = 9
 """Of the number of a beam."""
+_LIKE = 0.75
+"""How like a known name one must be to be meant by it (`difflib`: 1 for the same): `laser_x` and `timestamps` are."""
 
 
 def is_known(column: str) -> bool:
@@ -62,6 +65,12 @@ def is_range(column: str) -> bool:
     number = column.removeprefix(RANGE)
     is_number = number.isascii() and number.isdecimal() and len(number) <= _MOST_DIGITS
     return column.startswith(RANGE) and is_number and number == str(int(number))
+
+
+def meant(name: str, known: Iterable[str]) -> str | None:
+    """The known name that somebody meant who wrote another one; None where none is like it, or it is known."""
+    names = list(known)
+    return None if name in names else next(iter(get_close_matches(name, names, n=1, cutoff=_LIKE)), None)
 
 
 def range_columns(path: Path, columns: Sequence[str]) -> list[str]:

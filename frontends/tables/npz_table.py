@@ -3,6 +3,7 @@
 import tokenize
 import zipfile
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from frontends.logs.errors import LogError
 from frontends.plain_numbers import plain_numbers
 from frontends.scan import Log, ScanError
 from frontends.tables.csv_table import check_laser
-from frontends.tables.layout import GYRO, ODOMETRY, SETTINGS, STAMP, TRUTH, ScanTable, log_of, table_of
+from frontends.tables.layout import GYRO, ODOMETRY, SETTINGS, STAMP, TRUTH, ScanTable, log_of, meant, table_of
 from graph.atomic import replacing
 from graph.errors import reason
 
@@ -32,6 +33,7 @@ _DAMAGE = (
 )
 """What NumPy and zipfile make of damage."""
 _THREE = {"odometry": ODOMETRY, "truth": TRUTH, "gyro": GYRO}
+_NAMES = ("ranges", "stamps", *_THREE, *SETTINGS)
 
 
 def is_npz(head: bytes) -> bool:
@@ -57,12 +59,14 @@ def read_npz(
     check_laser(path, laser)
     try:
         with np.load(path, allow_pickle=False) as file:
-            arrays = {name: plain_numbers(name, file[name], np.float64) for name in file.files}
+            unknown = _unknown(path, file.files)
+            arrays = {name: plain_numbers(name, file[name], np.float64) for name in file.files if name in _NAMES}
     except ScanError as error:
         raise LogError(f"{path}: {error}") from error
     except _DAMAGE as error:
         raise LogError(f"{path}: cannot be read as arrays of numbers ({' '.join(str(error).split())})") from error
-    return log_of(path, _table(path, arrays), range_min, range_max)
+    log = log_of(path, _table(path, arrays), range_min, range_max)
+    return replace(log, warnings=(*unknown, *log.warnings))
 
 
 def write_npz(path: Path | str, log: Log) -> None:
@@ -87,6 +91,21 @@ def write_npz(path: Path | str, log: Log) -> None:
                     np.lib.format.write_array(stream, np.ascontiguousarray(array), allow_pickle=False)
     except OSError as error:
         raise LogError(f"{path}: cannot be written ({reason(error)})") from error
+
+
+def _unknown(path: Path, names: list[str]) -> list[str]:
+    """What to say of arrays that are no part of the layout.
+
+    Raises:
+        LogError: one seems to be misspelt.
+    """
+    unknown = [name for name in names if name not in _NAMES]
+    for name in unknown:
+        like = meant(name, _NAMES)
+        if like:
+            raise LogError(f"{path}: found the array '{name}', did you mean '{like}'?")
+    expected = f"expected {', '.join(_NAMES)}: left out"
+    return [f"found the arrays {', '.join(map(repr, unknown))}, {expected}"] if unknown else []
 
 
 def _table(path: Path, arrays: dict[str, NDArray[np.float64]]) -> ScanTable:
