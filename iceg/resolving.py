@@ -49,7 +49,8 @@ def resolve(directory: Path | str, corrections: Corrections | None = None) -> "S
 
     Args:
         directory: that a run has written.
-        corrections: all that a person corrects, scans counted as recorded; those the run was given count no more.
+        corrections: all that a person corrects, scans counted as recorded, but those of a `closures.csv` as in the
+            folder; those the run was given count no more.
 
     Returns:
         The same as `run`.
@@ -59,4 +60,5 @@ def resolve(directory: Path | str, corrections: Corrections | None = None) -> "S
     """
     from iceg import pipeline
 
-    return pipeline.resolve(findings_of(directory), corrections)
+    findings = findings_of(directory)
+    return pipeline.resolve(findings, handed_back(corrections, directory) if corrections else None)
