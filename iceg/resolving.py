@@ -1,9 +1,11 @@
 """A folder of results concluded anew: what the run found, corrected by hand, without matching again."""
 
 from pathlib import Path
+from types import NoneType
 from typing import TYPE_CHECKING
 
-from iceg.corrections.corrections import Corrections
+from frontends.checked_arguments import expect
+from iceg.corrections.corrections import CORRECTIONS_EXPECTED, Corrections
 from iceg.findings_file.codec import read_findings
 from iceg.results import FINDINGS, ResultsError, read_summary, whole_results
 from iceg.slam.kept_scans import KeptScans
@@ -57,8 +59,11 @@ def resolve(directory: Path | str, corrections: Corrections | None = None) -> "S
 
     Raises:
         IcegError: the folder cannot be read, or a correction does not fit the log.
+        TypeError: an argument of another type.
     """
     from iceg import pipeline
 
+    expect(directory, (Path, str), "directory", "the path of a folder that a run has written")
+    expect(corrections, (Corrections, NoneType), "corrections", CORRECTIONS_EXPECTED)
     findings = findings_of(directory)
     return pipeline.resolve(findings, handed_back(corrections, directory) if corrections else None)
