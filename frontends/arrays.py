@@ -173,7 +173,7 @@ def checked_finite(name: str, values: ArrayLike | None, shape: tuple[int, ...]) 
         raise ScanError(f"found {name} of shape {array.shape}, expected {shape}")
     finite = np.isfinite(array)
     if not finite.all():
-        place = f"[{np.argwhere(~finite)[0, 0]}]" if shape else ""
+        place = f"[{np.argwhere(~finite)[0, 0]}]" if len(shape) > 1 or (shape and name in {"stamps", "gyro"}) else ""
         raise ScanError(f"found NaN or infinity in {name}{place}, expected finite numbers")
     return array
 
