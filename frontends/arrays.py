@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from frontends.logs.laser_mount import UNKNOWN
 from frontends.logs.plausibility import judge_odometry
 from frontends.logs.usable_range import mask_no_returns, usable_range, warn_of_no_returns
+from frontends.plain_numbers import plain_numbers
+from frontends.radians import not_in_radians
 from frontends.scan import WHOLE_TURN, Log, ScanError, ScanGeometry
 from graph.limits import LIMITS, LimitError, check_limit
 from graph.se2 import wrap_angle
@@ -55,26 +57,27 @@ def log_from_arrays(
     shortest, longest = _limits(range_min, range_max)
     usable = usable_range(readings, range_min=shortest, stated_max=longest)
     mask_no_returns(readings, usable)
-    warnings = list(warn_of_no_returns(readings))
+    warnings = list(warn_of_no_returns(readings, usable))
+    times = None if stamps is None else checked_finite("stamps", stamps, (n_scans,))
     T_odom_robot, has_odometry = np.zeros((n_scans, 3)), False
     if odometry is None:
         warnings.append("there is no odometry")
     else:
         T_odom_robot = _poses("odometry", odometry, n_scans)
-        has_odometry, judged = judge_odometry(T_odom_robot, readings)
+        has_odometry, judged = judge_odometry(T_odom_robot, readings, times)
         warnings += [*judged, *([UNKNOWN] if has_odometry and T_robot_laser is None else [])]
-    if stamps is None:
+    if times is None:
         warnings.append("there are no stamps: scans are numbered 0, 1, 2 … s instead")
     geometry = ScanGeometry(
         bearings=directions,
         range_min=usable.range_min,
         range_max=usable.range_max,
-        T_robot_laser=np.zeros(3) if T_robot_laser is None else checked_finite("T_robot_laser", T_robot_laser, (3,)),
+        T_robot_laser=np.zeros(3) if T_robot_laser is None else _mount(T_robot_laser),
     )
     return Log(
         ranges=readings,
         odometry=T_odom_robot,
-        stamps=np.arange(float(n_scans)) if stamps is None else checked_finite("stamps", stamps, (n_scans,)),
+        stamps=np.arange(float(n_scans)) if times is None else times,
         geometry=geometry,
         path=path,
         has_odometry=has_odometry,
@@ -126,6 +129,14 @@ def _poses(name: str, values: ArrayLike, n_scans: int) -> NDArray[np.float64]:
     return poses
 
 
+def _mount(values: ArrayLike) -> NDArray[np.float64]:
+    mount = checked_finite("T_robot_laser", values, (3,))
+    misread = not_in_radians(float(mount[2]))
+    if misread:
+        raise ScanError(f"T_robot_laser: {misread}")
+    return mount
+
+
 def _gyro(values: ArrayLike, n_scans: int) -> NDArray[np.float64]:
     """(n_scans, 3) of three axes, or of the vertical one alone."""
     if np.ndim(values) != 1:
@@ -165,15 +176,16 @@ def checked_finite(name: str, values: ArrayLike | None, shape: tuple[int, ...]) 
     array = _array(name, values, np.float64, ndim=len(shape))
     if array.shape != shape:
         raise ScanError(f"found {name} of shape {array.shape}, expected {shape}")
-    if not np.isfinite(array).all():
-        raise ScanError(f"found NaN or infinity in {name}, expected finite numbers")
+    finite = np.isfinite(array)
+    if not finite.all():
+        place = f"[{np.argwhere(~finite)[0, 0]}]" if len(shape) > 1 or (shape and name in {"stamps", "gyro"}) else ""
+        raise ScanError(f"found NaN or infinity in {name}{place}, expected finite numbers")
     return array
 
 
 def _array(name: str, values: ArrayLike | None, kind: type[_Number], *, ndim: int) -> NDArray[_Number]:
     try:
-        with np.errstate(over="ignore"):  # what no float32 can hold is no return
-            array = np.asarray(values, dtype=kind)
+        array = plain_numbers(name, values, kind)
     except (TypeError, ValueError) as error:
         raise ScanError(f"found {name} that are no array of numbers ({error})") from error
     if array.ndim != ndim:

@@ -95,7 +95,7 @@ class GrowingLog:
         ranges, odometry = self.ranges.copy(), self.odometry.copy()
         has_odometry, warnings = False, ["there is no odometry"]
         if self.has_odometry:
-            has_odometry, warnings = judge_odometry(odometry, ranges)
+            has_odometry, warnings = judge_odometry(odometry, ranges, self.stamps if self._has_stamps else None)
         if has_odometry and not self._is_mount_known:
             warnings = [*warnings, UNKNOWN]
         if not self._has_stamps:

@@ -120,7 +120,7 @@ class Scan:
             ScanError: the ranges are not one row of at least two, or the field of view is not positive and at most
                 a whole turn.
         """
-        readings = np.asarray(ranges, dtype=np.float32)
+        readings = np.ma.filled(np.ma.asarray(ranges, dtype=np.float32), np.nan)
         if readings.ndim != 1 or len(readings) < 2:
             raise ScanError(f"found ranges of shape {readings.shape}, expected one row of at least 2")
         if not 0 < field_of_view <= WHOLE_TURN:

@@ -4,10 +4,12 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from math import sqrt
 from pathlib import Path
+from types import NoneType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from frontends.checked_arguments import expect
 from frontends.growing_log import GrowingLog
 from frontends.laser_noise import LaserNoise
 from frontends.scan import ScanGeometry
@@ -110,7 +112,13 @@ class Mapper:
                 the odometry, as `iceg.run` does. `add` takes the geometry as it is.
 
         The first one on a machine waits here until the kernels are compiled, so that no scan has to.
+
+        Raises:
+            TypeError: an argument of another type.
         """
+        expect(geometry, ScanGeometry, "geometry", "iceg.ScanGeometry, as a log has")
+        expect(config, (Config, NoneType), "config", "iceg.Config, as iceg.read_config(path) gives")
+        expect(stages, (Stages, NoneType), "stages", "iceg.Stages")
         prepare_kernels()
         self._given = config or Config()
         self._stages = stages or IN_HOUSE

@@ -1,9 +1,11 @@
 """A folder of results concluded anew: what the run found, corrected by hand, without matching again."""
 
 from pathlib import Path
+from types import NoneType
 from typing import TYPE_CHECKING
 
-from iceg.corrections.corrections import Corrections
+from frontends.checked_arguments import expect
+from iceg.corrections.corrections import CORRECTIONS_EXPECTED, Corrections
 from iceg.findings_file.codec import read_findings
 from iceg.results import FINDINGS, ResultsError, read_summary, whole_results
 from iceg.slam.kept_scans import KeptScans
@@ -49,14 +51,19 @@ def resolve(directory: Path | str, corrections: Corrections | None = None) -> "S
 
     Args:
         directory: that a run has written.
-        corrections: all that a person corrects, scans counted as recorded; those the run was given count no more.
+        corrections: all that a person corrects, scans counted as recorded, but those of a `closures.csv` as in the
+            folder; those the run was given count no more.
 
     Returns:
         The same as `run`.
 
     Raises:
         IcegError: the folder cannot be read, or a correction does not fit the log.
+        TypeError: an argument of another type.
     """
     from iceg import pipeline
 
-    return pipeline.resolve(findings_of(directory), corrections)
+    expect(directory, (Path, str), "directory", "the path of a folder that a run has written")
+    expect(corrections, (Corrections, NoneType), "corrections", CORRECTIONS_EXPECTED)
+    findings = findings_of(directory)
+    return pipeline.resolve(findings, handed_back(corrections, directory) if corrections else None)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.checked_arguments import type_name
 from graph.deferred_signals import signals_deferred
 from graph.errors import IcegError, reason
 from graph.files import read_text
@@ -131,7 +132,11 @@ def write_results(
 
     Raises:
         ResultsError: the folder is not empty, or cannot be written to.
+        TypeError: an argument of another type.
     """
+    if not hasattr(result, "summary"):
+        expected = "iceg.SlamResult, as iceg.run(log) gives: write_results(result, directory)"
+        raise TypeError(f"result: found {type_name(result)}, expected {expected}")
     directory = Path(directory)
     writers: dict[str, Callable[[Path], None]] = {
         name: partial(write, result) for name, write in _WRITERS.items() if report or name != "report"

@@ -3,11 +3,13 @@
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
+from types import NoneType
 from typing import TYPE_CHECKING
 
+from frontends.checked_arguments import expect
 from frontends.scan import Log
 from iceg.config import Config
-from iceg.corrections.corrections import Corrections
+from iceg.corrections.corrections import CORRECTIONS_EXPECTED, Corrections
 from iceg.corrections.manual_closures import ManualClosure
 from iceg.slam.progress import ProgressCallback
 
@@ -42,12 +44,18 @@ def run(
     Raises:
         IcegError: a recording that cannot be read, a correction that does not fit the log, or a stage that returns what
             is of no use.
+        TypeError: an argument of another type.
     """
     from frontends.logs import read_log
     from iceg import pipeline
     from iceg.kernels.ahead import compiling_ahead
     from iceg.show.progress import ProgressBar, compiling_bar
+    from iceg.slam.stages import Stages
 
+    expect(log, (Log, Path, str), "log", "iceg.Log, or the path of a recording")
+    expect(config, (Config, NoneType), "config", "iceg.Config, as iceg.read_config(path) gives")
+    expect(corrections, (Corrections, NoneType), "corrections", CORRECTIONS_EXPECTED)
+    expect(stages, (Stages, NoneType), "stages", "iceg.Stages")
     asked = config or Config()
     found = log if isinstance(log, Log) else read_log(log, **dataclasses.asdict(asked.log))
 

@@ -99,6 +99,10 @@ def test_the_example_in_the_documentation_is_sound(tmp_path: Path) -> None:
         ("[[add]]\npose = [0, 0, 0]", r":1: found no scans, expected scans"),
         ("[[add]]\nscans = [1, 5]\npose = [0, 0]", r":3: pose: found \[0, 0\]"),
         ("[[add]]\nscans = [1, 5]\npose = [0, 0, inf]", r":1: pose: found"),
+        (
+            "[[add]]\nscans = [1, 5]\npose = [0, 0, 90]",
+            r":1: found a heading of 90 rad, expected radians \(90° is 1.5708",
+        ),
         ("[[add]]\nscans = [1, 5]\nsigma_m = 0.0", r":1: found the deviations 0.0 m"),
         ("[[add]]\nscans = [1, 5]\npin = 1", r":3: pin: found 1, expected true or false"),
         ("[[pin]]\nscans = [-1, 5]", r":1: scans: found \[-1, 5\]"),

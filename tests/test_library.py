@@ -158,3 +158,25 @@ def test_arrays_make_a_log_before_anything_else_is_imported() -> None:
     code = "import iceg; print(iceg.Log.from_arrays([[1.0, 2.0]], field_of_view=1.0))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout == "Log(arrays: 1 scans of 2 beams, no odometry)\n", done.stderr
+
+
+def test_arguments_of_the_wrong_type_are_told_where_they_are_handed_over(log: Log, tmp_path: Path) -> None:
+    wrong: Any = "corrections.toml"
+    named: dict[str, Any] = {
+        "corrections: found str, expected iceg.Corrections, as": lambda: iceg.run(log, corrections=wrong),
+        "config: found str, expected iceg.Config": lambda: iceg.run(log, wrong),
+        "stages: found str, expected iceg.Stages": lambda: iceg.run(log, stages=wrong),
+        "log: found ndarray, expected iceg.Log": lambda: iceg.run(log.ranges),  # type: ignore[arg-type]
+        "corrections: found str, expected": lambda: iceg.resolve(tmp_path, wrong),
+        "geometry: found Log, expected iceg.ScanGeometry": lambda: iceg.Mapper(log),  # type: ignore[arg-type]
+        r"found Log first, expected write_log\(path, log\)": lambda: iceg.write_log(log, wrong),  # type: ignore[arg-type]
+        "log: found str, expected iceg.Log": lambda: iceg.write_log(tmp_path / "log.csv", wrong),
+        r"result: found str, expected .*: write_results\(result, ": lambda: iceg.write_results(wrong, tmp_path),
+        "result: found Log, expected iceg.SlamResult": lambda: iceg.write_results(log, tmp_path),  # type: ignore[arg-type]
+        "scan: found ndarray, expected iceg.Scan": lambda: iceg.extract_features(log.ranges[0]),
+        "matcher: found str, expected an object": lambda: iceg.Stages(matcher=wrong),
+        "matcher: found the class IceMatcher, expected": lambda: iceg.Stages(matcher=iceg.IceMatcher),  # type: ignore[arg-type]
+    }
+    for message, call in named.items():
+        with pytest.raises(TypeError, match=message):
+            call()

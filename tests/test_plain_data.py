@@ -4,10 +4,13 @@ import json
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from numpy.typing import NDArray
+from pyarrow import parquet
 
 import iceg
 from frontends.logs import read_log
@@ -86,14 +89,71 @@ RANGES = np.ones((3, 4))
         ({"bearings": [-90.0, -30.0, 30.0, 90.0]}, "in radians"),
         ({"field_of_view": 1.0, "odometry": np.zeros((2, 3))}, r"odometry of shape \(2, 3\), expected \(3, 3\)"),
         ({"field_of_view": 1.0, "odometry": np.full((3, 3), np.nan)}, "NaN or infinity in odometry"),
+        (
+            {"field_of_view": 1.0, "stamps": np.array([0, 1, 2], "datetime64[s]")},
+            r'stamps: found datetime64, expected seconds: \(t - t\[0\]\) / np.timedelta64\(1, "s"\)',
+        ),
+        ({"field_of_view": 1.0, "stamps": np.array([0, 1, 2], "timedelta64[s]")}, "stamps: found timedelta64"),
+        (
+            {"field_of_view": 1.0, "stamps": np.ma.array([0, 1, 2], mask=[False, True, False])},
+            "NaN or infinity in stamps",
+        ),
+        ({"field_of_view": 1.0, "stamps": [0.0, 1.0, math.inf]}, r"infinity in stamps\[2\], expected finite numbers"),
+        ({"field_of_view": 1.0, "odometry": [[0, 0, 0], [0, math.nan, 0], [0, 0, math.nan]]}, r"in odometry\[1\]"),
         ({"field_of_view": 1.0, "stamps": [0.0]}, r"stamps of shape \(1,\), expected \(3,\)"),
         ({"field_of_view": 1.0, "T_robot_laser": [0.0]}, r"T_robot_laser of shape \(1,\), expected \(3,\)"),
+        ({"field_of_view": 1.0, "T_robot_laser": [0.0, 0.0, 180.0]}, r"180 rad, expected radians \(180° is 3.14159\)"),
         ({"field_of_view": 1.0, "range_min": 3.0, "range_max": 2.0}, "range_min < range_max"),
     ],
 )
 def test_arrays_that_are_no_log(arguments: dict[str, object], found: str) -> None:
     with pytest.raises(ScanError, match=found):
         Log.from_arrays(**{"ranges": RANGES, **arguments})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_odometry_in_wrong_units_is_told(stamped: bool) -> None:
+    n = 60
+    headings = 0.05 * np.sin(0.5 * np.arange(n)) + np.repeat([0.0, 0.1], n // 2).cumsum()
+    poses = np.column_stack([0.05 * np.arange(n), np.zeros(n), headings])
+    stamps = 0.1 * np.arange(n) if stamped else None
+
+    def told(scale: tuple[float, float, float]) -> str:
+        odometry, ranges = poses * scale, np.ones((n, 3))
+        return " ".join(Log.from_arrays(ranges, field_of_view=1.0, odometry=odometry, stamps=stamps).warnings)
+
+    assert "found odometry" not in told((1.0, 1.0, 1.0))
+    assert "is the heading in degrees?" in told((1.0, 1.0, math.degrees(1.0)))
+    assert ("goes 500 m/s on average: metres and" in told((1000.0, 1000.0, 1.0))) == stamped
+
+
+def test_readings_in_millimetres_are_told_by_their_size() -> None:
+    log = Log.from_arrays([[410.0, 19970.0, 5000.0]], field_of_view=1.0)
+    assert log.warnings[0] == (
+        "no beam of any scan has a usable return: readings run from 410 to 19970, and only those from 0.02 m to 40 m "
+        "count: are they in millimetres?"
+    )
+    assert Log.from_arrays([[0.0, 0.0]], field_of_view=1.0).warnings[0] == "no beam of any scan has a usable return"
+
+
+def test_masked_readings_are_no_returns() -> None:
+    masked = np.ma.array([[1, 2, 3], [4, 5, 6]], mask=[[False, True, False], [False] * 3])
+    for ranges in (masked, list(masked)):
+        log = Log.from_arrays(ranges, field_of_view=1.0)
+        np.testing.assert_array_equal(log.ranges, np.array([[1, np.nan, 3], [4, 5, 6]], np.float32))
+    np.testing.assert_array_equal(Scan.from_ranges(masked[0], field_of_view=1.0).ranges, [1.0, np.nan, 3.0])
+
+
+@pytest.mark.parametrize("name", ["log.npz", "log.parquet"])
+def test_dates_in_tables_are_no_seconds(tmp_path: Path, name: str) -> None:
+    stamps = np.array([0, 1], "datetime64[ns]")
+    if name == "log.npz":
+        np.savez(tmp_path / name, ranges=np.ones((2, 3)), stamps=stamps, field_of_view_rad=1.0)
+    else:
+        columns = {"range_0": [1.0, 1.0], "range_1": [1.0, 1.0], "field_of_view_rad": [1.0, 1.0]}
+        parquet.write_table(pa.table({"stamp_s": stamps, **columns}), tmp_path / name)
+    with pytest.raises(LogError, match=r"log\.\w+: stamp.*: found datetime64, expected seconds"):
+        read_log(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", TABLES)
@@ -131,10 +191,18 @@ def test_a_table_by_hand(tmp_path: Path) -> None:
     [
         ("range_0,range_1\n1,2\n", "no directions of the beams"),
         ("# field_of_view_rad = x\nrange_0,range_1\n1,2\n", ":1: found 'x'"),
+        (
+            "# field_of_view_rad = 1\n# laser_theta_rad = 180\nrange_0,range_1\n1,2\n",
+            "heading of 180 rad, expected rad",
+        ),
         ("# field_of_view_rad = 1\nrange_0,range_2\n1,2\n", "2 columns from range_0 to range_2"),
         ("# field_of_view_rad = 1\nrange_0,range_1,speed\n1,2\n", ":2: found the column 'speed'"),
         ("# field_of_view_rad = 1\nrange_0,range_1\n1,2\n1\n1,2\n", ":4: found 1 fields, expected 2"),
         ("# field_of_view_rad = 1\nrange_0,range_1\n1,2\n1,b\n1,2\n", ":4: found 'b', expected a number"),
+        (
+            "# field_of_view_rad = 1\nrange_0,stamp_s,range_1\n1,0,2\n1,,2\n1,2,2\n",
+            ":4: found '' for stamp_s, expected",
+        ),
         ("# field_of_view_rad = 1\nrange_0,range_1\n", "no scan"),
         ("# field_of_view_rad = 1\nodom_x_m,range_0,range_1\n1,1,2\n", "expected all of odom_x_m, odom_y_m"),
     ],
@@ -176,6 +244,25 @@ def test_an_array_that_is_missing(tmp_path: Path) -> None:
     np.savez(tmp_path / "log.npz", scans=np.ones((2, 3)))
     with pytest.raises(LogError, match="'ranges' is missing"):
         read_log(tmp_path / "log.npz")
+
+
+def test_a_misspelt_array_is_refused_and_another_one_told(tmp_path: Path) -> None:
+    wrong = {"laser_x": "laser_x_m", "timestamps": "stamps", "Odometry": "odometry"}
+    for name, right in wrong.items():
+        arrays: dict[str, Any] = {"ranges": np.ones((2, 3)), "field_of_view_rad": 1.0, name: np.zeros(2)}
+        np.savez(tmp_path / "log.npz", **arrays)
+        with pytest.raises(LogError, match=f"found the array '{name}', did you mean '{right}'"):
+            read_log(tmp_path / "log.npz")
+    np.savez(tmp_path / "log.npz", ranges=np.ones((2, 3)), field_of_view_rad=1.0, robot=np.array(["a", "b"]))
+    assert read_log(tmp_path / "log.npz").warnings[0].startswith("found the arrays 'robot', expected ranges, stamps, ")
+
+
+def test_a_misspelt_setting_of_a_csv_is_told_and_a_remark_is_none(tmp_path: Path) -> None:
+    path = tmp_path / "scans.csv"
+    path.write_text("# speed = 3 m/s\n# laser_x = 0.2\n# field_of_view_rad = 2\nrange_0,range_1\n1,2\n")
+    log = read_log(path)
+    assert log.warnings[0] == "line 2: found laser_x, which is left out: did you mean laser_x_m?"
+    assert not any("speed" in warning for warning in log.warnings)
 
 
 CONVERTED = ("log.clf", "log.usarsim", "log.bag", "log.db3", "log.mcap", "log.parquet", "log.csv", "log.npz")

@@ -228,6 +228,9 @@ def test_closures_csv_of_a_run_that_was_cut(folder: Path, tmp_path: Path) -> Non
     assert main(["resolve", str(tmp_path / "cut"), "--corrections", str(edited), "-o", str(tmp_path / "whole")]) == 0
     recorded = (accepted[0][0] + 10, accepted[0][1] + 10)
     assert verdicts_of(tmp_path / "whole" / "closures.csv")[recorded].reason.startswith("forbidden by hand")
+    result = resolve(tmp_path / "cut", iceg.read_corrections(edited))
+    reasons = {(closure.scan_i, closure.scan_j): closure.reason for closure in result.closures}
+    assert reasons[recorded].startswith("forbidden by hand")
 
 
 def test_a_rejected_closure_may_be_pinned(findings: Findings, as_found: SlamResult) -> None:

@@ -20,7 +20,13 @@ from frontends.bags.times import ScanTimes, scan_times
 from frontends.bags.urdf import described_frames
 from frontends.logs.laser_mount import SILENT
 from frontends.logs.plausibility import judge_odometry
-from frontends.logs.usable_range import DEFAULT_RANGE_MIN, mask_no_returns, usable_range, warn_of_no_returns
+from frontends.logs.usable_range import (
+    DEFAULT_RANGE_MIN,
+    UsableRange,
+    mask_no_returns,
+    usable_range,
+    warn_of_no_returns,
+)
 from frontends.scan import Log, ScanGeometry
 from graph.errors import IcegError
 from graph.se2 import compose
@@ -108,9 +114,9 @@ def _assemble(path: Path, records: Records, warnings: list[str], options: BagOpt
     chosen = choose(records, options)
     times, stamps, sweep = chosen.times, chosen.stamps, chosen.sweep
     mount = find_mount(chosen.base, chosen.laser.frame, chosen.frames)
-    geometry, ranges = _geometry(chosen.stacked, records.scans[chosen.laser], times, mount, options)
+    geometry, ranges, usable = _geometry(chosen.stacked, records.scans[chosen.laser], times, mount, options)
     odometry = chosen.odometry
-    T_odom_robot, has_odometry, judged, odometry_said = _odometry(odometry, chosen.base, chosen.frames, ranges)
+    T_odom_robot, has_odometry, judged, odometry_said = _odometry(odometry, chosen.base, chosen.frames, ranges, stamps)
     odometry_said = "; ".join([odometry_said, *chosen.odometry_notes])
     gyro = choose_gyro(records.imus, times, stamps, has_odometry=has_odometry)
     truth, truth_said = _truth(records, times, stamps, options.odometry_topic)
@@ -126,7 +132,7 @@ def _assemble(path: Path, records: Records, warnings: list[str], options: BagOpt
         warnings=(
             *warnings,
             *chosen.warnings,
-            *_warn_of_few_returns(ranges),
+            *_warn_of_few_returns(ranges, usable),
             *mount.warnings,
             *([_UNKNOWN_MOUNT] if has_odometry and not mount.is_known else []),
             *times.warnings,
@@ -211,8 +217,8 @@ def _base(asked: str | None, odometry: PosesOfScans | None, laser_frame: str, fr
 
 def _geometry(
     stacked: StackedSweeps, scans: ScanRecords, times: ScanTimes, mount: Mount, options: BagOptions
-) -> tuple[ScanGeometry, NDArray[np.float32]]:
-    """The laser, and its readings in the order of time with NaN where there was no return."""
+) -> tuple[ScanGeometry, NDArray[np.float32], UsableRange]:
+    """The laser, its readings in the order of time with NaN where there was no return, and what of them are returns."""
     is_in_order = bool((np.diff(times.order) == 1).all())
     ranges, bearings = stacked.ranges if is_in_order else stacked.ranges[times.order], stacked.bearings
     if mount.is_upside_down:
@@ -226,18 +232,18 @@ def _geometry(
     geometry = ScanGeometry(
         bearings=bearings, range_min=usable.range_min, range_max=usable.range_max, T_robot_laser=mount.T_robot_laser
     )
-    return geometry, ranges
+    return geometry, ranges, usable
 
 
 def _odometry(
-    chosen: PosesOfScans | None, base: str, frames: Frames, ranges: NDArray[np.float32]
+    chosen: PosesOfScans | None, base: str, frames: Frames, ranges: NDArray[np.float32], stamps: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], bool, list[str], str]:
     """T_odom_robot of each scan, whether it says anything, warnings, and where it comes from."""
     if chosen is None:
         return np.zeros((len(ranges), 3)), False, ["there is no odometry"], "none"
     found = frames.between(chosen.child, base) if chosen.child else None
     poses = chosen.poses if found is None else compose(chosen.poses, found[0].planar)
-    has_odometry, judged = judge_odometry(poses, ranges)
+    has_odometry, judged = judge_odometry(poses, ranges, stamps)
     if not has_odometry:
         return np.zeros_like(poses), False, judged, f"none: {chosen.reason} does not move"
     return poses, True, judged, f"{chosen.reason}, of '{chosen.child or base}'"
@@ -254,11 +260,11 @@ def _truth(
     return found.poses, f"{found.reason}; never taken for odometry"
 
 
-def _warn_of_few_returns(ranges: NDArray[np.float32]) -> list[str]:
+def _warn_of_few_returns(ranges: NDArray[np.float32], usable: UsableRange) -> list[str]:
     share = float(np.isfinite(ranges).mean())
     if 0.0 < share < _FEW_RETURNS:
         return [f"only {100 * share:.0f} % of the beams return anything: the map will be thin, and may be wrong"]
-    return warn_of_no_returns(ranges)
+    return warn_of_no_returns(ranges, usable)
 
 
 def _why_no_scans(records: Records, warnings: list[str]) -> str:

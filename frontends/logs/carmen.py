@@ -95,7 +95,7 @@ def _assemble(path: Path, records: "Records", *, rear: bool, range_min: float | 
     T_robot_laser, mount_warnings = laser_mount.find(T_odom_robot, T_odom_laser, records.parameters, rear=rear)
     check_steps(path, T_odom_robot)
     stamps, stamp_warnings = choose_stamps(np.array(records.stamps))
-    has_odometry, odometry_warnings = judge_odometry(T_odom_robot, ranges)
+    has_odometry, odometry_warnings = judge_odometry(T_odom_robot, ranges, stamps)
     return Log(
         ranges=ranges,
         odometry=T_odom_robot,
@@ -110,7 +110,7 @@ def _assemble(path: Path, records: "Records", *, rear: bool, range_min: float | 
             *_warn_of_other_lasers(records),
             *records.troubles.told(),
             *beam_warnings,
-            *warn_of_no_returns(ranges),
+            *warn_of_no_returns(ranges, usable),
             *mount_warnings,
             *stamp_warnings,
             *odometry_warnings,

@@ -217,7 +217,7 @@ def _assemble(
     ranges, bearings, beam_warnings = stack_sweeps(records.ranges, setups, usual, {})
     usable = usable_range(ranges, range_min=range_min, range_max=range_max, stated_max=_stated_max(ranges))
     mask_no_returns(ranges, usable)
-    has_odometry, odometry_warnings = judge_odometry(odometry, ranges)
+    has_odometry, odometry_warnings = judge_odometry(odometry, ranges, None)
     return Log(
         ranges=ranges,
         odometry=odometry,
@@ -234,7 +234,7 @@ def _assemble(
         warnings=(
             *records.troubles.told(),
             *beam_warnings,
-            *warn_of_no_returns(ranges),
+            *warn_of_no_returns(ranges, usable),
             "the log has no stamps: scans are numbered 0, 1, 2 … s instead",
             *(() if T_robot_laser is not None else (_ASSUMED_MOUNT,)),
             *odometry_warnings,

@@ -7,11 +7,24 @@ from numpy.typing import NDArray
 
 from frontends.logs.errors import LogError
 from graph.limits import LIMITS, at_most
+from graph.se2 import wrap_angle
 
 _STILL = 1e-6  # m or rad: odometry that moves less over a whole log does not move
 _CHANGED = 0.1  # m: median change of the readings that the robot's standing still does not explain
 _SAMPLES = 32
 """Scans compared, spread over the log."""
+_FASTEST = 30.0
+"""Mean speed of odometry in metres [m/s], at most: robots drive at up to 1.3, a slow one in millimetres at 100."""
+_TURNS_FASTEST, _TURNS_FAST = 10.0, 1.0
+"""Mean turn rates [rad/s] that no robot has, and that none has whose steps are wide as well: recorded logs reach 0.5,
+the same logs in degrees 2 to 16."""
+_TURN, _WIDE_TURN = 0.1, 1.0
+"""Steps of the heading that count as turns, and that are wide [rad]."""
+_WIDE, _MOST_WIDE = 0.15, 0.5
+"""Share of the turns that are wide: at most 0.06 in recorded logs, from 0.2 on in the same logs in degrees; and the
+share that tells where there are no stamps, and scans may lie far apart."""
+_LEAST_TURNS = 10
+"""Fewest turns that tell."""
 
 
 def choose_stamps(both: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[str]]:
@@ -56,22 +69,53 @@ def check_steps(path: Path, odometry: NDArray[np.float64]) -> None:
         )
 
 
-def judge_odometry(odometry: NDArray[np.float64], ranges: NDArray[np.float32]) -> tuple[bool, list[str]]:
-    """Tell whether recorded odometry says anything.
+def judge_odometry(
+    odometry: NDArray[np.float64], ranges: NDArray[np.float32], stamps: NDArray[np.float64] | None
+) -> tuple[bool, list[str]]:
+    """Tell whether recorded odometry says anything, and what a person should know about it.
 
     It does not when it stays the same all through the log although the scans change, or is zero throughout.
 
     Args:
         odometry: (n, 3) T_odom_robot.
         ranges: (n, n_beams) [m], NaN where nothing came back.
+        stamps: (n,) [s]; None where the log has none.
     """
-    if len(odometry) < 2 or float(np.ptp(odometry, axis=0).max()) > _STILL:
+    if len(odometry) < 2:
         return True, []
+    if float(np.ptp(odometry, axis=0).max()) > _STILL:
+        return True, _suspect_units(odometry, stamps)
     if not odometry.any():
         return False, ["there is no odometry (zero throughout)"]
     if _scans_change(ranges):
         return False, ["the odometry stays the same while the scans change: it is taken as missing"]
     return True, []
+
+
+def _suspect_units(odometry: NDArray[np.float64], stamps: NDArray[np.float64] | None) -> list[str]:
+    """What to say of odometry that seems to be in millimetres or degrees."""
+    duration = 0.0 if stamps is None else float(np.ptp(stamps))
+    steps = np.diff(odometry, axis=0)
+    turns = np.abs(wrap_angle(steps[:, 2]))
+    warnings = []
+    speed = float(np.hypot(steps[:, 0], steps[:, 1]).sum()) / duration if duration > 0.0 else 0.0
+    if speed > _FASTEST:
+        warnings.append(
+            f"found odometry that goes {speed:.3g} m/s on average: metres and seconds expected, is it in millimetres?"
+        )
+    rate = float(turns.sum()) / duration if duration > 0.0 else 0.0
+    wide = turns[turns > _TURN] > _WIDE_TURN
+    share = float(wide.mean()) if len(wide) >= _LEAST_TURNS else 0.0
+    if rate > _TURNS_FASTEST or (rate > _TURNS_FAST and share > _WIDE):
+        warnings.append(
+            f"found odometry that turns {rate:.3g} rad/s on average: radians expected, is the heading in degrees?"
+        )
+    elif duration == 0.0 and share > _MOST_WIDE:
+        warnings.append(
+            f"found odometry of which {100.0 * share:.0f} % of the turns between two scans are more than 1 rad: "
+            "radians expected, is the heading in degrees?"
+        )
+    return warnings
 
 
 def _scans_change(ranges: NDArray[np.float32]) -> bool:

@@ -95,7 +95,7 @@ def _assemble(path: Path, records: Records, laser: Device, range_min: float | No
             *_warn_of_other_lasers(records, laser),
             *records.troubles.told(),
             *beam_warnings,
-            *warn_of_no_returns(ranges),
+            *warn_of_no_returns(ranges, usable),
             *([laser_mount.UNKNOWN] if mount is None else []),
             *stamp_warnings,
             *odometry_warnings,
@@ -115,7 +115,7 @@ def _odometry(
         return np.zeros((len(ranges), 3)), False, "none", ["there is no odometry"]
     odometry = poses.at(stamps)
     check_steps(path, odometry)
-    has_odometry, judged = judge_odometry(odometry, ranges)
+    has_odometry, judged = judge_odometry(odometry, ranges, stamps)
     return odometry, has_odometry, source, judged
 
 

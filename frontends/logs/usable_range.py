@@ -21,10 +21,12 @@ class UsableRange:
     Attributes:
         range_min: [m].
         range_max: [m].
+        readings: the shortest and the longest above zero [m]; None where there are none, or nobody looked.
     """
 
     range_min: float
     range_max: float
+    readings: tuple[float, float] | None = None
 
 
 def usable_range(
@@ -62,7 +64,8 @@ def usable_range(
         longest = _longest(positive, below=ceiling, cap=DEFAULT_RANGE_CAP if range_max is None else np.inf)
     else:
         longest = range_max
-    return UsableRange(range_min=shortest, range_max=max(longest, shortest))
+    found = (float(positive.min()), float(positive.max())) if len(positive) else None
+    return UsableRange(range_min=shortest, range_max=max(longest, shortest), readings=found)
 
 
 def mask_no_returns(readings: NDArray[np.float32], usable: UsableRange) -> None:
@@ -72,9 +75,22 @@ def mask_no_returns(readings: NDArray[np.float32], usable: UsableRange) -> None:
     readings[~returns] = np.nan
 
 
-def warn_of_no_returns(ranges: NDArray[np.float32]) -> list[str]:
-    """What to say where none of the (n_scans, n_beams) ranges is a usable return."""
-    return [] if np.isfinite(ranges).any() else ["no beam of any scan has a usable return"]
+def warn_of_no_returns(ranges: NDArray[np.float32], usable: UsableRange) -> list[str]:
+    """What to say where none of the (n_scans, n_beams) ranges is a usable return.
+
+    Args:
+        ranges: as `mask_no_returns` leaves them [m].
+        usable: what it masked them by.
+    """
+    if np.isfinite(ranges).any():
+        return []
+    said = "no beam of any scan has a usable return"
+    if usable.readings is None:
+        return [said]
+    shortest, longest = usable.readings
+    asked = ": are they in millimetres?" if shortest > usable.range_max else ""
+    said += f": readings run from {shortest:.6g} to {longest:.6g}"
+    return [f"{said}, and only those from {usable.range_min:g} m to {usable.range_max:g} m count{asked}"]
 
 
 def _longest(positive: NDArray[np.float32], *, below: float, cap: float) -> float:

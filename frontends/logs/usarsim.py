@@ -120,7 +120,7 @@ def _assemble(path: Path, records: Records, name: str, range_min: float | None, 
         if len(records.poses[source]) and not has_odometry:
             odometry, pose_warnings = poses_of(source)
             check_steps(path, odometry)
-            has_odometry, judged = judge_odometry(odometry, ranges)
+            has_odometry, judged = judge_odometry(odometry, ranges, stamps)
             odometry_warnings = [*pose_warnings, *judged]
             if has_odometry and source != _ODOMETRY[0]:
                 odometry_warnings.append(f"{POSES[source]} is taken for odometry")
@@ -142,7 +142,7 @@ def _assemble(path: Path, records: Records, name: str, range_min: float | None, 
             *records.troubles.told(),
             *view_warnings,
             *beam_warnings,
-            *warn_of_no_returns(ranges),
+            *warn_of_no_returns(ranges, usable),
             *mount_warnings,
             *stamp_warnings,
             *dict.fromkeys([*odometry_warnings, *truth_warnings]),

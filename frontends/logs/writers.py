@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from frontends.checked_arguments import expect
 from frontends.logs.carmen_writer import write_carmen
 from frontends.logs.dpslam import write_dpslam
 from frontends.logs.errors import LogError
@@ -84,7 +85,11 @@ def write_log(path: Path | str, log: Log, *, log_format: str | None = None) -> t
 
     Raises:
         LogError: the format is unknown, cannot carry the beams, or the file cannot be written.
+        TypeError: an argument of another type.
     """
+    if isinstance(path, Log):
+        raise TypeError("path: found Log first, expected write_log(path, log)")
+    expect(log, Log, "log", "iceg.Log, as iceg.read_log(path) gives")
     path = Path(path)
     name = log_format or _format_of(path)
     if name not in WRITERS:

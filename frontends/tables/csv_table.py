@@ -1,5 +1,6 @@
 """Tables of scans as CSV, plain or compressed: `# name = numbers` for what holds for all, a line of names, the rows."""
 
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -13,6 +14,7 @@ from frontends.logs.text import Line
 from frontends.logs.text_output import write_text_log
 from frontends.scan import Log
 from frontends.tables.layout import (
+    FINITE,
     RANGE,
     SETTINGS,
     STAMP,
@@ -20,6 +22,7 @@ from frontends.tables.layout import (
     is_known,
     is_range,
     log_of,
+    meant,
     range_columns,
     table_of,
 )
@@ -60,17 +63,19 @@ def read_csv(
     check_laser(path, laser)
     settings: dict[str, list[float]] = {}
     names: list[str] = []
+    finite: list[int] = []
     rows: list[list[float]] = []
     troubles = LineTroubles()
 
     def read(line: Line) -> None:
         text = line.text.decode("utf-8", "replace").strip()
         if text.startswith("#"):
-            _read_setting(text, settings)
+            _read_setting(line.number, text, settings, troubles)
         elif not names and text:
             names.extend(_names(text))
+            finite.extend(place for place, name in enumerate(names) if name in FINITE)
         elif text:
-            rows.append(_row(text, names))
+            rows.append(_row(text, names, finite))
 
     read_lines(path, read, troubles, skip_bad_lines=skip_bad_lines)
     if not rows:
@@ -98,10 +103,13 @@ def write_csv(path: Path | str, log: Log) -> None:
     write_text_log(Path(path), _text(table_of(log)))
 
 
-def _read_setting(text: str, settings: dict[str, list[float]]) -> None:
+def _read_setting(number: int, text: str, settings: dict[str, list[float]], troubles: LineTroubles) -> None:
     name, equals, value = text.lstrip("# ").partition("=")
-    if not equals or name.strip() not in SETTINGS:
-        return  # a comment
+    if not equals or name.strip() not in SETTINGS:  # a comment
+        like = meant(name.strip(), SETTINGS) if equals else None
+        if like:
+            troubles.warnings.append(f"line {number}: found {name.strip()}, which is left out: did you mean {like}?")
+        return
     try:
         settings[name.strip()] = [float(number) for number in value.split()]
     except ValueError:
@@ -120,14 +128,18 @@ def _names(text: str) -> list[str]:
     return names
 
 
-def _row(text: str, names: list[str]) -> list[float]:
+def _row(text: str, names: list[str], finite: list[int]) -> list[float]:
     fields = text.split(",")
     if len(fields) != len(names):
         raise MalformedLineError(f"{len(fields)} fields", f"{len(names)}, as many as names")
     try:
-        return [float(field) if field.strip() else np.nan for field in fields]
+        row = [float(field) if field.strip() else np.nan for field in fields]
     except ValueError as error:
         raise MalformedLineError(str(error).rpartition(": ")[2][:_MOST_SHOWN], "a number") from None
+    for place in finite:
+        if not math.isfinite(row[place]):
+            raise MalformedLineError(f"'{fields[place].strip()}' for {names[place]}", "a finite number")
+    return row
 
 
 def _table(path: Path, settings: dict[str, list[float]], names: list[str], rows: NDArray[np.float64]) -> ScanTable:

@@ -8,8 +8,9 @@ the beams' directions must be there.
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +23,8 @@ STAMP = "stamp_s"
 ODOMETRY = ("odom_x_m", "odom_y_m", "odom_theta_rad")
 TRUTH = ("truth_x_m", "truth_y_m", "truth_theta_rad")
 GYRO = ("gyro_x", "gyro_y", "gyro_z")
+FINITE = frozenset({STAMP, *ODOMETRY, *TRUTH, *GYRO})
+"""Columns of which each row must hold a finite number."""
 RANGE = "range_"
 _BEARINGS, _FIRST, _STEP, _VIEW = "bearings_rad", "first_bearing_rad", "bearing_step_rad", "field_of_view_rad"
 _LIMITS = ("range_min_m", "range_max_m")
@@ -48,6 +51,8 @@ class ScanTable:
 
 _MOST_DIGITS = 9
 """Of the number of a beam."""
+_LIKE = 0.75
+"""How like a known name one must be to be meant by it (`difflib`: 1 for the same): `laser_x` and `timestamps` are."""
 
 
 def is_known(column: str) -> bool:
@@ -60,6 +65,12 @@ def is_range(column: str) -> bool:
     number = column.removeprefix(RANGE)
     is_number = number.isascii() and number.isdecimal() and len(number) <= _MOST_DIGITS
     return column.startswith(RANGE) and is_number and number == str(int(number))
+
+
+def meant(name: str, known: Iterable[str]) -> str | None:
+    """The known name that somebody meant who wrote another one; None where none is like it, or it is known."""
+    names = list(known)
+    return None if name in names else next(iter(get_close_matches(name, names, n=1, cutoff=_LIKE)), None)
 
 
 def range_columns(path: Path, columns: Sequence[str]) -> list[str]:

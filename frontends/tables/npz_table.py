@@ -4,6 +4,7 @@ import math
 import tokenize
 import zipfile
 import zlib
+from dataclasses import replace
 from pathlib import Path
 from typing import IO
 
@@ -11,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.logs.errors import LogError
-from frontends.scan import Log
+from frontends.plain_numbers import plain_numbers
+from frontends.scan import Log, ScanError
 from frontends.tables.csv_table import check_laser
-from frontends.tables.layout import GYRO, ODOMETRY, SETTINGS, STAMP, TRUTH, ScanTable, log_of, table_of
+from frontends.tables.layout import GYRO, ODOMETRY, SETTINGS, STAMP, TRUTH, ScanTable, log_of, meant, table_of
 from graph.atomic import replacing
 from graph.errors import reason
 from graph.files import check_file
@@ -35,7 +37,7 @@ _DAMAGE = (
 )
 """What NumPy and zipfile make of damage."""
 _THREE = {"odometry": ODOMETRY, "truth": TRUTH, "gyro": GYRO}
-_KNOWN = frozenset(("ranges", "stamps", *_THREE, *SETTINGS))
+_NAMES = ("ranges", "stamps", *_THREE, *SETTINGS)
 _ENDING = ".npy"
 
 
@@ -64,12 +66,16 @@ def read_npz(
     try:
         _check_sizes(path)
         with np.load(path, allow_pickle=False) as file:
-            arrays = {name: np.asarray(file[name], dtype=np.float64) for name in file.files if name in _KNOWN}
+            unknown = _unknown(path, file.files)
+            arrays = {name: plain_numbers(name, file[name], np.float64) for name in file.files if name in _NAMES}
     except LimitError as error:
         raise LogError(str(error)) from error
+    except ScanError as error:
+        raise LogError(f"{path}: {error}") from error
     except _DAMAGE as error:
         raise LogError(f"{path}: cannot be read as arrays of numbers ({' '.join(str(error).split())})") from error
-    return log_of(path, _table(path, arrays), range_min, range_max)
+    log = log_of(path, _table(path, arrays), range_min, range_max)
+    return replace(log, warnings=(*unknown, *log.warnings))
 
 
 def write_npz(path: Path | str, log: Log) -> None:
@@ -108,7 +114,7 @@ def _check_sizes(path: Path) -> None:
         check_limit(total, "log_bytes", f"{path}: found {total} bytes when unpacked")
         for entry in entries:
             name = entry.filename.removesuffix(_ENDING)
-            if name in _KNOWN:
+            if name in _NAMES:
                 with archive.open(entry) as stream:
                     shape, dtype = _header(stream)
                 if math.prod(shape) * dtype.itemsize > entry.file_size:
@@ -137,6 +143,21 @@ def _check_shape(path: Path, name: str, shape: tuple[int, ...]) -> None:
         check_limit(math.prod(shape), "beams", found)
     else:
         check_limit(math.prod(shape) / 3, "scans", found)
+
+
+def _unknown(path: Path, names: list[str]) -> list[str]:
+    """What to say of arrays that are no part of the layout.
+
+    Raises:
+        LogError: one seems to be misspelt.
+    """
+    unknown = [name for name in names if name not in _NAMES]
+    for name in unknown:
+        like = meant(name, _NAMES)
+        if like:
+            raise LogError(f"{path}: found the array '{name}', did you mean '{like}'?")
+    expected = f"expected {', '.join(_NAMES)}: left out"
+    return [f"found the arrays {', '.join(map(repr, unknown))}, {expected}"] if unknown else []
 
 
 def _table(path: Path, arrays: dict[str, NDArray[np.float64]]) -> ScanTable:

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from frontends.logs.errors import LogError
-from frontends.scan import Log
+from frontends.plain_numbers import plain_numbers
+from frontends.scan import Log, ScanError
 from frontends.tables.csv_table import check_laser
 from frontends.tables.layout import RANGE, SETTINGS, ScanTable, is_known, is_range, log_of, range_columns, table_of
 from graph.atomic import replacing
@@ -50,9 +51,11 @@ def read_parquet(
         said = json.loads((table.schema.metadata or {}).get(_METADATA, b"{}"))
         settings = {str(name): [float(value) for value in values] for name, values in said.items()}
         names = [name for name in table.column_names if is_known(name)]
-        columns = {name: np.asarray(table[name].to_numpy(), dtype=np.float64) for name in names}
+        columns = {name: plain_numbers(name, table[name].to_numpy(), np.float64) for name in names}
     except LimitError as error:
         raise LogError(str(error)) from error
+    except ScanError as error:
+        raise LogError(f"{path}: {error}") from error
     except (OSError, ValueError, TypeError, AttributeError) as error:  # pyarrow's own are ValueErrors
         raise LogError(f"{path}: cannot be read as a table of numbers ({' '.join(str(error).split())})") from error
     beams = range_columns(path, names)

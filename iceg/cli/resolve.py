@@ -42,10 +42,10 @@ class Resolve:
         try:
             with compile_note():
                 prepare_kernels()
-                from iceg.resolving import handed_back, resolve
+                from iceg.resolving import resolve
 
                 asked = read_all_corrections([] if self.corrections is None else [self.corrections])
-                result = resolve(self.directory, handed_back(asked, self.directory))
+                result = resolve(self.directory, asked)
                 write_results(result, target, overwrite=replaces)
         except KeyboardInterrupt:
             raise KeyboardInterrupt(what_was_kept(target, before)) from None

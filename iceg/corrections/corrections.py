@@ -16,6 +16,10 @@ VerdictWord = Literal["accepted", "rejected", "removed", "pinned"]
 _LEAST_FACTOR, _MOST_FACTOR = 1.0, 1e4
 
 
+CORRECTIONS_EXPECTED = "iceg.Corrections, as iceg.read_corrections(path) gives"
+"""What an argument of corrections must be, for messages."""
+
+
 class CorrectionsError(IcegError):
     """Corrections that cannot be read, or do not fit the log."""
 

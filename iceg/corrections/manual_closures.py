@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.radians import not_in_radians
 from graph.errors import IcegError
 from iceg.tables import TableError, check_row, open_table, parse_numbers
 
@@ -57,6 +58,9 @@ class ManualClosure:
                 f"{self.where}: found the deviations {self.sigma_m} m and {self.sigma_rad} rad, expected at least "
                 f"{_LEAST_SIGMA:g} each"
             )
+        misread = None if self.T_i_j is None else not_in_radians(float(self.T_i_j[2]))
+        if misread:
+            raise ManualClosureError(f"{self.where}: {misread}")
 
 
 def read_manual_closures(path: Path | str) -> list[ManualClosure]:

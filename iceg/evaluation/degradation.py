@@ -373,7 +373,7 @@ def _with_beams(log: Log, beams: slice) -> Degraded:
 
 
 def _with_odometry(log: Log, odometry: NDArray[np.float64]) -> Degraded:
-    has_odometry, warnings = judge_odometry(odometry, log.ranges)
+    has_odometry, warnings = judge_odometry(odometry, log.ranges, log.stamps)
     bad = replace(log, odometry=odometry, has_odometry=has_odometry, warnings=(*log.warnings, *warnings))
     return Degraded(log=bad, scans=np.arange(len(log)))
 

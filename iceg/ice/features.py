@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.checked_arguments import expect
 from frontends.scan import Scan
 from iceg.ice import _feature_kernels as kernels
 from iceg.ice.config import FeatureConfig, SegmentConfig
@@ -108,7 +109,11 @@ def extract_features(
 
     Returns:
         The features in the robot frame, corners and intersections first.
+
+    Raises:
+        TypeError: the scan is of another type.
     """
+    expect(scan, Scan, "scan", "iceg.Scan, as iceg.Scan.from_ranges and log.scan(index) give")
     scan_points = extract_points(scan)
     lines = segment_rows(scan, segments or SegmentConfig(), scan_points)
     return feature_rows(scan, config or FeatureConfig(), lines, scan_points).unpack()

@@ -7,6 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from frontends.checked_arguments import type_name
 from frontends.matcher import Matcher
 from frontends.scan import Scan, ScanGeometry
 from graph.errors import IcegError
@@ -102,6 +103,9 @@ class Stages:
         verification: which closures are believed, on top of whether they fit the path.
         solver: of the whole graph, after the log has been read and after matching again.
         grid: the occupancy grid.
+
+    Raises:
+        TypeError: the matcher is no object that has `prepare` and `match`.
     """
 
     features: FeatureExtractor | None = None
@@ -110,6 +114,12 @@ class Stages:
     verification: ClosureVerification | None = None
     solver: RobustSolver | None = None
     grid: GridRenderer | None = None
+
+    def __post_init__(self) -> None:
+        matcher = self.matcher
+        is_matcher = callable(getattr(matcher, "prepare", None)) and callable(getattr(matcher, "match", None))
+        if matcher is not None and (isinstance(matcher, type) or not is_matcher):
+            raise TypeError(f"matcher: found {type_name(matcher)}, expected an object that has prepare and match")
 
 
 IN_HOUSE = Stages()
