@@ -10,12 +10,12 @@ from graph.limits import LimitError, check_limit
 _LONGEST = 500  # characters of a path in a message
 
 
-def check_file(path: Path, limit: str, error: type[IcegError], what: str) -> None:
+def check_file(path: Path, limit: str | None, error: type[IcegError], what: str) -> None:
     """Refuse what is no regular file (a folder, a device, a pipe nobody may write to) or too large.
 
     Args:
         path: the file.
-        limit: the field of `graph.limits.Limits` that bounds its bytes.
+        limit: the field of `graph.limits.Limits` that bounds its bytes; None where it may have any size.
         error: raised where it is refused.
         what: for the message: "cannot be read as" what.
 
@@ -29,6 +29,8 @@ def check_file(path: Path, limit: str, error: type[IcegError], what: str) -> Non
     if not stat.S_ISREG(status.st_mode):
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device or pipe"
         raise error(f"{path}: cannot be read as {what}: found {kind}, expected a file")
+    if limit is None:
+        return
     try:
         check_limit(status.st_size, limit, f"{path}: cannot be read as {what}: found {status.st_size} bytes")
     except LimitError as err:

@@ -545,3 +545,9 @@ def test_scans_recorded_a_few_periods_late_keep_their_stamps(tmp_path: Path) -> 
     log = read_log(write_bag(tmp_path, said))
     np.testing.assert_allclose(log.stamps, START + 0.1 * np.arange(80), atol=1e-6)
     assert any("arrived behind later ones" in warning for warning in log.warnings)
+
+
+@pytest.mark.parametrize("container", ["ros1", "sqlite3"])
+def test_a_bag_may_be_of_any_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, container: str) -> None:
+    monkeypatch.setattr(graph.limits, "LIMITS", replace(LIMITS, log_bytes=1000))
+    assert len(read_log(write_bag(tmp_path, moving_scans(), container))) == N_SCANS

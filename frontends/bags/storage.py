@@ -143,7 +143,7 @@ def _container_of(path: Path) -> str | None:
 
 def _opened(path: Path, unpacked: ExitStack) -> BagFile:
     """A file with its container; one that is packed as a whole is unpacked until the stack is closed."""
-    check_file(path, "log_bytes", BagError, "a bag")
+    check_file(path, None, BagError, "a bag")  # read message by message: with cameras in it a bag may be of any size
     found = _container_of(path)
     if found is None:
         raise BagError(f"{path}: found no bag, expected one of ROS 1, or of ROS 2 as sqlite3 or MCAP")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from frontends.bags.bag import read_bag
-from frontends.bags.magic import is_bag
+from frontends.bags.magic import container, is_bag
 from frontends.logs.carmen import is_carmen, read_carmen
 from frontends.logs.dpslam import is_dpslam, read_dpslam
 from frontends.logs.errors import LogError
@@ -19,6 +19,8 @@ from frontends.scan import Log
 from frontends.tables.csv_table import is_csv, read_csv
 from frontends.tables.npz_table import is_npz, read_npz
 from frontends.tables.parquet_table import is_parquet, read_parquet
+from graph.errors import reason
+from graph.files import check_file
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,6 +89,15 @@ def read_log(
     return placed(read(path, **given), laser_x, laser_y, laser_heading)
 
 
+def _is_plain_bag(path: Path) -> bool:
+    """Whether a file is a bag that is not packed as a whole, which may be of any size."""
+    try:
+        with path.open("rb") as file:
+            return container(file.read(16)) is not None
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read ({reason(error)})") from error
+
+
 def recognise(path: Path) -> str:
     """The name of the format of a log.
 
@@ -94,6 +105,9 @@ def recognise(path: Path) -> str:
         LogError: the file is empty, cannot be read or is of no known format.
     """
     if path.is_dir():
+        return "bag"
+    check_file(path, None, LogError, "a log")
+    if _is_plain_bag(path):
         return "bag"
     log = TextLog(path)
     head = log.head()
