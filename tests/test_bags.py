@@ -1,14 +1,20 @@
 """Reading bags: what a person who has one notices."""
 
+import bz2
+import gzip
+import lzma
 import math
 import os
 import sqlite3
 import subprocess
 import sys
+import tarfile
+import zipfile
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -551,3 +557,35 @@ def test_scans_recorded_a_few_periods_late_keep_their_stamps(tmp_path: Path) -> 
 def test_a_bag_may_be_of_any_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, container: str) -> None:
     monkeypatch.setattr(graph.limits, "LIMITS", replace(LIMITS, log_bytes=1000))
     assert len(read_log(write_bag(tmp_path, moving_scans(), container))) == N_SCANS
+
+
+@pytest.mark.parametrize("opened", [gzip.open, bz2.open, lzma.open])
+def test_a_bag_may_be_packed_as_any_log(tmp_path: Path, opened: Any) -> None:
+    bag = write_bag(tmp_path, moving_scans())
+    packed = tmp_path / "packed"
+    with opened(packed, "wb") as file:
+        file.write(bag.read_bytes())
+    assert len(read_log(packed)) == N_SCANS
+
+
+def test_an_archive_is_to_be_unpacked_first(tmp_path: Path) -> None:
+    bag, files = write_bag(tmp_path, moving_scans()), (tmp_path / "x.zip", tmp_path / "x.tar.gz")
+    with zipfile.ZipFile(files[0], "w") as archive, tarfile.open(files[1], "w:gz") as other:
+        archive.write(bag, "log.bag")
+        other.add(bag, "log.bag")
+    for file in files:
+        with pytest.raises(LogError, match="unpack it first"):
+            read_log(file)
+
+
+@pytest.mark.parametrize("robot", ["lidarbot", "mapping_robot", "laser2go"])
+def test_a_robot_may_be_called_after_its_laser(tmp_path: Path, robot: str) -> None:
+    said = [*moving_scans(topic=f"/{robot}/scan")]
+    said += [odometry(START + 0.1 * k, arc(k / 12), topic=f"/{robot}/odom") for k in range(N_SCANS)]
+    assert read_log(write_bag(tmp_path, said)).has_odometry
+    others = [
+        odometry(START + 0.1 * k, arc(k / 12), topic=f"/robot/{name}")
+        for k in range(N_SCANS)
+        for name in ("lidar_odometry", "laser/odom", "mapping/odometry", "slam/odom")
+    ]
+    assert not read_log(write_bag(tmp_path, [*moving_scans(), *others], name="estimates")).has_odometry

@@ -6,7 +6,11 @@ from frontends.bags import messages
 from frontends.bags.records import PoseSource
 
 _TRUTH = re.compile(r"truth|(^|[/_])gt([/_]|$)|mocap|vicon|optitrack|vrpn|qualisys|natnet|motive", re.IGNORECASE)
-_ESTIMATE = re.compile(r"slam|amcl|rf2o|icp|carto|gmapping|hector|lidar|laser|scan_match|map|goal", re.IGNORECASE)
+_ESTIMATE = re.compile(
+    r"slam|amcl|rf2o|icp|carto|gmapping|hector|scan_match|/mapping/|(lidar|laser)_?odo"
+    r"|(^|[/_])(lidar|laser|map|goal)([/_]|$)",  # whole words: a robot may be called lidarbot
+    re.IGNORECASE,
+)
 _FIXED_FRAMES = {"map", "world", "earth", "mocap", "vicon", "optitrack"}
 
 

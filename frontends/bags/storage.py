@@ -1,19 +1,23 @@
 """The files of a bag, of whatever container, as one stream of serialised messages."""
 
+import gzip
+import lzma
 import re
 import shutil
 import sqlite3
+import zlib
 from collections.abc import Collection, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import NamedTuple
+from typing import IO, NamedTuple, cast
 
 from frontends.bags import mcap_recovery, ros1_recovery, rosbags_files, sqlite_recovery
 from frontends.bags.errors import BagError
 from frontends.bags.magic import ZSTD, container
 from frontends.bags.message import Message, See, Tell
+from frontends.logs.text import OPENERS
 from graph.errors import reason
 from graph.files import check_file
 from graph.limits import LimitError, check_limit
@@ -127,18 +131,31 @@ def said_of_damage(error: Exception) -> str:
 
 
 def _container_of(path: Path) -> str | None:
-    with path.open("rb") as file:
-        head = file.read(16)
-        if head.startswith(ZSTD):
-            from frontends.bags.compression import zstd
+    packed = _unpacking(path)
+    try:
+        with packed or path.open("rb") as file:
+            return container(file.read(16))
+    except _damage():
+        return None
 
-            file.seek(0)
-            try:
-                with zstd.open(file, "rb") as unpacked:
-                    head = unpacked.read(16)
-            except (zstd.ZstdError, EOFError):
-                return None
-    return container(head)
+
+def _unpacking(path: Path) -> IO[bytes] | None:
+    """What a file that was packed as a whole holds; None where it was not."""
+    with path.open("rb") as file:
+        head = file.read(6)
+    if head.startswith(ZSTD):
+        from frontends.bags.compression import zstd
+
+        return cast("IO[bytes]", zstd.open(path, "rb"))
+    opener = next((opener for magic, opener in OPENERS if head.startswith(magic)), None)
+    return None if opener is None else cast("IO[bytes]", opener(path, "rb"))
+
+
+def _damage() -> tuple[type[Exception], ...]:
+    """What unpacking makes of damage."""
+    from frontends.bags.compression import zstd
+
+    return zstd.ZstdError, EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile
 
 
 def _opened(path: Path, unpacked: ExitStack) -> BagFile:
@@ -147,21 +164,18 @@ def _opened(path: Path, unpacked: ExitStack) -> BagFile:
     found = _container_of(path)
     if found is None:
         raise BagError(f"{path}: found no bag, expected one of ROS 1, or of ROS 2 as sqlite3 or MCAP")
-    with path.open("rb") as file:
-        is_packed = file.read(4) == ZSTD
+    packed = _unpacking(path)
+    if packed is not None:
+        return BagFile(_unpacked(path, packed, Path(unpacked.enter_context(TemporaryDirectory(prefix="iceg-")))), found)
     log = path.with_name(f"{path.name}-wal")
-    if found == "sqlite3" and not is_packed and log.is_file() and log.stat().st_size:
+    if found == "sqlite3" and log.is_file() and log.stat().st_size:
         return BagFile(_with_log(path, log, Path(unpacked.enter_context(TemporaryDirectory(prefix="iceg-")))), found)
-    if not is_packed:
-        return BagFile(path, found)
-    return BagFile(_unpacked(path, Path(unpacked.enter_context(TemporaryDirectory(prefix="iceg-")))), found)
+    return BagFile(path, found)
 
 
-def _unpacked(path: Path, room: Path) -> Path:
-    from frontends.bags.compression import zstd
-
-    unpacked, size = room / path.name.removesuffix(".zstd"), 0
-    with path.open("rb") as file, zstd.open(file, "rb") as source, unpacked.open("wb") as target:
+def _unpacked(path: Path, packed: IO[bytes], room: Path) -> Path:
+    unpacked, size = room / re.sub(r"\.(zstd?|gz|bz2|xz)$", "", path.name), 0
+    with packed as source, unpacked.open("wb") as target:
         try:
             while block := source.read(1 << 20):
                 size += len(block)
@@ -169,7 +183,7 @@ def _unpacked(path: Path, room: Path) -> Path:
                 target.write(block)
         except LimitError as error:
             raise BagError(str(error)) from error
-        except (zstd.ZstdError, EOFError):
+        except _damage():
             pass  # what is there is told when it is read
     return unpacked
 

@@ -98,6 +98,12 @@ def _is_plain_bag(path: Path) -> bool:
         raise LogError(f"{path}: cannot be read ({reason(error)})") from error
 
 
+def _is_archive(head: bytes) -> bool:
+    """Whether a file that begins with `head` is a TAR, or a ZIP whose first entry is no array of NumPy."""
+    name = head[30 : 30 + int.from_bytes(head[26:28], "little")]
+    return head[257:262] == b"ustar" or (head.startswith(b"PK\x03\x04") and not name.endswith(b".npy"))
+
+
 def recognise(path: Path) -> str:
     """The name of the format of a log.
 
@@ -115,6 +121,8 @@ def recognise(path: Path) -> str:
         raise LogError(
             f"{path}: the {'compressed file is cut off before its first line' if log.cut_off else 'log is empty'}"
         )
+    if _is_archive(head):
+        raise LogError(f"{path}: found an archive of files, expected one of them: unpack it first")
     for name, reader in READERS.items():
         if reader.recognises(head):
             return name

@@ -20,7 +20,8 @@ from graph.files import check_file
 from graph.limits import LIMITS, at_most
 
 _BLOCK_BYTES = 1 << 20
-_OPENERS = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ\x00", lzma.open))
+OPENERS = ((b"\x1f\x8b", gzip.open), (b"BZh", bz2.open), (b"\xfd7zXZ\x00", lzma.open))
+"""How compressed files begin, and what opens them."""
 
 
 class Line(NamedTuple):
@@ -154,7 +155,7 @@ class _Stream(BinaryIO):
 def _open(path: Path) -> _Stream:
     with path.open("rb") as raw:
         magic = raw.read(6)
-    for signature, opener in _OPENERS:
+    for signature, opener in OPENERS:
         if magic.startswith(signature):
             return cast("_Stream", opener(path, "rb"))
     return cast("_Stream", path.open("rb"))
