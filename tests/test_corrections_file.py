@@ -160,3 +160,6 @@ def test_two_files_together_cut_once(tmp_path: Path) -> None:
     assert len(together.added) == 1
     with pytest.raises(CorrectionsError, match=r"b\.toml:1: found more than one file that cuts"):
         read_all_corrections([one, other])
+    turned = [write(tmp_path / name, "[map]\nturn_degrees = 9") for name in ("c.toml", "d.toml")]
+    with pytest.raises(CorrectionsError, match=r"d\.toml:1: found more than one file that turns the map"):
+        read_all_corrections(turned)

@@ -206,10 +206,11 @@ class Corrections:
         Raises:
             CorrectionsError: both cut the log, or turn the map.
         """
-        if (self.cut != Cut() and others.cut != Cut()) or not (self.frame.is_as_found or others.frame.is_as_found):
-            raise CorrectionsError(
-                f"{others.cut.where}: found more than one file that cuts the log or turns the map, expected one"
-            )
+        more = "found more than one file that"
+        if self.cut != Cut() and others.cut != Cut():
+            raise CorrectionsError(f"{others.cut.where}: {more} cuts the log, expected one")
+        if not (self.frame.is_as_found or others.frame.is_as_found):
+            raise CorrectionsError(f"{others.frame.where}: {more} turns the map, expected one")
         return Corrections(
             forbidden=(*self.forbidden, *others.forbidden),
             added=(*self.added, *others.added),

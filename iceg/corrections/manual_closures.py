@@ -1,7 +1,6 @@
 """Loop closures that a person adds by hand: pairs of scans and how the one lies to the other."""
 
 import csv
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,8 +17,8 @@ _SIGMA_COLUMNS = (*_COLUMNS, "sigma_m", "sigma_rad")
 SIGMA_M, SIGMA_RAD = 0.1, 0.03
 """How well a person is taken to know a closure, unless the file says [m, rad]."""
 
-_LEAST_SIGMA = 1e-6
-"""Nobody knows better [m, rad]."""
+_LEAST_SIGMA, _MOST_SIGMA_M, _MOST_SIGMA_RAD = 1e-6, 1e4, 10.0
+"""Nobody knows better [m, rad]; and who knows no better [m], [rad] knows nothing."""
 
 
 class ManualClosureError(IcegError):
@@ -53,10 +52,11 @@ class ManualClosure:
             raise ManualClosureError(
                 f"{self.where}: found scans {self.scan_i} and {self.scan_j}, expected two different ones counted from 0"
             )
-        if not (_LEAST_SIGMA <= self.sigma_m < math.inf and _LEAST_SIGMA <= self.sigma_rad < math.inf):
+        is_metre_sound = _LEAST_SIGMA <= self.sigma_m <= _MOST_SIGMA_M
+        if not (is_metre_sound and _LEAST_SIGMA <= self.sigma_rad <= _MOST_SIGMA_RAD):
             raise ManualClosureError(
                 f"{self.where}: found the deviations {self.sigma_m} m and {self.sigma_rad} rad, expected at least "
-                f"{_LEAST_SIGMA:g} each"
+                f"{_LEAST_SIGMA:g} each, at most {_MOST_SIGMA_M:g} m and {_MOST_SIGMA_RAD:g} rad"
             )
         misread = None if self.T_i_j is None else not_in_radians(float(self.T_i_j[2]))
         if misread:
