@@ -31,12 +31,14 @@ def laser(
     n_beams: int = 181, field_of_view: float = math.pi, mount: tuple[float, float, float] = (0, 0, 0)
 ) -> ScanGeometry:
     half = field_of_view / 2
-    bearings = np.linspace(-half, half, n_beams) if n_beams > 1 else np.zeros(1)
+    bearings = np.linspace(-half, half, n_beams)
     return ScanGeometry(bearings=bearings, range_min=0.02, range_max=30.0, T_robot_laser=np.array(mount, dtype=float))
 
 
 def one_beam(T_map_robot: tuple[float, float, float], reach: float, config: GridConfig) -> OccupancyGrid:
-    return render_grid(np.array([T_map_robot]), np.full((1, 1), reach, np.float32), laser(1), config)
+    """Of two beams, the other of which meets nothing."""
+    geometry = ScanGeometry(bearings=np.array([0.0, 2.0]), range_min=0.02, range_max=30.0)
+    return render_grid(np.array([T_map_robot]), np.array([[reach, np.nan]], np.float32), geometry, config)
 
 
 def at(grid: OccupancyGrid, x: float, y: float) -> float:

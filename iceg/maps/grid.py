@@ -298,9 +298,6 @@ def _laser_poses(T_map_robot: NDArray[np.float64], geometry: ScanGeometry) -> ND
 def _half_widths(geometry: ScanGeometry, beam_width: float | None) -> tuple[NDArray[np.float64], bool]:
     """Angles from each beam's axis to its right and left border, and whether neighbouring beams touch."""
     bearings = np.asarray(geometry.bearings, dtype=np.float64)
-    if len(bearings) == 1:
-        width = beam_width if beam_width is not None else math.radians(1.0)
-        return np.full((1, 2), width / 2), False
     gaps = np.diff(bearings)
     half = np.empty((len(bearings), 2))
     half[1:, 0] = half[:-1, 1] = gaps / 2

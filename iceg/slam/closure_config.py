@@ -142,9 +142,9 @@ class TrackingFailureConfig(SlamSettings, prefix="failures: "):
     beyond_chance_distance2: float = positive(99.0)
     """Squared Mahalanobis distance of a match from odometry that no chance explains; where closures refute the match in
     hindsight, odometry is known as well as it claims, or wider by what is beyond this."""
-    min_inlier_ratio: float = between(0.7, 0.0, 1.0)
+    min_inlier_ratio: float = 0.7
     """A match that explains less of a scan is suspect where few closures span the step."""
-    believed_inlier_ratio: float = between(0.8, 0.0, 1.0)
+    believed_inlier_ratio: float = 0.8
     """A step whose match explains this share of its scan is believed, if nothing else speaks against it: those who
     walk past evenly spaced doors, or similar rooms, find many key scans that agree about another place."""
     settling_closures: int = 10
