@@ -1,6 +1,7 @@
 """Reading bags: what a person who has one notices."""
 
 import bz2
+import contextlib
 import gzip
 import lzma
 import math
@@ -589,3 +590,18 @@ def test_a_robot_may_be_called_after_its_laser(tmp_path: Path, robot: str) -> No
         for name in ("lidar_odometry", "laser/odom", "mapping/odometry", "slam/odom")
     ]
     assert not read_log(write_bag(tmp_path, [*moving_scans(), *others], name="estimates")).has_odometry
+
+
+@pytest.mark.parametrize("opened", [gzip.open, bz2.open, lzma.open])
+def test_a_packed_bag_that_is_damaged_is_read_as_far_as_it_goes_or_refused(tmp_path: Path, opened: Any) -> None:
+    bag = write_bag(tmp_path, moving_scans())
+    packed = tmp_path / "packed"
+    with opened(packed, "wb") as file:
+        file.write(bag.read_bytes())
+    whole = packed.read_bytes()
+    for share in (0.05, 0.5, 0.95):
+        at = int(share * len(whole))
+        for content in (whole[:at], whole[:at] + bytes(64) + whole[at + 64 :]):
+            packed.write_bytes(content)
+            with contextlib.suppress(LogError):
+                assert len(read_log(packed)) <= N_SCANS

@@ -181,4 +181,7 @@ def test_what_is_held_for_long_is_no_arc(log: Log) -> None:
     filled = with_odometry_between_readings(held, StandstillConfig())
     assert not np.array_equal(filled.odometry, held.odometry)
     shorter = 1.5 * float(np.median(np.diff(log.stamps)))
-    assert with_odometry_between_readings(held, StandstillConfig(held_longest=shorter)) is held
+    long_held = StandstillConfig(held_longest=shorter, held_scans=1)
+    assert with_odometry_between_readings(held, long_held) is held
+    numbered = replace(held, stamps=np.linspace(0.0, 1e4, len(log)))
+    assert not np.array_equal(with_odometry_between_readings(numbered, StandstillConfig()).odometry, held.odometry)

@@ -1,6 +1,5 @@
 """The files of a bag, of whatever container, as one stream of serialised messages."""
 
-import gzip
 import lzma
 import re
 import shutil
@@ -155,7 +154,7 @@ def _damage() -> tuple[type[Exception], ...]:
     """What unpacking makes of damage."""
     from frontends.bags.compression import zstd
 
-    return zstd.ZstdError, EOFError, zlib.error, lzma.LZMAError, gzip.BadGzipFile
+    return zstd.ZstdError, EOFError, zlib.error, lzma.LZMAError, OSError  # which bz2 and gzip raise
 
 
 def _opened(path: Path, unpacked: ExitStack) -> BagFile:

@@ -87,19 +87,16 @@ def pose_times(
     lag = recorded - stamps
     apart = float(np.median(lag)) - scans.behind
     is_steady = float(np.ptp(np.percentile(lag, (10.0, 90.0)))) < _STEADY * abs(apart)
-    if abs(apart) > _CLOCKS_APART and is_steady and covered(stamps + apart, scans.stamps).mean() >= _ENOUGH:
-        side = "behind" if apart > 0.0 else "ahead of"
-        return stamps + apart, [
-            f"the stamps lie {abs(apart):.1f} s {side} the scans', by another clock: the times of recording align them"
-        ]
-    if covered(stamps, scans.stamps).mean() >= _ENOUGH:
+    is_apart = abs(apart) > _CLOCKS_APART and is_steady
+    if not is_apart and covered(stamps, scans.stamps).mean() >= _ENOUGH:
         return stamps, []
-    by_recording = recorded - scans.behind
-    if covered(by_recording, scans.stamps).mean() < _ENOUGH:
+    # Another clock runs evenly, unless it stands still: only the distance is wrong.
+    aligned = stamps + apart if float(np.ptp(stamps)) > 0.0 else recorded - scans.behind
+    if covered(aligned, scans.stamps).mean() < _ENOUGH:
         return stamps, []
-    if float(np.ptp(stamps)) > 0.0:  # of another clock that runs evenly: only the distance is wrong
-        by_recording = stamps + float(np.median(recorded - stamps)) - scans.behind
-    return by_recording, ["the stamps are of another clock than the scans': the times of recording align them"]
+    return aligned, [
+        f"the stamps are of another clock than the scans', {abs(apart):.1f} s off: the times of recording align them"
+    ]
 
 
 def covered(times: NDArray[np.float64], at: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -41,7 +41,8 @@ def with_odometry_between_readings(log: Log, config: StandstillConfig) -> Log:
     moves, spread = held_readings(odometry, periods, config)
     spread = np.where(_are_confirmed(log.ranges[is_new], moves, spread, config), spread, 1)
     stamps = log.stamps[is_new]
-    is_arc = stamps[moves + 1] - stamps[moves + 1 - spread] <= config.held_longest
+    is_short = stamps[moves + 1] - stamps[moves + 1 - spread] <= config.held_longest
+    is_arc = is_short | (spread <= config.held_scans)
     spread = np.where(is_arc, spread, 1)
     if not (spread > 1).any():
         return log
