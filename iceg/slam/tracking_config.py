@@ -45,9 +45,10 @@ class StandstillConfig(SlamSettings, prefix="standstill: "):
     """Nobody moves more times as fast while a reading is held as in all but one in a hundred of the other steps."""
     held_longest: float = between(3.0, 0.0, 3600.0)
     """A reading that is held for longer [s] tells nothing of the way meanwhile, which need not be the arc from one
-    reading to the next: odometry counts as dead …"""
+    reading to the next: odometry counts as dead."""
     held_scans: int = positive(10)
-    """… if it is held over more scans, too: where these are seldom, or have no stamps, seconds tell little."""
+    """A reading that is held over no more scans than this is never long: where scans are seldom, or have no stamps,
+    seconds tell little."""
     least_change: float = positive(0.001)
     """Standard deviation of the change of velocity from one scan to the next, at least [m, rad]."""
     ends: int = 3
