@@ -73,6 +73,11 @@ class ScanGeometry:
         """Angle between two neighbouring beams [rad]."""
         return self.field_of_view / (self.n_beams - 1)
 
+    @property
+    def is_full_circle(self) -> bool:
+        """Whether the first beam follows the last one."""
+        return self.field_of_view > WHOLE_TURN - 1.5 * self.resolution
+
     @cached_property
     def directions_robot(self) -> NDArray[np.float64]:
         """(n_beams, 2) unit vectors of the beams in the robot frame."""

@@ -35,6 +35,7 @@ from iceg.slam.odometry.velocity import motions_without_odometry
 from iceg.slam.passes import track_guided, track_placed, track_with_sweep
 from iceg.slam.progress import ProgressCallback
 from iceg.slam.recording.held_readings import with_odometry_between_readings
+from iceg.slam.recording.own_body import without_own_body
 from iceg.slam.recording.repeated_scans import without_frozen_scans
 from iceg.slam.solution import Solution
 from iceg.slam.stage_clock import StageClock
@@ -69,6 +70,7 @@ def find(
         What was found, and the matcher that found it.
     """
     with clock.stage("front_end"):
+        log = without_own_body(log, given.front_end.own_body)
         laser = laser_noise(log, given)
         noise = beyond_allowed(laser)
         config = widened(given, sqrt(noise.typical))

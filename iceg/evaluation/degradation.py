@@ -10,13 +10,16 @@ from numpy.typing import NDArray
 
 from frontends.logs.plausibility import judge_odometry
 from frontends.scan import Log, ScanGeometry
-from graph.elementary import arctan2
+from graph.elementary import arctan2, cos_sin
 from graph.se2 import between, compose, transform_points, wrap_angle
 
 _SEED = 0
 _JUMPS = 3
 _CLOCK_JUMP = 3600.0  # s
 _BODY = 0.2  # m, half of its width
+_POSTS, _POST_RANGE, _POST_HALF = 4, 0.28, np.radians(3.0)  # m, rad
+_GRAZED = 0.3
+"""Share of its scans in which a beam that grazes a post returns from it."""
 _VISIT = (25, 150)  # scans
 _BLIND_SECONDS, _GAP_SECONDS, _CARRIED_SECONDS, _STOP_SCANS = 10.0, 10.0, 60.0, 1000
 
@@ -125,6 +128,36 @@ def frozen(log: Log) -> Degraded:
     ranges = log.ranges.copy()
     middle = len(log) // 2
     ranges[middle : middle + _scans_in(log, _BLIND_SECONDS)] = ranges[middle]
+    return _with_ranges(log, ranges)
+
+
+def posts(log: Log) -> Degraded:
+    """Four posts of the robot stand 28 cm from the laser, each 6° wide."""
+    ranges, bearings, rng = log.ranges.copy(), log.geometry.bearings, _rng()
+    for bearing in np.linspace(bearings[0], bearings[-1], _POSTS + 2)[1:-1]:
+        off = np.abs(bearings - bearing)
+        for beams, share in ((off < _POST_HALF, 1.0), (np.abs(off - _POST_HALF) < log.geometry.resolution, _GRAZED)):
+            shape = (len(log), int(beams.sum()))
+            hit, seen = rng.random(shape) < share, _POST_RANGE + rng.normal(0.0, 0.005, shape)
+            ranges[:, beams] = np.where(hit, seen.astype(np.float32), ranges[:, beams])
+    return _with_ranges(log, ranges)
+
+
+def cover(log: Log) -> Degraded:
+    """The robot's own cover, 25 to 35 cm from the laser, takes 15 % of the view on either side."""
+    ranges, n_beams = log.ranges.copy(), log.geometry.n_beams
+    beams = np.flatnonzero(np.abs(np.arange(n_beams) - 0.5 * (n_beams - 1)) > 0.35 * n_beams)
+    seen = 0.3 + 0.05 * cos_sin(3.0 * log.geometry.bearings[beams])[0]
+    ranges[:, beams] = seen + _rng().normal(0.0, 0.008, (len(log), len(beams)))
+    return _with_ranges(log, ranges)
+
+
+def hands(log: Log) -> Degraded:
+    """Hands around the laser, 8 to 13 cm from it, take half of the view for ten seconds in the middle."""
+    ranges, middle, n_beams = log.ranges.copy(), len(log) // 2, log.geometry.n_beams
+    scans = ranges[middle : middle + _scans_in(log, _BLIND_SECONDS)]
+    for beams in (slice(0, n_beams // 4), slice(n_beams - n_beams // 4, n_beams)):
+        scans[:, beams] = _rng().uniform(0.08, 0.13, scans[:, beams].shape)
     return _with_ranges(log, ranges)
 
 
@@ -333,6 +366,10 @@ DEGRADATIONS: Mapping[str, Degradation] = MappingProxyType(
             faults=(partial(odometry_scaled, move=1.2, turn=0.8), partial(missing_beams, share=0.5)),
         ),
         "every 5th scan + reset": partial(together, faults=(partial(every, n=5), odometry_reset)),
+        "posts": posts,
+        "cover": cover,
+        "hands": hands,
+        "cover + no odometry": partial(together, faults=(cover, odometry_missing)),
     }
 )
 """Every fault by its name."""

@@ -17,6 +17,7 @@ from iceg.slam.closure_config import (
     ViewChangeConfig,
 )
 from iceg.slam.joint_config import JointRefinementConfig
+from iceg.slam.own_body_config import OwnBodyConfig
 from iceg.slam.sweep_config import SweepConfig
 from iceg.slam.tracking_config import (
     MountConfig,
@@ -49,6 +50,8 @@ class FrontEndConfig(SlamSettings):
     """Matching scan after scan against the local reference."""
 
     key_scans: KeyScanConfig = field(default_factory=KeyScanConfig)
+    own_body: OwnBodyConfig = field(default_factory=OwnBodyConfig)
+    """Which returns come from the robot itself."""
     sight: SightConfig = field(default_factory=SightConfig)
     """What a scan must see."""
     standstill: StandstillConfig = field(default_factory=StandstillConfig)

@@ -219,6 +219,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="interpolates odometry where it repeats a reading and makes up for it at once",
             without={"iceg.finding:with_odometry_between_readings": _first},
         ),
+        "own body": Rule(
+            what="returns of the robot itself, and of hands around its laser, are left out",
+            without={"iceg.finding:without_own_body": _first},
+        ),
         "frozen scans": Rule(
             what="scans that repeat bit by bit show nothing", without={"iceg.finding:without_frozen_scans": _first}
         ),

@@ -25,7 +25,7 @@ def deskewed(log: Log, motion: MotionWithin, share: float) -> Log:
     geometry = log.geometry
     velocity, change = in_laser_frame(motion, geometry)
     ranges = np.empty_like(log.ranges)
-    kernels.deskew(log.ranges, geometry.bearings, velocity, change, share, is_full_circle(geometry), ranges)
+    kernels.deskew(log.ranges, geometry.bearings, velocity, change, share, geometry.is_full_circle, ranges)
     return replace(log, ranges=ranges, sweep=0.0)
 
 
@@ -33,8 +33,3 @@ def in_laser_frame(motion: MotionWithin, geometry: ScanGeometry) -> tuple[NDArra
     """Velocity and change, (n, 3) each, of the laser instead of the robot."""
     to_laser = adjoint(inverse(geometry.T_robot_laser))
     return (motion.velocity[:, None, :] * to_laser).sum(axis=2), (motion.change[:, None, :] * to_laser).sum(axis=2)
-
-
-def is_full_circle(geometry: ScanGeometry) -> bool:
-    """Whether the first beam follows the last one."""
-    return geometry.field_of_view > 2.0 * np.pi - 1.5 * geometry.resolution

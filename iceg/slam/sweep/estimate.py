@@ -17,7 +17,7 @@ from frontends.scan import Log
 from graph.noise import chi2_gate
 from graph.se2 import between, compose, wrap_angle
 from iceg.slam.sweep import _pair_kernels as kernels
-from iceg.slam.sweep.deskew import in_laser_frame, is_full_circle
+from iceg.slam.sweep.deskew import in_laser_frame
 from iceg.slam.sweep.motion import MotionWithin
 from iceg.slam.sweep_config import SweepConfig
 
@@ -136,7 +136,7 @@ class _Score:
             pairs=pairs,
             scan_of_pair=scan_of_pair,
             T_one_other=between(T_map_laser[:, 0], T_map_laser[:, 1]),
-            laser=kernels.Laser(geometry.bearings, is_full_circle(geometry), velocity, change),
+            laser=kernels.Laser(geometry.bearings, geometry.is_full_circle, velocity, change),
             fit=kernels.Fit(
                 gate=config.gate,
                 scale=config.scale,

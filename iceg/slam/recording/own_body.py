@@ -1,0 +1,174 @@
+"""Returns of the robot itself: posts, covers and cables in the view of its own laser.
+
+They move with the robot, so they tell the matcher that nothing moves, and draw an object wherever the robot was. What
+gives them away is that the range of a beam stays the same while the surroundings change, and that what is seen beside
+them is farther away by a leap, always on the same bearing: along a wall the range stays the same, too, as long as the
+robot follows it, but it has no end that goes along.
+"""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from frontends.scan import Log, ScanGeometry
+from iceg.slam.own_body_config import OwnBodyConfig
+
+_SCANS = 1000
+"""Most scans that are asked, spread over the log."""
+_FEWEST_OTHERS = 10
+"""Fewest beams that tell whether the surroundings changed."""
+_AROUND_HALF = np.radians(1.0)
+"""Beams that pass this close to a part of the robot may hit it now and then [rad]."""
+_BESIDE = np.radians(5.0)
+"""What is beside a part of the robot is seen by the first beams that return, no farther off than this [rad]."""
+_MANY = 0.25
+"""From this share of the beams of one scan on, it is told that hands are around the laser."""
+
+
+def without_own_body(log: Log, config: OwnBodyConfig) -> Log:
+    """The same log; where it sees the robot itself, with nothing seen and a warning."""
+    body = own_body(log.ranges, log.geometry, config)
+    is_close = log.ranges < config.nearest
+    is_own = is_close | (log.ranges <= body)
+    if not is_own.any():
+        return log
+    ranges = np.where(is_own, np.float32(np.nan), log.ranges)
+    return replace(log, ranges=ranges, warnings=(*log.warnings, *_warnings(body, is_close, config)))
+
+
+def own_body(ranges: NDArray[np.float32], geometry: ScanGeometry, config: OwnBodyConfig) -> NDArray[np.float64]:
+    """How far the robot itself reaches in each beam.
+
+    Args:
+        ranges: (n, n_beams) [m], NaN where nothing came back.
+        geometry: of the laser.
+        config: what gives the robot away.
+
+    Returns:
+        (n_beams,) [m], with the margin; 0 where a beam does not see the robot.
+    """
+    body, found = np.zeros(geometry.n_beams), np.zeros(geometry.n_beams)
+    asked = ranges[:: max(1, -(-len(ranges) // _SCANS))]
+    is_near = asked < config.reach
+    often = np.flatnonzero(is_near.sum(axis=0) > config.seen * np.isfinite(asked).sum(axis=0))
+    if not len(often):
+        return body
+    nearest = _nearest(np.where(is_near[:, often], asked[:, often], np.inf))
+    stays = _stays(asked[:, often], nearest, config)
+    candidates, nearest = often[stays], nearest[stays]
+    others = np.setdiff1d(np.arange(geometry.n_beams), candidates)
+    if not len(candidates) or len(others) < _FEWEST_OTHERS:
+        return body
+    asked = asked[_different(asked[:, others], config.change)]
+    if len(asked) < config.places:
+        return body
+    stays = _stays(asked[:, candidates], nearest, config)
+    found[candidates[stays]] = nearest[stays]
+    half = max(2, int(np.ceil(_AROUND_HALF / geometry.resolution)))
+    for part in _parts(found > 0.0, half, geometry.is_full_circle):
+        if _ends_with_leaps(asked, found, part, half, geometry, config):
+            body[part] = found[part] + config.margin
+    return np.asarray(maximum_filter1d(body, 2 * half + 1, mode="wrap" if geometry.is_full_circle else "constant"))
+
+
+def _nearest(ranges: NDArray[np.float32]) -> NDArray[np.float32]:
+    """(k,) the lower quartile of what is finite in each column of (n, k): no return comes from before the robot."""
+    n_finite = np.isfinite(ranges).sum(axis=0)
+    nearest: NDArray[np.float32] = np.sort(ranges, axis=0)[(n_finite - 1) // 4, np.arange(ranges.shape[1])]
+    return nearest
+
+
+def _stays(ranges: NDArray[np.float32], nearest: NDArray[np.float32], config: OwnBodyConfig) -> NDArray[np.bool_]:
+    """(k,) whether much of what (n, k) beams return comes from (k,) ranges, and hardly anything from before them."""
+    within = ranges <= nearest + config.scatter
+    n_own = (within & (ranges >= nearest - config.scatter)).sum(axis=0)
+    n_seen = np.isfinite(ranges).sum(axis=0)
+    return np.asarray((n_own >= config.seen * n_seen) & (n_own >= config.agreement * within.sum(axis=0)) & (n_own > 0))
+
+
+def _different(ranges: NDArray[np.float32], change: float) -> NDArray[np.int64]:
+    """Scans each of which is taken elsewhere than the one before: half of what both see has changed.
+
+    Args:
+        ranges: (n, k) [m], NaN where nothing came back, which tells nothing: some lasers lose most returns.
+        change: least difference [m].
+
+    Returns:
+        (m,) increasing.
+    """
+    places: list[int] = []
+    seen = np.flatnonzero(np.isfinite(ranges).sum(axis=1) >= _FEWEST_OTHERS).tolist()
+    last = seen[0] if seen else 0
+    for scan in seen:
+        changes = np.abs(ranges[scan] - ranges[last])
+        n_both = int(np.count_nonzero(changes >= 0.0))
+        if n_both < _FEWEST_OTHERS:
+            last = scan
+        elif 2 * int(np.count_nonzero(changes <= change)) < n_both:
+            places.append(scan)
+            last = scan
+    return np.array(places, dtype=np.int64)
+
+
+def _parts(is_own: NDArray[np.bool_], most: int, is_full_circle: bool) -> Iterator[NDArray[np.int64]]:
+    """Beams of each part of the robot in the order of their bearings, with no more than so many beams between two."""
+    beams = np.flatnonzero(is_own)
+    if not len(beams):
+        return
+    parts = np.split(beams, np.flatnonzero(np.diff(beams) > most) + 1)
+    if is_full_circle and len(parts) > 1 and parts[0][0] + len(is_own) - parts[-1][-1] <= most:
+        parts[0] = np.concatenate([parts.pop(), parts[0]])
+    yield from parts
+
+
+def _ends_with_leaps(
+    ranges: NDArray[np.float32],
+    found: NDArray[np.float64],
+    part: NDArray[np.int64],
+    half: int,
+    geometry: ScanGeometry,
+    config: OwnBodyConfig,
+) -> bool:
+    """Whether what is seen on either side of a part of the robot is much farther away, nearly wherever that is seen.
+
+    Args:
+        ranges: (m, n_beams) of scans in different places [m].
+        found: (n_beams,) range of the robot [m].
+        part: its beams in the order of their bearings.
+        half: beams that pass so close may hit it.
+        geometry: of the laser; beyond its first and last beam nothing is asked.
+        config: how much farther.
+    """
+    n_beams, reach = geometry.n_beams, half + max(half, int(_BESIDE / geometry.resolution))
+    told = False
+    for end, step in ((int(part[0]), -1), (int(part[-1]), 1)):
+        beside = end + step * np.arange(half + 1, reach + 1)
+        beside = beside % n_beams if geometry.is_full_circle else beside[(beside >= 0) & (beside < n_beams)]
+        if len(beside) < half:
+            continue
+        around = ranges[np.abs(ranges[:, end] - found[end]) <= config.scatter][:, beside]
+        seen = np.isfinite(around)
+        first = around[np.arange(len(around)), seen.argmax(axis=1)][seen.any(axis=1)]
+        leaps = first > 1.25 * found[end] + config.gap
+        if len(first) < config.places or leaps.sum() < config.agreement * len(first):
+            return False
+        told = True
+    return told
+
+
+def _warnings(body: NDArray[np.float64], is_close: NDArray[np.bool_], config: OwnBodyConfig) -> Iterator[str]:
+    beams = np.flatnonzero(body)
+    if len(beams):
+        yield (
+            f"the robot itself is in the view of its laser, in {len(beams)} of {len(body)} beams, first in beam "
+            f"{beams[0]}, up to {body.max() - config.margin:.2f} m away: what they return from there is left out"
+        )
+    surrounded = np.flatnonzero(is_close.mean(axis=1) > _MANY)
+    if len(surrounded):
+        yield (
+            f"returns from nearer than {config.nearest:g} m in {len(surrounded)} scans, first in scan {surrounded[0]}: "
+            "the robot itself, hands around its laser, or what it touches; they are left out"
+        )
