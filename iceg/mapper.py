@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from frontends.checked_arguments import expect
 from frontends.growing_log import GrowingLog
 from frontends.laser_noise import LaserNoise
-from frontends.scan import ScanGeometry
+from frontends.scan import Log, ScanGeometry
 from graph.dense import congruence, inv
 from graph.measurement import NoMatch
 from graph.se2 import adjoint, compose, compose_covariance, inverse
@@ -31,13 +31,16 @@ from iceg.slam.incremental_tracking import IncrementalTracking
 from iceg.slam.kept_scans import KeptScans
 from iceg.slam.noise_widths import widened
 from iceg.slam.progress import ProgressCallback
+from iceg.slam.recording.own_body import beyond, own_limits
 from iceg.slam.stage_clock import StageClock
 from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.sweep.tracking import SweepFinding
 from iceg.slam.track import KeyScan
 
 _TELLING = 100
-"""Scans after which the noise of the laser is known."""
+"""Scans after which the noise of the laser is known …"""
+_ASKED_AGAIN = (_TELLING, 200, 400, 800, 1600)
+"""… and those after which it is asked whether the laser sees the robot: that takes different places."""
 
 
 class Event(Enum):
@@ -124,6 +127,7 @@ class Mapper:
         self._stages = stages or IN_HOUSE
         self._log = GrowingLog(geometry, Path(name), is_mount_known=is_mount_known)
         self._laser: LaserNoise | None = None
+        self._own_body = np.full(geometry.n_beams, self._given.front_end.own_body.nearest)
 
     def __len__(self) -> int:
         """Number of scans so far."""
@@ -149,7 +153,7 @@ class Mapper:
         if index == 0:
             self._begin()
             return self._update(Event.FIRST, is_key=True)
-        if index == _TELLING:
+        if index in _ASKED_AGAIN:
             self._learn_the_laser()
         return self._advance()
 
@@ -159,7 +163,7 @@ class Mapper:
         Raises:
             ScanError: there is no scan yet.
         """
-        log, track, poses = self._log.log(), self._tracking.track(), self._graph.poses
+        log, track, poses = self._seen(), self._tracking.track(), self._graph.poses
         config = self._config
         grid, _ = grid_of(log, track.trajectory(poses), config, self._stages)
         return MapperMap(grid=grid, landmarks=landmarks_of(track, poses, self._matcher, config))
@@ -170,7 +174,7 @@ class Mapper:
         Raises:
             ScanError: there is no scan yet.
         """
-        log = self._log.log()
+        log = self._seen()
         findings = Findings(
             log=log,
             kept=KeptScans.all_of(len(log)),
@@ -203,19 +207,33 @@ class Mapper:
         noise = beyond_allowed(self._laser)
         self._config = widened(self._given, sqrt(noise.typical))
         self._matcher = matcher_of(self._config, noise, self._stages)
-        self._tracking = IncrementalTracking(self._log, self._matcher, self._config)
+        self._tracking = IncrementalTracking(self._log, self._matcher, self._config, self._own_body)
         self._tracking.advance()
         front_end = self._tracking.front_end
         self._graph = IncrementalGraph(front_end.keys, front_end.lost, self._matcher, self._config, self._stages)
 
     def _learn_the_laser(self) -> None:
-        """Begin anew where the laser is noisier than the settings allow for."""
-        log = self._log.log()
-        self._laser = laser_noise(log, self._given)
-        if beyond_allowed(self._laser) != PLAIN:
+        """Begin anew where the laser is noisier than the settings allow for, or more of it sees the robot itself."""
+        own = own_limits(self._log.ranges, self._log.geometry, self._given.front_end.own_body)
+        is_new = bool((own > self._own_body).any())
+        if is_new:
+            self._own_body = own
+        if len(self) == _TELLING + 1:
+            self._laser = laser_noise(self._seen(), self._given)
+            is_new = is_new or beyond_allowed(self._laser) != PLAIN
+        if is_new:
             self._begin()
-            for _ in range(len(log) - 2):
+            for _ in range(len(self) - 2):
                 self._advance()
+
+    def _seen(self) -> Log:
+        """The scans so far without what the robot itself returns.
+
+        Raises:
+            ScanError: there is none.
+        """
+        log = self._log.log()
+        return replace(log, ranges=beyond(log.ranges, self._own_body))
 
     def _advance(self) -> MapperUpdate:
         """Track the next scan of the log, and go on with the graph."""

@@ -113,3 +113,17 @@ def test_a_corridor_is_straight_though_the_robot_was_picked_up_in_it(data_dir: P
     log = read_log(data_dir / "bags" / "urg-corridor-2019-04.bag")
     heading = np.unwrap(iceg.run(log).trajectory[:, 2])
     assert abs(heading[600] - heading[200]) < 0.15
+
+
+def test_a_mapper_leaves_out_the_robot_once_it_has_seen_different_places() -> None:
+    posted = DEGRADATIONS["posts"](_LOG.select(np.arange(500))).log
+    free = without_own_body(posted, OwnBodyConfig())
+    mappers = iceg.Mapper(_LOG.geometry), iceg.Mapper(_LOG.geometry)
+    for index in range(len(posted)):
+        newest = [
+            mapper.add(log.ranges[index], log.odometry[index], log.stamps[index])
+            for mapper, log in zip(mappers, (posted, free), strict=True)
+        ]
+    np.testing.assert_array_equal(newest[0].pose, newest[1].pose)
+    np.testing.assert_array_equal(mappers[0].result().log.ranges, free.ranges)
+    np.testing.assert_array_equal(mappers[0].finish().trajectory, mappers[1].finish().trajectory)

@@ -14,6 +14,7 @@ from graph.se2 import between
 from iceg.config import Config
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
+from iceg.slam.recording.own_body import beyond
 from iceg.slam.recording.steps import late_steps, sudden_steps
 from iceg.slam.track import Track
 from iceg.slam.tracking.front_end import FrontEnd
@@ -28,15 +29,17 @@ class IncrementalTracking:
     After the first part, as long as the settings say, the odometry is calibrated; what was tracked before stays.
     """
 
-    def __init__(self, log: GrowingLog, matcher: MapMatcher, config: Config) -> None:
+    def __init__(self, log: GrowingLog, matcher: MapMatcher, config: Config, own_body: NDArray[np.float64]) -> None:
         """Start at the first scan of the log.
 
         Args:
             log: grows; holds the first scan.
             matcher: ICE or any other.
             config: widened for the noise of the laser.
+            own_body: (n_beams,) nearer returns come from the robot itself [m].
         """
         self._log = log
+        self._own_body = own_body
         self._config = config
         self.calibration = OdometryCalibration(noise=config.odometry, lasting_noise=config.odometry)
         self._is_first_part = log.has_odometry and config.front_end.calibrate_odometry
@@ -57,11 +60,13 @@ class IncrementalTracking:
         is_sudden = self._stands_out(sudden_steps, index)
         self._steps.append(step)
         together = slice(index, index + (log.has_odometry and index > 0 and not is_sudden))
-        found = front_end.follow(index, log.ranges[together], self._steps.rows[together], log.geometry)
+        ranges = beyond(log.ranges[index : index + 1], self._own_body)
+        steps = self._steps.rows[together]
+        found = front_end.follow(index, ranges[: len(steps)], steps, log.geometry)
         if len(found):
             pose = found[-1]
         else:
-            scan = Scan(ranges=log.ranges[index].copy(), geometry=log.geometry)
+            scan = Scan(ranges=ranges[0], geometry=log.geometry)
             odometry = step if log.has_odometry and index else None
             is_late = self._stands_out(late_steps, index)
             pose = front_end.add(index, scan, odometry, is_sudden=is_sudden, is_late=is_late)

@@ -30,13 +30,21 @@ _MANY = 0.25
 
 def without_own_body(log: Log, config: OwnBodyConfig) -> Log:
     """The same log; where it sees the robot itself, with nothing seen and a warning."""
-    body = own_body(log.ranges, log.geometry, config)
-    is_close = log.ranges < config.nearest
-    is_own = is_close | (log.ranges <= body)
-    if not is_own.any():
+    limits = own_limits(log.ranges, log.geometry, config)
+    ranges = beyond(log.ranges, limits)
+    if (np.isnan(ranges) == np.isnan(log.ranges)).all():
         return log
-    ranges = np.where(is_own, np.float32(np.nan), log.ranges)
-    return replace(log, ranges=ranges, warnings=(*log.warnings, *_warnings(body, is_close, config)))
+    return replace(log, ranges=ranges, warnings=(*log.warnings, *_warnings(limits, log.ranges, config)))
+
+
+def beyond(ranges: NDArray[np.float32], limits: NDArray[np.float64]) -> NDArray[np.float32]:
+    """(n, n_beams) ranges without those nearer than (n_beams,) limits [m]."""
+    return np.where(ranges < limits, np.float32(np.nan), ranges)
+
+
+def own_limits(ranges: NDArray[np.float32], geometry: ScanGeometry, config: OwnBodyConfig) -> NDArray[np.float64]:
+    """(n_beams,) how far away at least what is seen must be that is not the robot [m], see `own_body`."""
+    return np.maximum(own_body(ranges, geometry, config), config.nearest)
 
 
 def own_body(ranges: NDArray[np.float32], geometry: ScanGeometry, config: OwnBodyConfig) -> NDArray[np.float64]:
@@ -159,14 +167,14 @@ def _ends_with_leaps(
     return told
 
 
-def _warnings(body: NDArray[np.float64], is_close: NDArray[np.bool_], config: OwnBodyConfig) -> Iterator[str]:
-    beams = np.flatnonzero(body)
+def _warnings(limits: NDArray[np.float64], ranges: NDArray[np.float32], config: OwnBodyConfig) -> Iterator[str]:
+    beams = np.flatnonzero(limits > config.nearest)
     if len(beams):
         yield (
-            f"the robot itself is in the view of its laser, in {len(beams)} of {len(body)} beams, first in beam "
-            f"{beams[0]}, up to {body.max() - config.margin:.2f} m away: what they return from there is left out"
+            f"the robot itself is in the view of its laser, in {len(beams)} of {len(limits)} beams, first in beam "
+            f"{beams[0]}, up to {limits.max() - config.margin:.2f} m away: what they return from there is left out"
         )
-    surrounded = np.flatnonzero(is_close.mean(axis=1) > _MANY)
+    surrounded = np.flatnonzero((ranges < config.nearest).mean(axis=1) > _MANY)
     if len(surrounded):
         yield (
             f"returns from nearer than {config.nearest:g} m in {len(surrounded)} scans, first in scan {surrounded[0]}: "
