@@ -5,9 +5,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.arrays import Floats
 from graph.config import PoseGraphConfig
 from graph.consistency import maximum_clique
 from graph.growing_rows import GrowingRows
@@ -50,7 +50,7 @@ class BackEnd:
         self.attempts: list[Attempt] = []
         self.n_closed = 0
         self.failures = _front_end_failures(track)
-        self.contested: dict[int, NDArray[np.float64]] = {}
+        self.contested: dict[int, Floats] = {}
         """Covariance of the odometry as hindsight weighs it, by the key poses whose match contradicts it."""
         self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
         self._votes = PlaceVotes(closer.config)
@@ -96,11 +96,11 @@ class BackEnd:
         self._drift.add(tuple(known), tuple(searched))
 
     @property
-    def poses(self) -> NDArray[np.float64]:
+    def poses(self) -> Floats:
         """(n, 3) T_map_robot of all key poses so far."""
         return self._poses.rows
 
-    def _believed(self, motion: OdometryMotion, match: RelativePose, key: int) -> NDArray[np.float64]:
+    def _believed(self, motion: OdometryMotion, match: RelativePose, key: int) -> Floats:
         """Covariance of odometry; widened to what chance explains where the match contradicts it, as after a slip.
 
         The match has been found the better explanation, and two that claim to be known so well would meet halfway,
@@ -179,7 +179,7 @@ class BackEnd:
                 self._drift.close(key)  # along what no closure holds the path goes on drifting
         self._searched_to = key
 
-    def _correct(self, key: int, offset: NDArray[np.float64]) -> None:
+    def _correct(self, key: int, offset: Floats) -> None:
         """Bend the path since the last search by what closures say; where that is much, move all poses.
 
         In a confirmed area the others need not move: later searches look at the earlier passes. So the cost of a
@@ -194,7 +194,7 @@ class BackEnd:
                 return
         self._bend(key, offset)
 
-    def _bend(self, key: int, offset: NDArray[np.float64]) -> None:
+    def _bend(self, key: int, offset: Floats) -> None:
         """Move a pose, those since the last search in proportion to the steps, and later ones along with it."""
         first, poses = self._searched_to, self.poses
         share = (np.arange(first + 1, key + 1) - first) / (key - first)
@@ -206,7 +206,7 @@ class BackEnd:
         poses[first + 1 : key + 1] = bent
         poses[key + 1 :] = compose(poses[key], T_key_later)
 
-    def _judge(self, attempt: Attempt, poses: NDArray[np.float64]) -> Attempt:
+    def _judge(self, attempt: Attempt, poses: Floats) -> Attempt:
         """Refuse a closure that the path cannot explain: most likely it is a similar place (perceptual aliasing).
 
         The steps since the last closure bound the path's covariance from below; only what they do not explain asks the
@@ -223,7 +223,7 @@ class BackEnd:
             return judged
         return replace(judged, accepted=False, reason=f"{judged.off_path:.1f} sigma off the path; {attempt.reason}")
 
-    def _insert(self, index: int, poses: NDArray[np.float64]) -> bool:
+    def _insert(self, index: int, poses: Floats) -> bool:
         """Insert a closure near the estimate at once; one far off waits for others that say the same.
 
         After much drift neither enters while another place fits as well.
@@ -255,14 +255,14 @@ class BackEnd:
             vote = replace(max(last, vote, key=lambda v: v.count), first=last.first, last=vote.last)
         self._unclear.append(vote)
 
-    def _consistent(self, waiting: list[int], poses: NDArray[np.float64]) -> list[int]:
+    def _consistent(self, waiting: list[int], poses: Floats) -> list[int]:
         """The most attempts of which each agrees with every other; those of one key scan do not contradict."""
         attempts = [self.attempts[index] for index in waiting]
         agree = [[a.key_new == b.key_new or self._agree(a, b, poses) for a in attempts] for b in attempts]
         members = maximum_clique(np.array(agree, dtype=np.bool_).reshape(len(waiting), len(waiting)))
         return [index for index, is_member in zip(waiting, members, strict=True) if is_member]
 
-    def _agree(self, a: Attempt, b: Attempt, poses: NDArray[np.float64]) -> bool:
+    def _agree(self, a: Attempt, b: Attempt, poses: Floats) -> bool:
         return are_consistent(a, b, poses, self._config.verification)
 
     def _close(self, index: int) -> None:
@@ -275,7 +275,7 @@ class BackEnd:
         self.graph.add(closure_factor(attempt))
 
 
-def _offset(attempt: Attempt, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+def _offset(attempt: Attempt, poses: Floats) -> Floats:
     """(3,) where a closure puts the later pose, seen from where it is."""
     assert attempt.match is not None
     return between(between(poses[attempt.key_old], poses[attempt.key_new]), attempt.match.T_ref_cur)

@@ -12,8 +12,8 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats
 from graph.batch import BatchResult, optimize
 from graph.factors import Factor, FactorKind, RobustKernel
 from graph.noise import largest_squared_norm
@@ -26,9 +26,7 @@ _SUSPECTS: tuple[FactorKind, ...] = ("closure", "ice")
 """What may be wrong altogether; what is known of the rest is how far it errs."""
 
 
-def with_hindsight(
-    solution: Solution, config: LoopClosureConfig, contested: Mapping[int, NDArray[np.float64]]
-) -> Solution:
+def with_hindsight(solution: Solution, config: LoopClosureConfig, contested: Mapping[int, Floats]) -> Solution:
     """Let closures in that the path alone refused, where what those that agree say is more probable than the path.
 
     Args:
@@ -55,10 +53,7 @@ def _refused_by_path(attempts: Sequence[Attempt], config: LoopClosureConfig) -> 
 
 
 def weighed(
-    solution: Solution,
-    refused: Sequence[Attempt],
-    config: LoopClosureConfig,
-    contested: Mapping[int, NDArray[np.float64]],
+    solution: Solution, refused: Sequence[Attempt], config: LoopClosureConfig, contested: Mapping[int, Floats]
 ) -> Solution:
     """The more probable of the path and of what some closures say that agree; see `with_hindsight`."""
     claims = [closure_factor(attempt) for attempt in refused]
@@ -89,14 +84,14 @@ def weighed(
     )
 
 
-def _with_doubt(factor: Factor, contested: Mapping[int, NDArray[np.float64]]) -> Factor:
+def _with_doubt(factor: Factor, contested: Mapping[int, Floats]) -> Factor:
     """A factor as hindsight weighs it: a match that odometry does not contradict counts as what is known."""
     if factor.kind == "ice" and factor.j not in contested:
         return replace(factor, kind="odometry")
     return _as_known(factor, contested)
 
 
-def _as_known(factor: Factor, contested: Mapping[int, NDArray[np.float64]]) -> Factor:
+def _as_known(factor: Factor, contested: Mapping[int, Floats]) -> Factor:
     """Odometry as well known as if the match that contradicts it were wrong; any other factor as it is."""
     if factor.kind == "odometry" and factor.j in contested:
         return replace(factor, covariance=contested[factor.j])
@@ -119,7 +114,7 @@ class _Explanation:
     cost: float
 
 
-def _explained(factors: Sequence[Factor], poses: NDArray[np.float64], config: LoopClosureConfig) -> _Explanation:
+def _explained(factors: Sequence[Factor], poses: Floats, config: LoopClosureConfig) -> _Explanation:
     """By truncated least squares, from (k, 3) poses on."""
     settings = replace(
         BATCH,

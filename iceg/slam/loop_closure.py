@@ -6,9 +6,7 @@ The back end on the way, the finish afterwards and the search for lost places as
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from graph.arrays import Floats
 from iceg.slam.closures.attempt import FORBIDDEN, Attempt, unmatched
 from iceg.slam.closures.candidates import Candidate, EarlierPasses
 from iceg.slam.closures.verification import ClosureVerifier
@@ -55,7 +53,7 @@ class LoopCloser:
         self._verifier = ClosureVerifier(matcher, track, config)
         self._is_forbidden = is_forbidden
 
-    def candidates(self, key_new: int, poses: NDArray[np.float64], drift: Drift) -> list[Candidate]:
+    def candidates(self, key_new: int, poses: Floats, drift: Drift) -> list[Candidate]:
         """Earlier passes whose view overlaps that of `key_new`, nearest first.
 
         Args:
@@ -72,7 +70,7 @@ class LoopCloser:
             return checked_candidates(own, key_new)
         return self.passes.within_drift(key_new, poses, drift)
 
-    def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
+    def match(self, candidate: Candidate, poses: Floats) -> Attempt:
         """Match a key scan against the local map of a candidate's pass and verify it with its neighbours.
 
         First close to the estimate; if nothing fits there, and the drift allows more, in the whole window, where a
@@ -86,7 +84,7 @@ class LoopCloser:
             return unmatched(*candidate.pair, FORBIDDEN)
         return self._verified(self._verifier.match(candidate, poses), poses)
 
-    def match_anywhere(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> Attempt:
+    def match_anywhere(self, key_old: int, key_new: int, poses: Floats) -> Attempt:
         """Match two key scans of similar places, whatever the poses say: metres off, any heading.
 
         The pose must be the only one that fits there.
@@ -100,7 +98,7 @@ class LoopCloser:
             return unmatched(key_old, key_new, FORBIDDEN)
         return self._verified(self._verifier.match_anywhere(key_old, key_new, poses), poses)
 
-    def _verified(self, attempt: Attempt, poses: NDArray[np.float64]) -> Attempt:
+    def _verified(self, attempt: Attempt, poses: Floats) -> Attempt:
         """With the caller's verdict, where there is one."""
         if self._stages.verification is None or attempt.match is None:
             return attempt

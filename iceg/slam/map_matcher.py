@@ -3,10 +3,10 @@
 from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.matcher import Matcher
 from frontends.scan import Scan, ScanGeometry
+from graph.arrays import Float32s, Floats
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from iceg.ice.local_map import LocalMap
@@ -36,17 +36,17 @@ class MapMatcher(Matcher, Protocol):
         self,
         reference: Any,  # noqa: ANN401
         scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> NDArray[np.float64] | NoMatch:
+        T_ref_guess: Floats,
+        covariance_guess: Floats,
+    ) -> Floats | NoMatch:
         """As `match`, but only the (3,) pose, for the scans between two key scans."""
         ...
 
-    def extend(self, reference: Any, scan: Scan, T_ref_scan: NDArray[np.float64]) -> None:  # noqa: ANN401
+    def extend(self, reference: Any, scan: Scan, T_ref_scan: Floats) -> None:  # noqa: ANN401
         """Add one more scan to a reference, at the (3,) pose given."""
         ...
 
-    def agreement(self, reference: Any, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:  # noqa: ANN401
+    def agreement(self, reference: Any, scan: Scan, T_ref_cur: Floats) -> Agreement:  # noqa: ANN401
         """Compare a scan with a reference at a given (3,) pose, in both directions."""
         ...
 
@@ -54,8 +54,8 @@ class MapMatcher(Matcher, Protocol):
         self,
         reference: Any,  # noqa: ANN401
         scan: Scan,
-        T_ref_cur: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+        T_ref_cur: Floats,
+    ) -> Floats:
         """(2, 2) how well a scan measures its position at a (3,) pose, in the robot's frame [1/m²], not its heading."""
         ...
 
@@ -63,8 +63,8 @@ class MapMatcher(Matcher, Protocol):
         self,
         reference: Any,  # noqa: ANN401
         scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
+        T_ref_guess: Floats,
+        covariance_guess: Floats,
     ) -> RelativePose | NoMatch:
         """As `match`, from a guess that nothing has measured: what holds next to nothing may have led it astray."""
         ...
@@ -73,7 +73,7 @@ class MapMatcher(Matcher, Protocol):
         self,
         reference: Any,  # noqa: ANN401
         scan: Scan,
-        T_ref_guess: NDArray[np.float64],
+        T_ref_guess: Floats,
     ) -> RelativePose | NoMatch:
         """The match nearest to a (3,) guess that is right but for centimetres: along what is weak it stays there."""
         ...
@@ -82,17 +82,17 @@ class MapMatcher(Matcher, Protocol):
         self,
         reference: Any,  # noqa: ANN401
         scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> list[NDArray[np.float64]]:
+        T_ref_guess: Floats,
+        covariance_guess: Floats,
+    ) -> list[Floats]:
         """Distinct (3,) poses around the guess that fit, the best first: with several the place is ambiguous."""
         ...
 
     def follow(
         self,
         reference: Any,  # noqa: ANN401
-        ranges: NDArray[np.float32],
-        steps: NDArray[np.float64],
+        ranges: Float32s,
+        steps: Floats,
         geometry: ScanGeometry,
         standing: Standing,
         odometry: OdometryModel,

@@ -7,8 +7,8 @@ ties, a few key poses away: the joint refinement holds them together better than
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Bools, Floats
 from graph.factors import Factor
 from graph.growing_rows import GrowingRows
 from iceg.slam.closures.attempt import Attempt
@@ -21,7 +21,7 @@ from iceg.slam.track import Track
 def match_again(
     closer: LoopCloser,
     track: Track,
-    poses: NDArray[np.float64],
+    poses: Floats,
     sure: Sequence[Factor],
     outliers: Sequence[Factor],
     config: FinishConfig,
@@ -62,7 +62,7 @@ def match_again(
     return sorted(attempts, key=lambda attempt: (attempt.key_new, attempt.key_old))
 
 
-def _spaced_keys(track: Track, config: FinishConfig, searchable: NDArray[np.bool_], seldom: float) -> list[int]:
+def _spaced_keys(track: Track, config: FinishConfig, searchable: Bools, seldom: float) -> list[int]:
     """Key scans to match again: some distance apart, farther in confirmed areas."""
     since, keys = np.zeros(2), []
     for key in range(1, len(track.keys)):

@@ -3,9 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from graph.arrays import Bools, Floats
 from graph.batch import BatchConfig, optimize
 from graph.factors import Factor
 from graph.se2 import compose
@@ -34,9 +32,9 @@ class Solution:
     """
 
     factors: list[Factor]
-    poses: NDArray[np.float64]
+    poses: Floats
     attempts: list[Attempt]
-    searchable: NDArray[np.bool_]
+    searchable: Bools
     odometry_jumps: tuple[int, ...] = ()
     breaks: tuple[Break, ...] = ()
     ambiguous: tuple[Vote, ...] = ()
@@ -55,12 +53,7 @@ class Solution:
         )
 
     def moved(
-        self,
-        key: int,
-        closures: Sequence[Attempt],
-        correction: NDArray[np.float64],
-        moving: NDArray[np.bool_],
-        near: Tolerance,
+        self, key: int, closures: Sequence[Attempt], correction: Floats, moving: Bools, near: Tolerance
     ) -> "Solution":
         """Without an edge of the path and the closures that contradict others, what follows moved to where these say.
 

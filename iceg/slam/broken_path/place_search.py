@@ -3,9 +3,7 @@
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from graph.arrays import Floats, Ints
 from graph.factors import Factor
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, agreeing_sets
 from iceg.slam.broken_path.similar_places import similar_places
@@ -26,9 +24,7 @@ class PlaceSearch:
         self._config = closer.config
         self._tried: list[Attempt] = []
 
-    def agreeing(
-        self, parts: NDArray[np.int64], poses: NDArray[np.float64], along: NDArray[np.float64], most: int
-    ) -> list[list[Attempt]]:
+    def agreeing(self, parts: Ints, poses: Floats, along: Floats, most: int) -> list[list[Attempt]]:
         """Sets of closures that agree, of similar places, the largest first; none if there are no new ones.
 
         Args:
@@ -51,7 +47,7 @@ class PlaceSearch:
         ]
         return agreeing_sets(claims, self.path, along, self._config.place_confirmations)
 
-    def settled(self, claims: Sequence[Attempt], poses: NDArray[np.float64]) -> list[Attempt]:
+    def settled(self, claims: Sequence[Attempt], poses: Floats) -> list[Attempt]:
         """Claims that agree, each matched where it was made; an ambiguous one that confirms the path says nothing."""
         settled, near = [], self._config.verification.near
         for claim in claims:

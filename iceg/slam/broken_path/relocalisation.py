@@ -12,8 +12,8 @@ from dataclasses import replace
 from enum import Enum, auto
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats, Ints
 from graph.se2 import compose, inverse
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
 from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
@@ -102,7 +102,7 @@ class _Relocalisation:
 
     # What is looked for, and in which order it is tried.
 
-    def _agreeing(self, parts: NDArray[np.int64], along: NDArray[np.float64]) -> list[list[Attempt]]:
+    def _agreeing(self, parts: Ints, along: Floats) -> list[list[Attempt]]:
         """Sets of closures that agree along a path; where nothing gives a break away, a pair for each bridge edge."""
         most = self._config.places
         if not self._steps.failures:
@@ -287,7 +287,7 @@ class _Relocalisation:
         self._steps.update(self._now.factors)
         return _Decision.JOINED
 
-    def _note(self, key: int, outcome: Outcome, closures: Sequence[Attempt], correction: NDArray[np.float64]) -> None:
+    def _note(self, key: int, outcome: Outcome, closures: Sequence[Attempt], correction: Floats) -> None:
         """Record a break, and by how much closures that agree move what follows."""
         pose, failure = self._now.poses[key], self._steps.failure(key)
         self._breaks[key] = Break(

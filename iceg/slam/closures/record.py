@@ -3,16 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from graph.arrays import Floats
 from graph.factors import Factor
 from graph.problem import Problem
 from iceg.slam.closures.attempt import Attempt
 
 
 def without_contradicted(
-    attempts: Sequence[Attempt], loops: Sequence[Factor], poses: NDArray[np.float64], outlier_weight: float
+    attempts: Sequence[Attempt], loops: Sequence[Factor], poses: Floats, outlier_weight: float
 ) -> tuple[list[Attempt], list[Factor]]:
     """Take out the closures that the rest of the graph contradicts so much that they no longer pull.
 

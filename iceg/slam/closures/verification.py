@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats
 from graph.measurement import NoMatch
 from graph.se2 import between, compose
 from iceg.ice.verification import Agreement, JoinedScans
@@ -35,10 +35,10 @@ class ClosureVerifier:
         self._keys = track.keys
         self._config = config
         self._judge = matcher.judge
-        self._neighbours: dict[int, tuple[JoinedScans, NDArray[np.float64]] | None] = {}
+        self._neighbours: dict[int, tuple[JoinedScans, Floats] | None] = {}
         self._references = References(matcher, track, config.reference_half)
 
-    def match(self, candidate: Candidate, poses: NDArray[np.float64]) -> Attempt:
+    def match(self, candidate: Candidate, poses: Floats) -> Attempt:
         """See `LoopCloser.match`; after much drift what fits close to the estimate is preferred, if not alone."""
         reference = self._references.around(candidate.key_old, poses)
         trusted = self._config.verification.trusted
@@ -62,7 +62,7 @@ class ClosureVerifier:
         here = self._places(reference, candidate.key_new, [attempt.match.T_ref_cur])
         return replace(attempt, places=(*here, *wide.places))
 
-    def match_anywhere(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> Attempt:
+    def match_anywhere(self, key_old: int, key_new: int, poses: Floats) -> Attempt:
         """Match two key scans metres off and at any heading; neighbours lie to each other as (n, 3) poses say."""
         deviations = self._config.verification.anywhere.deviations
         here = Candidate(key_old=key_old, key_new=key_new, T_old_new=np.zeros(3), deviations=deviations)
@@ -103,7 +103,7 @@ class ClosureVerifier:
             return replace(attempt, accepted=False, reason=f"{len(fitting)} places fit; {attempt.reason}")
         return attempt
 
-    def _places(self, reference: Reference, key_new: int, found: Sequence[NDArray[np.float64]]) -> list[Place]:
+    def _places(self, reference: Reference, key_new: int, found: Sequence[Floats]) -> list[Place]:
         """Where a key scan and its neighbours fit, of several poses of it; the best first."""
         if not found:
             return []
@@ -117,12 +117,7 @@ class ClosureVerifier:
         return sorted(places, key=lambda place: place.misfit)
 
     def _supports(
-        self,
-        reference: Reference,
-        key_new: int,
-        T_ref_news: NDArray[np.float64],
-        least_overlap: float = 0.0,
-        least_fit: float = 0.0,
+        self, reference: Reference, key_new: int, T_ref_news: Floats, least_overlap: float = 0.0, least_fit: float = 0.0
     ) -> list[Agreement]:
         """How a key scan and its neighbours agree with the reference where each of (p, 3) poses of it puts them.
 
@@ -135,7 +130,7 @@ class ClosureVerifier:
         placements = compose(T_ref_news[:, None], T_new_scans)
         return self._judge.agreements(reference.judged, scans, placements, least_overlap, least_fit)
 
-    def _neighbours_of(self, key_new: int) -> tuple[JoinedScans, NDArray[np.float64]] | None:
+    def _neighbours_of(self, key_new: int) -> tuple[JoinedScans, Floats] | None:
         """A key scan and its neighbours, and their (m, 3) poses in its frame; None where none is asked.
 
         Joined once, since several passes are tried.

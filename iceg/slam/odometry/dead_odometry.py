@@ -2,9 +2,7 @@
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
+from graph.arrays import Floats
 from graph.measurement import NoMatch
 from graph.odometry import OdometryMotion
 from iceg.slam.calibration_config import CalibrationConfig
@@ -13,7 +11,7 @@ from iceg.slam.track import Track
 
 
 def filled_where_dead(
-    motions: Sequence[OdometryMotion | None], track: Track, stamps: NDArray[np.float64], config: CalibrationConfig
+    motions: Sequence[OdometryMotion | None], track: Track, stamps: Floats, config: CalibrationConfig
 ) -> list[OdometryMotion | None]:
     """The motions of a log; where its odometry is dead, what the velocity tells instead.
 

@@ -4,10 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
 from frontends.scan import Scan
+from graph.arrays import Floats
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import chi2_gate, squared_norm
 from graph.odometry import OdometryMotion
@@ -18,7 +16,6 @@ from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE
 from iceg.slam.tracking.sight import sees_little
 
-Floats = NDArray[np.float64]
 Reference: TypeAlias = Any
 """A local map as the matcher has prepared it."""
 
