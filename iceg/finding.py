@@ -32,7 +32,7 @@ from iceg.slam.odometry.gyro import learn_gyro
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.odometry.motions import motions_of
 from iceg.slam.odometry.velocity import motions_without_odometry
-from iceg.slam.passes import track_guided, track_placed, track_with_sweep
+from iceg.slam.passes import Tracker
 from iceg.slam.progress import ProgressCallback
 from iceg.slam.recording.held_readings import with_odometry_between_readings
 from iceg.slam.recording.repeated_scans import without_frozen_scans
@@ -74,10 +74,10 @@ def find(
         config = widened(given, sqrt(noise.typical))
         matcher = matcher_of(config, noise, stages)
         log = with_odometry_between_readings(without_frozen_scans(log), config.front_end.standstill)
-        (log, track, first), foreknown = track_guided(log, matcher, config, progress)
+        followed, tracker = Tracker(matcher=matcher, config=config, progress=progress).guided(log)
     with clock.stage("sweep"):
-        followed, sweep = track_with_sweep((log, track, first), matcher, config, progress, foreknown)
-        log, track, first = track_placed(followed, matcher, config, progress, foreknown)
+        followed, sweep = tracker.with_sweep(followed)
+        log, track, first = tracker.placed(followed)
     with clock.stage("graph"):
         track = with_measured_covariance_scale(track, matcher, config.front_end.split_half)
         calibration = _recalibrate(track, log, first, config)
