@@ -18,7 +18,6 @@ from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import BackEnd, solve_track
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.closures.candidates import Candidate, EarlierPasses
-from iceg.slam.closures.verification import ClosureVerifier
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.finish import matched_again, refined
@@ -249,8 +248,8 @@ class TwoAlikePlaces(IceMatcher):
 
 
 def test_a_place_that_fits_twice_is_not_believed(track: Track, true_poses: NDArray[np.float64]) -> None:
-    once = ClosureVerifier(IceMatcher(), track, LoopClosureConfig())
-    twice = ClosureVerifier(TwoAlikePlaces(), track, LoopClosureConfig())
+    once = LoopCloser(IceMatcher(), track, LoopClosureConfig())
+    twice = LoopCloser(TwoAlikePlaces(), track, LoopClosureConfig())
     believed = [key for key in range(60, 200, 10) if once.match_anywhere(key - 3, key, true_poses).accepted]
     assert believed
     attempt = twice.match_anywhere(believed[0] - 3, believed[0], true_poses)
@@ -260,7 +259,7 @@ def test_a_place_that_fits_twice_is_not_believed(track: Track, true_poses: NDArr
 
 def test_a_closure_errs_with_the_key_pose_it_hangs_on(track: Track, true_poses: NDArray[np.float64]) -> None:
     candidate = Candidate.of(60, 62, true_poses, np.array([0.1, 0.1, 0.03]))
-    attempt = ClosureVerifier(IceMatcher(), track, LoopClosureConfig()).match(candidate, true_poses)
+    attempt = LoopCloser(IceMatcher(), track, LoopClosureConfig()).match(candidate, true_poses)
     assert attempt.match is not None
     placed = compose_covariance(placement_covariance(track, 60), attempt.match.T_ref_cur, np.zeros((3, 3)))
     by_the_match = attempt.match.covariance - placed

@@ -127,8 +127,7 @@ class BackEnd:
         """The graph as it stands, a copy; closures that still wait for others to say the same are no part of it."""
         attempts = self.attempts.copy()
         for index in self._pending:
-            attempt = attempts[index]
-            attempts[index] = replace(attempt, accepted=False, reason=f"{self._why_pending(attempt)}; {attempt.reason}")
+            attempts[index] = attempts[index].judged(self._why_pending(attempts[index]))
         return Solution(
             factors=list(self.graph.factors),
             poses=self.graph.all_poses(),
@@ -218,10 +217,8 @@ class BackEnd:
         squared = squared_norm(offset, self._drift.covariance(i, j, poses) + attempt.match.covariance)
         if squared > most:
             squared = squared_norm(offset, self.graph.relative_covariance(i, j) + attempt.match.covariance)
-        judged = replace(attempt, off_path=math.sqrt(squared))
-        if squared <= most:
-            return judged
-        return replace(judged, accepted=False, reason=f"{judged.off_path:.1f} sigma off the path; {attempt.reason}")
+        attempt = replace(attempt, off_path=math.sqrt(squared))
+        return attempt if squared <= most else attempt.judged(f"{attempt.off_path:.1f} sigma off the path")
 
     def _insert(self, index: int, poses: Floats) -> bool:
         """Insert a closure near the estimate at once; one far off waits for others that say the same.
@@ -269,8 +266,7 @@ class BackEnd:
         """Let an attempt into the graph; one that fitted elsewhere, too, if its neighbours did not."""
         attempt = self.attempts[index]
         if not attempt.accepted:
-            attempt = replace(attempt, accepted=True, reason=f"here its neighbours fit best; {attempt.reason}")
-            self.attempts[index] = attempt
+            attempt = self.attempts[index] = attempt.judged("here its neighbours fit best", accepted=True)
         self.n_closed += 1
         self.graph.add(closure_factor(attempt))
 

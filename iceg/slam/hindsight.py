@@ -100,7 +100,7 @@ def _as_known(factor: Factor, contested: Mapping[int, Floats]) -> Factor:
 
 def _judged(attempt: Attempt, closed: Collection[tuple[int | None, int]], *, is_let_in: bool) -> Attempt:
     if is_let_in:
-        return replace(attempt, accepted=True, reason=f"in hindsight; {attempt.reason}")
+        return attempt.judged("in hindsight", accepted=True)
     if attempt.accepted and attempt.pair not in closed:
         return attempt.taken_out("refuted in hindsight")
     return attempt

@@ -70,9 +70,7 @@ class PlaceSearch:
     def in_vain(self, closed: Collection[tuple[int, int]]) -> list[Attempt]:
         """What was tried and is not among the pairs of key poses that closures tie, with the reason."""
         return [
-            replace(
-                attempt, accepted=False, reason=f"similar place{', too few agree' * attempt.accepted}; {attempt.reason}"
-            )
+            attempt.judged(f"similar place{', too few agree' * attempt.accepted}")
             for attempt in self._tried
             if attempt.pair not in closed
         ]

@@ -148,7 +148,7 @@ class ViewChanges:
             guess: (3,) how it lies to the first; it stays so where they do not match.
         """
         reference = self.judge.prepare([self.log.scan(before)], np.zeros((1, 3)))
-        found = self.judge.match(reference, self.log.scan(after), guess, np.diag(self.config.step.deviations**2))
+        found = self.judge.match(reference, self.log.scan(after), guess, self.config.step.covariance)
         T_before_after = guess if isinstance(found, NoMatch) else found.T_ref_cur
         change = self._changes_by(np.array([before]), np.array([after]), T_before_after[None])
         return float(np.nan_to_num(change, nan=np.inf)[0])

@@ -96,9 +96,13 @@ class Attempt:
         """Whether its match agrees with the estimate given by (n, 3) poses."""
         return self.is_at(between(poses[self.key_old], poses[self.key_new]), tolerance)
 
+    def judged(self, why: str, *, accepted: bool = False) -> "Attempt":
+        """The same with another verdict, and why."""
+        return replace(self, accepted=accepted, reason=f"{why}; {self.reason}")
+
     def taken_out(self, why: str) -> "Attempt":
         """The same after it was found to be wrong, and left the graph."""
-        return replace(self, accepted=False, removed=True, reason=f"{why}; {self.reason}")
+        return replace(self.judged(why), removed=True)
 
 
 def unmatched(key_old: int, key_new: int, reason: str) -> Attempt:
