@@ -395,7 +395,10 @@ def test_loops_and_finish_bring_the_office_back_together(
 ) -> None:
     matcher = IceMatcher()
     solution = solve_track(
-        track, motions_of(track, office.log.odometry, OdometryModel()), matcher, PoseGraphConfig(), LoopClosureConfig()
+        track,
+        motions_of(track, office.log.odometry, OdometryModel()),
+        LoopCloser(matcher, track, LoopClosureConfig()),
+        PoseGraphConfig(),
     )
     found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), FinishConfig())
     config = FinishConfig()

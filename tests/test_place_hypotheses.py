@@ -69,11 +69,11 @@ class _Closer(LoopCloser):
         self, track: Track, places: Mapping[int, Sequence[Array]], config: LoopClosureConfig | None = None
     ) -> None:
         super().__init__(IceMatcher(), track, config or LoopClosureConfig())
-        self._places = places
+        self._script = places
 
     def match_anywhere(self, key_old: int, key_new: int, poses: Array) -> Attempt:
         del poses
-        there = [Place(T_old_new=T, misfit=0.02) for T in self._places[key_new]]
+        there = [Place(T_old_new=T, misfit=0.02) for T in self._script[key_new]]
         return self._attempt(key_old, key_new, there, is_only=len(there) == 1)
 
     def match(self, candidate: Candidate, poses: Array) -> Attempt:
@@ -279,7 +279,8 @@ def test_two_places_that_both_beat_the_path_are_told_though_closures_hold_the_pa
     # nor do they settle it for the back end
     monkeypatch.setattr(back_end, "relocalise", lambda *_: found)
     without: list[None] = [None] * (len(track.keys) - 1)
-    solution = back_end.solve_track(track, without, IceMatcher(), PoseGraphConfig(), LoopClosureConfig())
+    closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
+    solution = back_end.solve_track(track, without, closer, PoseGraphConfig())
     assert solution.ambiguous == (vote,)
 
 

@@ -23,13 +23,10 @@ from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, unsettled
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.broken_path.view_change import ViewChanges, judged_by_view
 from iceg.slam.closures.attempt import Attempt, are_consistent, closure_factor
-from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.hindsight import with_hindsight
-from iceg.slam.loop_closure import Forbids, LoopCloser
-from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.solution import Solution
-from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
 
 
@@ -280,11 +277,8 @@ def _offset(attempt: Attempt, poses: Floats) -> Floats:
 def solve_track(
     track: Track,
     motions: Sequence[OdometryMotion | None],
-    matcher: MapMatcher,
+    closer: LoopCloser,
     graph_config: PoseGraphConfig,
-    closures: LoopClosureConfig,
-    is_forbidden: Forbids | None = None,
-    stages: Stages = IN_HOUSE,
     log: Log | None = None,
 ) -> Solution:
     """Build and solve the graph of a whole track.
@@ -292,17 +286,14 @@ def solve_track(
     Args:
         track: what the front end found.
         motions: to every key scan but the first, None where nothing but the matches tells of it.
-        matcher: for loop closures.
+        closer: looks for loops, and has the settings of that.
         graph_config: how the graph is solved.
-        closures: how loops are found.
-        is_forbidden: see `LoopCloser`.
-        stages: see `LoopCloser`.
         log: all scans, which tell whether the robot was carried where tracking fails; None where they are not at hand.
 
     Returns:
         The solved graph.
     """
-    closer = LoopCloser(matcher, track, closures, is_forbidden=is_forbidden, stages=stages)
+    closures = closer.config
     back_end = BackEnd(track, closer, graph_config)
     for key, motion in enumerate(motions, start=1):
         back_end.add(key, motion)
