@@ -1,7 +1,6 @@
 """Any matcher in the pipeline: what it does not do itself is made of its matches, and judged by ICE."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from iceg.ice.matcher import IceMatcher
 from iceg.ice.points import ScanPoints
 from iceg.ice.tracking import Followed, Limits, Standing
 from iceg.ice.verification import Agreement
-from iceg.slam.map_matcher import NEAR, MapMatcher
+from iceg.slam.map_matcher import NEAR, MapMatcher, Prepared
 
 _LEFT = chi2_gate(0.05)
 """Squared Mahalanobis distance from which on a match has left what the judge finds near a guess."""
@@ -36,7 +35,7 @@ class JudgedReference:
 
     scans: list[Scan]
     T_ref_scans: list[Floats]
-    matched: Any
+    matched: Prepared
     local_map: LocalMap
 
 

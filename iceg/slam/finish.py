@@ -132,13 +132,13 @@ def matched_again(
     poses, done = _solved("solve", chain, loops, solution.poses, clock, stages)
     attempts, rounds = solution.attempts, [done]
     for _ in range(config.rounds if closures.enabled else 0):
-        joined = _joined(loops)
+        joined = {loop.pair for loop in loops}
         sure, outliers = _judged(loops, poses)
         tried = match_again(closer, track, poses, sure, outliers, config)
         attempts = with_earlier(tried, attempts)
         loops = [*sure, *(closure_factor(attempt, kernel) for attempt in tried if attempt.accepted)]
         poses, done = _solved("rematch", chain, loops, poses, clock, stages)
-        rounds.append(replace(done, fresh=len(_joined(loops) - joined)))
+        rounds.append(replace(done, fresh=len({loop.pair for loop in loops} - joined)))
         if done.largest_move < config.tolerance:
             break
     return replace(solution, factors=[*chain, *loops], poses=poses, attempts=attempts), rounds
@@ -218,11 +218,6 @@ class _Clock:
     def lap(self) -> float:
         last, self._last = self._last, time.perf_counter()
         return round(self._last - last, 4)
-
-
-def _joined(loops: Sequence[Factor]) -> set[tuple[int | None, int]]:
-    """Key poses that closures join."""
-    return {(factor.i, factor.j) for factor in loops}
 
 
 def _judged(loops: Sequence[Factor], poses: Floats) -> tuple[list[Factor], list[Factor]]:

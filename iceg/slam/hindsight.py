@@ -75,7 +75,7 @@ def weighed(
     judged = list(zip([*solution.factors, *claims], holds, strict=True))
     refuted = {factor.j for factor, held in judged if factor.kind == "ice" and not held}
     factors = [_as_known(factor, contested) if factor.j in refuted else factor for factor, held in judged if held]
-    closed = {(factor.i, factor.j) for factor in factors if factor.kind == "closure"}
+    closed = {factor.pair for factor in factors if factor.kind == "closure"}
     return replace(
         solution,
         factors=factors,

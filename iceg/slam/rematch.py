@@ -51,7 +51,7 @@ def match_again(
     attempts = [closer.match(candidate, poses) for candidate in again]
     reach = max(1, closer.config.reference_half)
     ties: GrowingRows[np.int64] = GrowingRows((2,), np.int64)
-    for pair in [*((factor.i, factor.j) for factor in sure), *(a.pair for a in attempts if a.accepted)]:
+    for pair in [*(factor.pair for factor in sure), *(a.pair for a in attempts if a.accepted)]:
         ties.append(pair)
     # By reference, so that each is built once; then back into the order of the path.
     for candidate in sorted(around, key=lambda c: c.key_old):

@@ -41,7 +41,7 @@ class Solution:
 
     def closed(self, closures: Sequence[Attempt]) -> "Solution":
         """With more closures, but those between key poses that one joins already, and solved."""
-        joined = {(factor.i, factor.j) for factor in self.factors if factor.kind == "closure"}
+        joined = {factor.pair for factor in self.factors if factor.kind == "closure"}
         fresh = [closure for closure in closures if closure.pair not in joined]
         why = f"place recognition, with {len(closures) - 1} others"
         factors = [*self.factors, *map(closure_factor, fresh)]
@@ -78,7 +78,7 @@ class Solution:
         factors = [
             factor if factor.kind == "closure" or not _spans(factor, key) else replace(factor, covariance=UNKNOWN_STEP)
             for factor in self.factors
-            if factor.kind != "closure" or (factor.i, factor.j) not in torn
+            if factor.kind != "closure" or factor.pair not in torn
         ]
         return replace(self, factors=factors, poses=poses, attempts=attempts).closed(closures)
 

@@ -90,7 +90,7 @@ class BridgeEdges:
 
 def closures_across(factors: Sequence[Factor], n_keys: int, config: LoopClosureConfig) -> Ints:
     """(n_keys,) how many closures of a graph span the step to each key pose, with all the key scans they rest on."""
-    closures = [(factor.i, factor.j) for factor in factors if factor.kind == "closure"]
+    closures = [factor.pair for factor in factors if factor.kind == "closure"]
     ends = np.sort(np.array(closures, dtype=np.int64).reshape(-1, 2), axis=1)
     rest_on = np.array([config.reference_half, min(config.support_offsets)])
     return _spanning(ends + rest_on, n_keys)

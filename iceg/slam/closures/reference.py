@@ -2,14 +2,13 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from graph.arrays import Floats, Ints
 from graph.se2 import between
 from iceg.ice.local_map import LocalMap
-from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.map_matcher import MapMatcher, Prepared
 from iceg.slam.track import Track
 
 _KEPT = 6
@@ -28,7 +27,7 @@ class Reference:
         placed: (m, 3) poses of its scans in that frame.
     """
 
-    matched: Any
+    matched: Prepared
     judged: LocalMap
     placed: Floats
 

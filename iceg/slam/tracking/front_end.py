@@ -3,7 +3,6 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,7 @@ from graph.se2 import between, compose
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.agreement import apart
 from iceg.slam.config import FrontEndConfig
-from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.map_matcher import MapMatcher, Prepared
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan, Track
 from iceg.slam.tracking.odometry_check import Expectation, OdometryCheck
@@ -38,7 +37,7 @@ class _LocalMap:
     """
 
     members: list[int]
-    reference: Any
+    reference: Prepared
 
 
 class FrontEnd:
