@@ -84,7 +84,7 @@ def find(
         )
         is_forbidden = forbids(corrections.forbidden, track)
         closer = LoopCloser(matcher, track, config.loops, is_forbidden=is_forbidden, stages=stages)
-        solution = solve_track(track, motions, closer, config.graph, log)
+        solution = solve_track(closer, motions, config.graph, log)
         guided = corrected(solution, corrections, track, matcher, config)
         solution = _with_factors(solution, guided)
         track = _reassigned(track, solution, log, matcher)

@@ -377,9 +377,8 @@ def track(office: Simulation, matcher: IceMatcher) -> Track:
 @pytest.fixture(scope="module")
 def solution(office: Simulation, matcher: IceMatcher, track: Track) -> Solution:
     return solve_track(
-        track,
-        motions_of(track, office.log.odometry, OdometryModel()),
         LoopCloser(matcher, track, LoopClosureConfig()),
+        motions_of(track, office.log.odometry, OdometryModel()),
         PoseGraphConfig(),
     )
 

@@ -251,7 +251,7 @@ def test_what_the_drift_left_behind_is_found_by_place_recognition(log: Log) -> N
 
     def solved(track: Track, *, relocalise: bool) -> Solution:
         closer = _Shortsighted(IceMatcher(), track, LoopClosureConfig(relocalise=relocalise))
-        return solve_track(track, motions_of(track, log.odometry, OdometryModel()), closer, PoseGraphConfig())
+        return solve_track(closer, motions_of(track, log.odometry, OdometryModel()), PoseGraphConfig())
 
     assert not solved(track, relocalise=False).attempts
     found = solved(track, relocalise=True)

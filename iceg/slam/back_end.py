@@ -36,8 +36,8 @@ class BackEnd:
     The graph is solved when a closure enters: until then the path from the last one is the chain of its steps.
     """
 
-    def __init__(self, track: Track, closer: LoopCloser, graph_config: PoseGraphConfig) -> None:
-        self._track = track
+    def __init__(self, closer: LoopCloser, graph_config: PoseGraphConfig) -> None:
+        self._track = closer.track
         self._closer = closer
         self._config = closer.config
         self.graph = PoseGraph(graph_config)
@@ -46,7 +46,7 @@ class BackEnd:
         self._poses.append(np.zeros(3))
         self.attempts: list[Attempt] = []
         self.n_closed = 0
-        self.failures = _front_end_failures(track)
+        self.failures = _front_end_failures(closer.track)
         self.contested: dict[int, Floats] = {}
         """Covariance of the odometry as hindsight weighs it, by the key poses whose match contradicts it."""
         self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
@@ -275,26 +275,24 @@ def _offset(attempt: Attempt, poses: Floats) -> Floats:
 
 
 def solve_track(
-    track: Track,
-    motions: Sequence[OdometryMotion | None],
     closer: LoopCloser,
+    motions: Sequence[OdometryMotion | None],
     graph_config: PoseGraphConfig,
     log: Log | None = None,
 ) -> Solution:
     """Build and solve the graph of a whole track.
 
     Args:
-        track: what the front end found.
+        closer: looks for loops in the track; its settings say how.
         motions: to every key scan but the first, None where nothing but the matches tells of it.
-        closer: looks for loops, and has the settings of that.
         graph_config: how the graph is solved.
         log: all scans, which tell whether the robot was carried where tracking fails; None where they are not at hand.
 
     Returns:
         The solved graph.
     """
-    closures = closer.config
-    back_end = BackEnd(track, closer, graph_config)
+    track, closures = closer.track, closer.config
+    back_end = BackEnd(closer, graph_config)
     for key, motion in enumerate(motions, start=1):
         back_end.add(key, motion)
     failures = back_end.failures
@@ -302,9 +300,9 @@ def solve_track(
         failures = judged_by_view(failures, ViewChanges(log, track, closer.judge, closures.view), closures.failures)
     solution = back_end.solution()
     if log is None or not log.has_odometry:
-        return relocalise(closer, track, solution, failures)
+        return relocalise(closer, solution, failures)
     solution = with_hindsight(solution, closures, back_end.contested)
-    return with_conflicts(relocalise(closer, track, solution, failures), track, failures, closures)
+    return with_conflicts(relocalise(closer, solution, failures), track, failures, closures)
 
 
 def _front_end_failures(track: Track) -> dict[int, TrackingFailure]:

@@ -134,7 +134,7 @@ def matched_again(
     for _ in range(config.rounds if closures.enabled else 0):
         joined = {loop.pair for loop in loops}
         sure, outliers = _judged(loops, poses)
-        tried = match_again(closer, track, poses, sure, outliers, config)
+        tried = match_again(closer, poses, sure, outliers, config)
         attempts = with_earlier(tried, attempts)
         loops = [*sure, *(closure_factor(attempt, kernel) for attempt in tried if attempt.accepted)]
         poses, done = _solved("rematch", chain, loops, poses, clock, stages)

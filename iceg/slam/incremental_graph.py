@@ -43,7 +43,7 @@ class IncrementalGraph:
         track = Track(keys=keys, key_of_scan=nothing, T_key_scan=np.zeros((0, 3)), failures=0, lost=lost)
         self._keys = keys
         self._closer = LoopCloser(matcher, track, config.loops, stages=stages)
-        self._back_end = BackEnd(track, self._closer, config.graph)
+        self._back_end = BackEnd(self._closer, config.graph)
         self._lookahead = max(0, *config.loops.support_offsets)
         self._waiting: deque[int] = deque()
         self._search: Iterator[None] = iter(())

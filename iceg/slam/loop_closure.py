@@ -55,8 +55,8 @@ class LoopCloser:
             stages: candidates and verification of the caller's own.
         """
         self.config = config
+        self.track = track
         self._matcher = matcher
-        self._track = track
         self._keys = track.keys
         self._stages = stages
         self.judge = matcher.judge
@@ -152,11 +152,11 @@ class LoopCloser:
         if isinstance(found, NoMatch):
             return unmatched(old, new, found.reason)
         (support,) = self._supports(reference, new, found.T_ref_cur[None])
-        placement = placement_covariance(self._track, old)
+        placement = placement_covariance(self.track, old)
         return Attempt(
             key_old=old,
             key_new=new,
-            match=replace(found, covariance=closure_covariance(found, placement, self._track.match_covariance_scale)),
+            match=replace(found, covariance=closure_covariance(found, placement, self.track.match_covariance_scale)),
             accepted=self._is_supported(support),
             reason=f"overlap {support.overlap:.2f}, fit {support.fit:.2f}, view {support.view:.2f}",
             overlap=support.overlap,

@@ -19,18 +19,12 @@ from iceg.slam.track import Track
 
 
 def match_again(
-    closer: LoopCloser,
-    track: Track,
-    poses: Floats,
-    sure: Sequence[Factor],
-    outliers: Sequence[Factor],
-    config: FinishConfig,
+    closer: LoopCloser, poses: Floats, sure: Sequence[Factor], outliers: Sequence[Factor], config: FinishConfig
 ) -> list[Attempt]:
     """Match key scans against earlier passes that no sure closure ties, close to where the optimum puts them.
 
     Args:
-        closer: matches and verifies.
-        track: key scans.
+        closer: matches and verifies key scans.
         poses: (k, 3) the optimum.
         sure: closures that agree with it.
         outliers: those that do not, which are tried again.
@@ -44,7 +38,7 @@ def match_again(
     known = {candidate.pair for candidate in again}
     around = [
         candidate
-        for key in _spaced_keys(track, config, closer.passes.searchable, closer.config.confirmed.spacing)
+        for key in _spaced_keys(closer.track, config, closer.passes.searchable, closer.config.confirmed.spacing)
         for candidate in closer.passes.within(key, poses, deviations)
         if candidate.pair not in known
     ]

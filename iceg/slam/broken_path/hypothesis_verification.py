@@ -17,7 +17,6 @@ from iceg.slam.closure_config import RelocalisationConfig
 from iceg.slam.closures.attempt import Attempt, closed_pose
 from iceg.slam.closures.candidates import ANCHOR_SPACING, Candidate
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.track import Track
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,8 +66,8 @@ class FitCount:
 class HypothesisVerifier:
     """Matches key scans after a break against everything before it."""
 
-    def __init__(self, closer: LoopCloser, track: Track) -> None:
-        self._closer = closer
+    def __init__(self, closer: LoopCloser) -> None:
+        track, self._closer = closer.track, closer
         self._config = closer.config.relocalisation
         self._near = closer.config.verification.near
         self._keys = track.keys

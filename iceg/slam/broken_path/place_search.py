@@ -10,15 +10,13 @@ from iceg.slam.broken_path.similar_places import similar_places
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.track import Track
 
 
 class PlaceSearch:
     """Looks for places again, and remembers what it tried."""
 
-    def __init__(self, closer: LoopCloser, track: Track, factors: Sequence[Factor]) -> None:
+    def __init__(self, closer: LoopCloser, factors: Sequence[Factor]) -> None:
         self._closer = closer
-        self._track = track
         self.path = [factor for factor in factors if factor.kind in {"odometry", "ice"}]
         """The factors from key pose to key pose, along which places must agree."""
         self._config = closer.config
@@ -35,7 +33,7 @@ class PlaceSearch:
         """
         known = {attempt.pair for attempt in self._tried}
         config = replace(self._config, places=most)
-        pairs = set(similar_places(self._track, self._closer.judge, parts, config)) - known
+        pairs = set(similar_places(self._closer.track, self._closer.judge, parts, config)) - known
         if not pairs:
             return []
         self._tried += [self._closer.match_anywhere(old, new, poses) for old, new in sorted(pairs)]

@@ -25,7 +25,6 @@ from iceg.slam.broken_path.place_votes import Vote, unsettled
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.solution import Solution
-from iceg.slam.track import Track
 
 
 class _Decision(Enum):
@@ -39,14 +38,11 @@ class _Decision(Enum):
     """It joined two parts of the path."""
 
 
-def relocalise(
-    closer: LoopCloser, track: Track, solution: Solution, failures: Mapping[int, TrackingFailure]
-) -> Solution:
+def relocalise(closer: LoopCloser, solution: Solution, failures: Mapping[int, TrackingFailure]) -> Solution:
     """Join the parts of a path that no loop closure ties together, and say where it is broken.
 
     Args:
-        closer: matches and verifies; its settings say how much is tried, and how much must agree.
-        track: key scans.
+        closer: matches and verifies key scans; its settings say how much is tried, and how much must agree.
         solution: the graph as the path and the closures on the way made it.
         failures: by key pose, where the path may be broken.
 
@@ -55,7 +51,7 @@ def relocalise(
     """
     if not (closer.config.enabled and closer.config.relocalise):
         return solution
-    search = _Relocalisation(closer, track, solution, failures)
+    search = _Relocalisation(closer, solution, failures)
     search.run()
     return search.solution()
 
@@ -63,15 +59,13 @@ def relocalise(
 class _Relocalisation:
     """State of the search: the estimate as it changes, what was tried, what was found out about the path."""
 
-    def __init__(
-        self, closer: LoopCloser, track: Track, solution: Solution, failures: Mapping[int, TrackingFailure]
-    ) -> None:
-        self._track = track
+    def __init__(self, closer: LoopCloser, solution: Solution, failures: Mapping[int, TrackingFailure]) -> None:
+        self._track = closer.track
         self._config = closer.config
         self._now = solution
-        self._steps = BridgeEdges(track, solution.factors, failures, closer.config)
-        self._places = PlaceSearch(closer, track, solution.factors)
-        self._verifier = HypothesisVerifier(closer, track)
+        self._steps = BridgeEdges(closer.track, solution.factors, failures, closer.config)
+        self._places = PlaceSearch(closer, solution.factors)
+        self._verifier = HypothesisVerifier(closer)
         self._breaks: dict[int, Break] = {}
         self._ambiguous: dict[int, Vote] = {}
         self._looks_again = False  # who compares places anew finds more that fit by chance
