@@ -9,7 +9,7 @@ the same, and are no witnesses against the path.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -63,14 +63,14 @@ def weighed(
     yielding = [replace(factor, kernel=kernel) if factor.kind in _SUSPECTS else factor for factor in before]
     led = optimize([*yielding, *claims], solution.poses, BATCH).poses
     ways = (_explained([*before, *claims], poses, config) for poses in (solution.poses, led))
-    found = min(ways, key=lambda way: way.cost)
-    holds = found.result.inliers.tolist()
+    found = min(ways, key=_cost)
+    holds = found.inliers.tolist()
     let_in = {id(attempt) for attempt, held in zip(refused, holds[len(solution.factors) :], strict=True) if held}
     has_culprit = not all(holds[: len(solution.factors)])
     if not has_culprit or len(let_in) < config.confirmations:
         return solution
     path = _explained(before, solution.poses, config)
-    if found.cost >= path.cost + 0.5 * gate * len(claims):
+    if _cost(found) >= _cost(path) + 0.5 * gate * len(claims):
         return solution
     judged = list(zip([*solution.factors, *claims], holds, strict=True))
     refuted = {factor.j for factor, held in judged if factor.kind == "ice" and not held}
@@ -79,7 +79,7 @@ def weighed(
     return replace(
         solution,
         factors=factors,
-        poses=found.result.poses,
+        poses=found.poses,
         attempts=[_judged(attempt, closed, is_let_in=id(attempt) in let_in) for attempt in solution.attempts],
     )
 
@@ -106,16 +106,8 @@ def _judged(attempt: Attempt, closed: Collection[tuple[int | None, int]], *, is_
     return attempt
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Explanation:
-    """What holds of all that was measured, and half the sum of squares, that of what does not cut at the gate."""
-
-    result: BatchResult
-    cost: float
-
-
-def _explained(factors: Sequence[Factor], poses: Floats, config: LoopClosureConfig) -> _Explanation:
-    """By truncated least squares, from (k, 3) poses on."""
+def _explained(factors: Sequence[Factor], poses: Floats, config: LoopClosureConfig) -> BatchResult:
+    """What holds of all that was measured, by truncated least squares, from (k, 3) poses on."""
     settings = replace(
         BATCH,
         gnc=True,
@@ -123,6 +115,9 @@ def _explained(factors: Sequence[Factor], poses: Floats, config: LoopClosureConf
         inlier_probability=config.path_probability,
         suspects=_SUSPECTS,
     )
-    result = optimize(factors, poses, settings)
-    left_over = np.count_nonzero(~result.inliers)
-    return _Explanation(result=result, cost=result.error_after + 0.5 * result.gate * left_over)
+    return optimize(factors, poses, settings)
+
+
+def _cost(explanation: BatchResult) -> float:
+    """Half the sum of squares, that of what does not hold cut at the gate."""
+    return explanation.error_after + 0.5 * explanation.gate * np.count_nonzero(~explanation.inliers)
