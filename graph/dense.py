@@ -8,9 +8,9 @@ the same names do, in one fixed order. Matrices are stacks (..., i, k); batch ax
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from graph.arrays import Floats
 
 
 def matmul(first: ArrayLike, *others: ArrayLike) -> Floats:

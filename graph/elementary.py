@@ -5,9 +5,9 @@ last digits differ. Here, each number is the mathematical library's own.
 """
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Floats = NDArray[np.float64]
+from graph.arrays import Floats
 
 
 def cos_sin(angles: ArrayLike) -> tuple[Floats, Floats]:

@@ -83,6 +83,11 @@ class Factor:
         object.__setattr__(self, "T_i_j", T_i_j)
         object.__setattr__(self, "covariance", covariance)
 
+    @property
+    def pair(self) -> tuple[int | None, int]:
+        """The two key poses that it joins: i and j."""
+        return self.i, self.j
+
     def measuring(self, T_i_j: NDArray[np.float64]) -> "Factor":
         """The same with another measurement, (3,) finite numbers; what was checked before is not checked again."""
         T_i_j.flags.writeable = False

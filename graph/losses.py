@@ -1,14 +1,12 @@
 """What residuals cost: squared norms, and the losses and weights of robust kernels."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats, Ints
 from graph.elementary import log
 
 PLAIN, HUBER, CAUCHY, GEMAN_MCCLURE, DCS = 0, 1, 2, 3, 4
 """Kernels by number."""
-
-Floats = NDArray[np.float64]
 
 
 def squared_norms(errors: Floats, information: Floats) -> Floats:
@@ -18,7 +16,7 @@ def squared_norms(errors: Floats, information: Floats) -> Floats:
     return np.asarray(a * (xx * a + 2.0 * (xy * b + xt * c)) + b * (yy * b + 2.0 * yt * c) + c * tt * c)
 
 
-def losses_and_weights(squared: Floats, kernel: NDArray[np.int64], width: Floats) -> tuple[Floats, Floats]:
+def losses_and_weights(squared: Floats, kernel: Ints, width: Floats) -> tuple[Floats, Floats]:
     """Robust losses ρ(e) (½ e² without kernel) and weights ρ′(e) / e.
 
     Args:

@@ -3,9 +3,6 @@
 from dataclasses import replace
 from math import sqrt
 
-import numpy as np
-from numpy.typing import NDArray
-
 from frontends.laser_noise import LaserNoise, learn_laser_noise
 from frontends.matchers import make_matcher
 from frontends.scan import Log
@@ -23,16 +20,13 @@ from iceg.slam.completed_matcher import completed
 from iceg.slam.findings import Findings
 from iceg.slam.finish import matched_again
 from iceg.slam.kept_scans import KeptScans
-from iceg.slam.loop_closure import Forbids
+from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.noise_widths import widened
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
-from iceg.slam.odometry.dead_odometry import filled_where_dead
 from iceg.slam.odometry.gyro import learn_gyro
-from iceg.slam.odometry.heading_odometry import HeadingOdometry
-from iceg.slam.odometry.motions import motions_of
-from iceg.slam.odometry.velocity import motions_without_odometry
-from iceg.slam.passes import track_guided, track_placed, track_with_sweep
+from iceg.slam.odometry.key_motions import key_motions
+from iceg.slam.passes import Tracker
 from iceg.slam.progress import ProgressCallback
 from iceg.slam.recording.held_readings import with_odometry_between_readings
 from iceg.slam.recording.own_body import without_own_body
@@ -76,10 +70,10 @@ def find(
         config = widened(given, sqrt(noise.typical))
         matcher = matcher_of(config, noise, stages)
         log = with_odometry_between_readings(without_frozen_scans(log), config.front_end.standstill)
-        (log, track, first), foreknown = track_guided(log, matcher, config, progress)
+        followed, tracker = Tracker(matcher=matcher, config=config, progress=progress).guided(log)
     with clock.stage("sweep"):
-        followed, sweep = track_with_sweep((log, track, first), matcher, config, progress, foreknown)
-        log, track, first = track_placed(followed, matcher, config, progress, foreknown)
+        followed, sweep = tracker.with_sweep(followed)
+        log, track, first = tracker.placed(followed)
     with clock.stage("graph"):
         track = with_measured_covariance_scale(track, matcher, config.front_end.split_half)
         calibration = _recalibrate(track, log, first, config)
@@ -87,8 +81,12 @@ def find(
         if odometry is not None:
             track = smoothed_between_keys(track, odometry)
         heading, gyro = learn_gyro(track, log, config.front_end)
+        motions = key_motions(
+            track, log.stamps, odometry, calibration.lasting_noise, config.front_end.calibration, heading
+        )
         is_forbidden = forbids(corrections.forbidden, track)
-        solution = _solve(track, log, odometry, matcher, calibration, heading, config, is_forbidden, stages)
+        closer = LoopCloser(matcher, track, config.loops, is_forbidden=is_forbidden, stages=stages)
+        solution = solve_track(closer, motions, config.graph, log)
         guided = corrected(solution, corrections, track, matcher, config)
         solution = _with_factors(solution, guided)
         track = _reassigned(track, solution, log, matcher)
@@ -133,27 +131,6 @@ def _recalibrate(track: Track, log: Log, first: OdometryCalibration, config: Con
     if not (log.has_odometry and config.front_end.calibrate_odometry):
         return first
     return calibrate_odometry(track, log.odometry, config.front_end.calibration)
-
-
-def _solve(
-    track: Track,
-    log: Log,
-    odometry: NDArray[np.float64] | None,
-    matcher: MapMatcher,
-    calibration: OdometryCalibration,
-    heading: HeadingOdometry | None,
-    config: Config,
-    is_forbidden: Forbids,
-    stages: Stages,
-) -> Solution:
-    if odometry is not None:
-        motions = motions_of(track, odometry, calibration.lasting_noise)
-        motions = filled_where_dead(motions, track, log.stamps, config.front_end.calibration)
-    else:
-        motions = motions_without_odometry(track, log.stamps, config.front_end.calibration, heading)
-    return solve_track(
-        track, motions, matcher, config.graph, config.loops, is_forbidden=is_forbidden, stages=stages, log=log
-    )
 
 
 def _with_factors(solution: Solution, guided: Corrected) -> Solution:

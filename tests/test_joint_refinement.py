@@ -24,6 +24,7 @@ from iceg.slam.joint import _wall_kernels as kernels
 from iceg.slam.joint._system_kernels import JointSystem, PointsOnLines, fill, normal_equations, product
 from iceg.slam.joint.refinement import Clouds, key_clouds, refine_jointly
 from iceg.slam.joint_config import JointRefinementConfig
+from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.odometry.motions import motions_of
 from iceg.slam.solution import Solution
 from iceg.slam.track import Track
@@ -376,7 +377,9 @@ def track(office: Simulation, matcher: IceMatcher) -> Track:
 @pytest.fixture(scope="module")
 def solution(office: Simulation, matcher: IceMatcher, track: Track) -> Solution:
     return solve_track(
-        track, motions_of(track, office.log.odometry, OdometryModel()), matcher, PoseGraphConfig(), LoopClosureConfig()
+        LoopCloser(matcher, track, LoopClosureConfig()),
+        motions_of(track, office.log.odometry, OdometryModel()),
+        PoseGraphConfig(),
     )
 
 

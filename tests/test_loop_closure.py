@@ -18,7 +18,6 @@ from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import BackEnd, solve_track
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.closures.candidates import Candidate, EarlierPasses
-from iceg.slam.closures.verification import ClosureVerifier
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.finish import matched_again, refined
@@ -175,7 +174,7 @@ def _run_scripted(track: Track, script: dict[int, RelativePose], confirmations: 
     config = LoopClosureConfig(spacing=1e-6, spacing_angle=1e-6, confirmations=confirmations)
     unmatched = [replace(key, match=NoMatch(reason="scripted")) for key in track.keys]
     drifting = replace(track, keys=unmatched)
-    back_end = BackEnd(drifting, ScriptedCloser(drifting, config, script), PoseGraphConfig())
+    back_end = BackEnd(ScriptedCloser(drifting, config, script), PoseGraphConfig())
     motion = OdometryModel().start()
     for key in range(1, 40):
         step = between(track.keys[key - 1].T_track_robot, track.keys[key].T_track_robot)
@@ -249,8 +248,8 @@ class TwoAlikePlaces(IceMatcher):
 
 
 def test_a_place_that_fits_twice_is_not_believed(track: Track, true_poses: NDArray[np.float64]) -> None:
-    once = ClosureVerifier(IceMatcher(), track, LoopClosureConfig())
-    twice = ClosureVerifier(TwoAlikePlaces(), track, LoopClosureConfig())
+    once = LoopCloser(IceMatcher(), track, LoopClosureConfig())
+    twice = LoopCloser(TwoAlikePlaces(), track, LoopClosureConfig())
     believed = [key for key in range(60, 200, 10) if once.match_anywhere(key - 3, key, true_poses).accepted]
     assert believed
     attempt = twice.match_anywhere(believed[0] - 3, believed[0], true_poses)
@@ -260,7 +259,7 @@ def test_a_place_that_fits_twice_is_not_believed(track: Track, true_poses: NDArr
 
 def test_a_closure_errs_with_the_key_pose_it_hangs_on(track: Track, true_poses: NDArray[np.float64]) -> None:
     candidate = Candidate.of(60, 62, true_poses, np.array([0.1, 0.1, 0.03]))
-    attempt = ClosureVerifier(IceMatcher(), track, LoopClosureConfig()).match(candidate, true_poses)
+    attempt = LoopCloser(IceMatcher(), track, LoopClosureConfig()).match(candidate, true_poses)
     assert attempt.match is not None
     placed = compose_covariance(placement_covariance(track, 60), attempt.match.T_ref_cur, np.zeros((3, 3)))
     by_the_match = attempt.match.covariance - placed
@@ -283,7 +282,7 @@ def test_an_area_is_confirmed_where_three_passes_agree(
 ) -> None:
     closer = CrowdedCloser(track, LoopClosureConfig(), {30: _closing_match(track, 0, 30, off)})
     closer.times = passes
-    back_end = BackEnd(track, closer, PoseGraphConfig())
+    back_end = BackEnd(closer, PoseGraphConfig())
     for key in range(1, 31):
         back_end._since_search[:] = 0.0
         back_end.add(key, None)
@@ -326,7 +325,7 @@ def test_the_finish_looks_more_seldom_in_confirmed_areas(track: Track) -> None:
 
 def test_each_factor_enters_once(track: Track) -> None:
     odometry = np.array([key.T_track_robot for key in track.keys])
-    back_end = BackEnd(track, LoopCloser(IceMatcher(), track, LoopClosureConfig(enabled=False)), PoseGraphConfig())
+    back_end = BackEnd(LoopCloser(IceMatcher(), track, LoopClosureConfig(enabled=False)), PoseGraphConfig())
     for key in range(1, 60):
         step = between(odometry[key - 1], odometry[key])
         back_end.add(key, OdometryMotion(T_key_robot=step, covariance=np.eye(3) * 1e-3))
@@ -341,7 +340,7 @@ def test_each_factor_enters_once(track: Track) -> None:
 
 
 def test_a_small_correction_bends_the_path_since_the_last_search(track: Track, true_poses: NDArray[np.float64]) -> None:
-    back_end = BackEnd(track, LoopCloser(IceMatcher(), track, LoopClosureConfig()), PoseGraphConfig())
+    back_end = BackEnd(LoopCloser(IceMatcher(), track, LoopClosureConfig()), PoseGraphConfig())
     for pose in true_poses[1:]:
         back_end._poses.append(pose)
     back_end._searched_to = 40
@@ -357,7 +356,7 @@ def test_a_small_correction_bends_the_path_since_the_last_search(track: Track, t
 
 
 def test_odometry_that_jumps_is_given_little_weight(track: Track) -> None:
-    back_end = BackEnd(track, LoopCloser(IceMatcher(), track, LoopClosureConfig(enabled=False)), PoseGraphConfig())
+    back_end = BackEnd(LoopCloser(IceMatcher(), track, LoopClosureConfig(enabled=False)), PoseGraphConfig())
     for key in range(1, 30):
         step = between(track.keys[key - 1].T_track_robot, track.keys[key].T_track_robot)
         jump = np.array([0.0, 0.0, np.radians(30.0) if key == 15 else 0.0])
@@ -376,7 +375,7 @@ def test_odometry_is_no_farther_from_a_sharp_match_than_chance_explains(track: T
     assert isinstance(match, RelativePose)
     sharp = replace(match, covariance=np.eye(3) * 1e-12)
     closer = LoopCloser(IceMatcher(), track, LoopClosureConfig(enabled=False))
-    back_end, config = BackEnd(track, closer, PoseGraphConfig()), closer.config.failures
+    back_end, config = BackEnd(closer, PoseGraphConfig()), closer.config.failures
     gate = chi2_gate(config.false_alarm)
     T_track_match = compose(track.keys[track.keys[key].anchor].T_track_robot, match.T_ref_cur)
     step = between(track.keys[key - 1].T_track_robot, T_track_match)
@@ -396,7 +395,9 @@ def test_loops_and_finish_bring_the_office_back_together(
 ) -> None:
     matcher = IceMatcher()
     solution = solve_track(
-        track, motions_of(track, office.log.odometry, OdometryModel()), matcher, PoseGraphConfig(), LoopClosureConfig()
+        LoopCloser(matcher, track, LoopClosureConfig()),
+        motions_of(track, office.log.odometry, OdometryModel()),
+        PoseGraphConfig(),
     )
     found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), FinishConfig())
     config = FinishConfig()

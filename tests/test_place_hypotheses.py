@@ -69,11 +69,11 @@ class _Closer(LoopCloser):
         self, track: Track, places: Mapping[int, Sequence[Array]], config: LoopClosureConfig | None = None
     ) -> None:
         super().__init__(IceMatcher(), track, config or LoopClosureConfig())
-        self._places = places
+        self._script = places
 
     def match_anywhere(self, key_old: int, key_new: int, poses: Array) -> Attempt:
         del poses
-        there = [Place(T_old_new=T, misfit=0.02) for T in self._places[key_new]]
+        there = [Place(T_old_new=T, misfit=0.02) for T in self._script[key_new]]
         return self._attempt(key_old, key_new, there, is_only=len(there) == 1)
 
     def match(self, candidate: Candidate, poses: Array) -> Attempt:
@@ -99,8 +99,8 @@ class _Closer(LoopCloser):
 class _HypothesisVerifier:
     """Every hypothesis gets as many votes as it has closures, the estimate none."""
 
-    def __init__(self, closer: LoopCloser, track: Track) -> None:
-        del closer, track
+    def __init__(self, closer: LoopCloser) -> None:
+        del closer
 
     against = 0
     """Votes against every hypothesis."""
@@ -140,7 +140,7 @@ def _searched(
     failures = {}
     if kind is not None:
         failures[_BREAK] = _carried(reason="nothing matched what was known before", kind=kind)
-    return relocalise(_Closer(track, places, config), track, before, failures)
+    return relocalise(_Closer(track, places, config), before, failures)
 
 
 def _solution(factors: list[Factor], poses: Array, attempts: Sequence[Attempt] = ()) -> Solution:
@@ -244,7 +244,7 @@ def test_what_the_path_does_not_know_takes_no_robot_that_was_carried(
     ]
     before = _solution(path, _poses(track))
     failures = {_BREAK: TrackingFailure(kind=FailureKind.UNKNOWN_MOTION, reason="nothing told the way there")}
-    found = relocalise(_Closer(track, places), track, before, failures)
+    found = relocalise(_Closer(track, places), before, failures)
     assert any(attempt.accepted for attempt in found.attempts) != is_known
     assert [at.outcome for at in found.breaks] == ["apart"] * is_known
 
@@ -279,7 +279,8 @@ def test_two_places_that_both_beat_the_path_are_told_though_closures_hold_the_pa
     # nor do they settle it for the back end
     monkeypatch.setattr(back_end, "relocalise", lambda *_: found)
     without: list[None] = [None] * (len(track.keys) - 1)
-    solution = back_end.solve_track(track, without, IceMatcher(), PoseGraphConfig(), LoopClosureConfig())
+    closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
+    solution = back_end.solve_track(closer, without, PoseGraphConfig())
     assert solution.ambiguous == (vote,)
 
 
@@ -336,7 +337,7 @@ def test_few_pairs_are_matched_where_tracking_never_failed_and_bridges_are_few(
     spanning = [before] * 20 + [after] * 20  # as many as settle what little explains
     solution = _solution(_path(track) + [closure_factor(c) for c in spanning], _poses(track), spanning)
     failures = {first: _carried(reason="the odometry jumped", kind=FailureKind.NO_MATCH)} if has_failed else {}
-    relocalise(closer, track, solution, failures)
+    relocalise(closer, solution, failures)
     assert asked == [expected]
 
 
@@ -372,7 +373,7 @@ def test_a_part_that_only_a_later_one_is_tied_to_moves_with_it(track: Track, mon
         for key in (before, third)
     }
     solution = _solution(_path(track), poses)
-    found = relocalise(_Closer(track, places), track, solution, failures)
+    found = relocalise(_Closer(track, places), solution, failures)
     assert [(at.key, at.outcome) for at in found.breaks] == [(before, "joined"), (third, "joined")]
     np.testing.assert_allclose(found.poses[second], T_map_second, atol=0.05)
     np.testing.assert_allclose(found.poses[120], T_map_third[120], atol=0.05)
@@ -394,7 +395,7 @@ def test_what_spans_one_suspect_step_is_heard_before_what_spans_two(
         _BREAK: _carried(reason="scripted", kind=FailureKind.NO_MATCH),
     }
     solution = _solution(_path(track), poses)
-    found = relocalise(_Closer(track, places | within), track, solution, failures)
+    found = relocalise(_Closer(track, places | within), solution, failures)
     assert [(at.key, at.outcome) for at in found.breaks] == [(second, "joined"), (_BREAK, "joined")]
     assert sum(attempt.accepted for attempt in found.attempts) == len(pairs)
     np.testing.assert_allclose(found.poses[80], T_second[80], atol=0.05)

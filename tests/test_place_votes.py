@@ -152,7 +152,7 @@ class _Closer(LoopCloser):
 
 def _solved(track: Track, script: dict[int, Attempt]) -> BackEnd:
     config = LoopClosureConfig(spacing=1e-6, spacing_angle=1e-6)
-    back_end = BackEnd(track, _Closer(track, config, script), PoseGraphConfig())
+    back_end = BackEnd(_Closer(track, config, script), PoseGraphConfig())
     for key in range(1, len(track.keys)):
         step = between(track.keys[key - 1].T_track_robot, track.keys[key].T_track_robot)
         covariance = np.diag([0.05, 0.05, 0.02]) ** 2

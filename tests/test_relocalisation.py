@@ -21,7 +21,7 @@ from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
 from iceg.pipeline import run
 from iceg.run_result.slam_result import SlamResult
-from iceg.slam import back_end
+from iceg.slam.back_end import solve_track
 from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
 from iceg.slam.broken_path.path_break import Break, Outcome
 from iceg.slam.broken_path.reassigned_scans import reassigned
@@ -246,15 +246,12 @@ class _Shortsighted(LoopCloser):
         return []
 
 
-def test_what_the_drift_left_behind_is_found_by_place_recognition(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_drift_left_behind_is_found_by_place_recognition(log: Log) -> None:
     track = track_log(log, IceMatcher(), OdometryModel(), FrontEndConfig())
-    monkeypatch.setattr(back_end, "LoopCloser", _Shortsighted)
 
     def solved(track: Track, *, relocalise: bool) -> Solution:
-        config = LoopClosureConfig(relocalise=relocalise)
-        return back_end.solve_track(
-            track, motions_of(track, log.odometry, OdometryModel()), IceMatcher(), PoseGraphConfig(), config
-        )
+        closer = _Shortsighted(IceMatcher(), track, LoopClosureConfig(relocalise=relocalise))
+        return solve_track(closer, motions_of(track, log.odometry, OdometryModel()), PoseGraphConfig())
 
     assert not solved(track, relocalise=False).attempts
     found = solved(track, relocalise=True)

@@ -47,6 +47,7 @@ def tried(old: int, new: int, *, accepted: bool, reason: str = "") -> Attempt:
 class Closer:
     """Offers one pass, so many key poses back, and believes every match."""
 
+    track: Track
     searchable: NDArray[np.bool_]
     back: int
     config: LoopClosureConfig = field(default_factory=LoopClosureConfig)
@@ -72,9 +73,9 @@ def loop(i: int, j: int) -> Factor:
 
 
 def matched_again(track: Track, sure: list[Factor], outliers: list[Factor], back: int = 50) -> list[tuple[int, int]]:
-    closer = Closer(searchable=np.ones(len(track.keys), dtype=np.bool_), back=back)
+    closer = Closer(track=track, searchable=np.ones(len(track.keys), dtype=np.bool_), back=back)
     poses = np.array([key.T_track_robot for key in track.keys])
-    attempts = match_again(cast("LoopCloser", closer), track, poses, sure, outliers, FinishConfig())
+    attempts = match_again(cast("LoopCloser", closer), poses, sure, outliers, FinishConfig())
     assert sorted(closer.matched) == sorted((a.key_old, a.key_new) for a in attempts)
     assert [a.key_new for a in attempts] == sorted(a.key_new for a in attempts)
     return closer.matched

@@ -134,9 +134,9 @@ def _pinned(found: Solution, pins: Sequence[Pinned], track: Track) -> tuple[Solu
         rows.add(row)
         attempts[row] = replace(attempts[row], accepted=True, removed=False, reason=f"pinned; {attempts[row].reason}")
         pinned.append(closure_factor(attempts[row]))
-    ends_of_pinned = {(factor.i, factor.j) for factor in pinned}
+    ends_of_pinned = {factor.pair for factor in pinned}
     chain = [factor for factor in found.factors if factor.kind != "closure"]
-    loops = [f for f in found.factors if f.kind == "closure" and (f.i, f.j) not in ends_of_pinned]
+    loops = [f for f in found.factors if f.kind == "closure" and f.pair not in ends_of_pinned]
     return replace(found, factors=[*chain, *pinned, *loops], attempts=attempts), pinned, warnings
 
 
@@ -159,7 +159,7 @@ def _distrusted_keys(intervals: Sequence[Distrusted], track: Track) -> dict[int,
 def _breaks(solution: Solution, here: Settled, in_force: Sequence[Factor]) -> tuple[Break, ...]:
     """What became of each break of the path, now that closures are gone or more."""
     closures = [(f.i, f.j) for f in in_force if f.kind == "closure" and id(f) in here.holding and f.i is not None]
-    before = {(f.i, f.j) for f in solution.factors if f.kind == "closure"}
+    before = {f.pair for f in solution.factors if f.kind == "closure"}
 
     def spanning(ends: Sequence[tuple[int, int]], key: int) -> int:
         return sum(min(i, j) < key <= max(i, j) for i, j in ends)

@@ -5,9 +5,9 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.arrays import Floats
 from graph.config import PoseGraphConfig
 from graph.consistency import maximum_clique
 from graph.growing_rows import GrowingRows
@@ -23,13 +23,10 @@ from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, unsettled
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.broken_path.view_change import ViewChanges, judged_by_view
 from iceg.slam.closures.attempt import Attempt, are_consistent, closure_factor
-from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.hindsight import with_hindsight
-from iceg.slam.loop_closure import Forbids, LoopCloser
-from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.solution import Solution
-from iceg.slam.stages import IN_HOUSE, Stages
 from iceg.slam.track import Track
 
 
@@ -39,8 +36,8 @@ class BackEnd:
     The graph is solved when a closure enters: until then the path from the last one is the chain of its steps.
     """
 
-    def __init__(self, track: Track, closer: LoopCloser, graph_config: PoseGraphConfig) -> None:
-        self._track = track
+    def __init__(self, closer: LoopCloser, graph_config: PoseGraphConfig) -> None:
+        self._track = closer.track
         self._closer = closer
         self._config = closer.config
         self.graph = PoseGraph(graph_config)
@@ -49,8 +46,8 @@ class BackEnd:
         self._poses.append(np.zeros(3))
         self.attempts: list[Attempt] = []
         self.n_closed = 0
-        self.failures = _front_end_failures(track)
-        self.contested: dict[int, NDArray[np.float64]] = {}
+        self.failures = _front_end_failures(closer.track)
+        self.contested: dict[int, Floats] = {}
         """Covariance of the odometry as hindsight weighs it, by the key poses whose match contradicts it."""
         self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
         self._votes = PlaceVotes(closer.config)
@@ -96,11 +93,11 @@ class BackEnd:
         self._drift.add(tuple(known), tuple(searched))
 
     @property
-    def poses(self) -> NDArray[np.float64]:
+    def poses(self) -> Floats:
         """(n, 3) T_map_robot of all key poses so far."""
         return self._poses.rows
 
-    def _believed(self, motion: OdometryMotion, match: RelativePose, key: int) -> NDArray[np.float64]:
+    def _believed(self, motion: OdometryMotion, match: RelativePose, key: int) -> Floats:
         """Covariance of odometry; widened to what chance explains where the match contradicts it, as after a slip.
 
         The match has been found the better explanation, and two that claim to be known so well would meet halfway,
@@ -127,8 +124,7 @@ class BackEnd:
         """The graph as it stands, a copy; closures that still wait for others to say the same are no part of it."""
         attempts = self.attempts.copy()
         for index in self._pending:
-            attempt = attempts[index]
-            attempts[index] = replace(attempt, accepted=False, reason=f"{self._why_pending(attempt)}; {attempt.reason}")
+            attempts[index] = attempts[index].judged(self._why_pending(attempts[index]))
         return Solution(
             factors=list(self.graph.factors),
             poses=self.graph.all_poses(),
@@ -179,7 +175,7 @@ class BackEnd:
                 self._drift.close(key)  # along what no closure holds the path goes on drifting
         self._searched_to = key
 
-    def _correct(self, key: int, offset: NDArray[np.float64]) -> None:
+    def _correct(self, key: int, offset: Floats) -> None:
         """Bend the path since the last search by what closures say; where that is much, move all poses.
 
         In a confirmed area the others need not move: later searches look at the earlier passes. So the cost of a
@@ -194,7 +190,7 @@ class BackEnd:
                 return
         self._bend(key, offset)
 
-    def _bend(self, key: int, offset: NDArray[np.float64]) -> None:
+    def _bend(self, key: int, offset: Floats) -> None:
         """Move a pose, those since the last search in proportion to the steps, and later ones along with it."""
         first, poses = self._searched_to, self.poses
         share = (np.arange(first + 1, key + 1) - first) / (key - first)
@@ -206,7 +202,7 @@ class BackEnd:
         poses[first + 1 : key + 1] = bent
         poses[key + 1 :] = compose(poses[key], T_key_later)
 
-    def _judge(self, attempt: Attempt, poses: NDArray[np.float64]) -> Attempt:
+    def _judge(self, attempt: Attempt, poses: Floats) -> Attempt:
         """Refuse a closure that the path cannot explain: most likely it is a similar place (perceptual aliasing).
 
         The steps since the last closure bound the path's covariance from below; only what they do not explain asks the
@@ -218,12 +214,10 @@ class BackEnd:
         squared = squared_norm(offset, self._drift.covariance(i, j, poses) + attempt.match.covariance)
         if squared > most:
             squared = squared_norm(offset, self.graph.relative_covariance(i, j) + attempt.match.covariance)
-        judged = replace(attempt, off_path=math.sqrt(squared))
-        if squared <= most:
-            return judged
-        return replace(judged, accepted=False, reason=f"{judged.off_path:.1f} sigma off the path; {attempt.reason}")
+        attempt = replace(attempt, off_path=math.sqrt(squared))
+        return attempt if squared <= most else attempt.judged(f"{attempt.off_path:.1f} sigma off the path")
 
-    def _insert(self, index: int, poses: NDArray[np.float64]) -> bool:
+    def _insert(self, index: int, poses: Floats) -> bool:
         """Insert a closure near the estimate at once; one far off waits for others that say the same.
 
         After much drift neither enters while another place fits as well.
@@ -255,59 +249,50 @@ class BackEnd:
             vote = replace(max(last, vote, key=lambda v: v.count), first=last.first, last=vote.last)
         self._unclear.append(vote)
 
-    def _consistent(self, waiting: list[int], poses: NDArray[np.float64]) -> list[int]:
+    def _consistent(self, waiting: list[int], poses: Floats) -> list[int]:
         """The most attempts of which each agrees with every other; those of one key scan do not contradict."""
         attempts = [self.attempts[index] for index in waiting]
         agree = [[a.key_new == b.key_new or self._agree(a, b, poses) for a in attempts] for b in attempts]
         members = maximum_clique(np.array(agree, dtype=np.bool_).reshape(len(waiting), len(waiting)))
         return [index for index, is_member in zip(waiting, members, strict=True) if is_member]
 
-    def _agree(self, a: Attempt, b: Attempt, poses: NDArray[np.float64]) -> bool:
+    def _agree(self, a: Attempt, b: Attempt, poses: Floats) -> bool:
         return are_consistent(a, b, poses, self._config.verification)
 
     def _close(self, index: int) -> None:
         """Let an attempt into the graph; one that fitted elsewhere, too, if its neighbours did not."""
         attempt = self.attempts[index]
         if not attempt.accepted:
-            attempt = replace(attempt, accepted=True, reason=f"here its neighbours fit best; {attempt.reason}")
-            self.attempts[index] = attempt
+            attempt = self.attempts[index] = attempt.judged("here its neighbours fit best", accepted=True)
         self.n_closed += 1
         self.graph.add(closure_factor(attempt))
 
 
-def _offset(attempt: Attempt, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+def _offset(attempt: Attempt, poses: Floats) -> Floats:
     """(3,) where a closure puts the later pose, seen from where it is."""
     assert attempt.match is not None
     return between(between(poses[attempt.key_old], poses[attempt.key_new]), attempt.match.T_ref_cur)
 
 
 def solve_track(
-    track: Track,
+    closer: LoopCloser,
     motions: Sequence[OdometryMotion | None],
-    matcher: MapMatcher,
     graph_config: PoseGraphConfig,
-    closures: LoopClosureConfig,
-    is_forbidden: Forbids | None = None,
-    stages: Stages = IN_HOUSE,
     log: Log | None = None,
 ) -> Solution:
     """Build and solve the graph of a whole track.
 
     Args:
-        track: what the front end found.
+        closer: looks for loops in the track; its settings say how.
         motions: to every key scan but the first, None where nothing but the matches tells of it.
-        matcher: for loop closures.
         graph_config: how the graph is solved.
-        closures: how loops are found.
-        is_forbidden: see `LoopCloser`.
-        stages: see `LoopCloser`.
         log: all scans, which tell whether the robot was carried where tracking fails; None where they are not at hand.
 
     Returns:
         The solved graph.
     """
-    closer = LoopCloser(matcher, track, closures, is_forbidden=is_forbidden, stages=stages)
-    back_end = BackEnd(track, closer, graph_config)
+    track, closures = closer.track, closer.config
+    back_end = BackEnd(closer, graph_config)
     for key, motion in enumerate(motions, start=1):
         back_end.add(key, motion)
     failures = back_end.failures
@@ -315,9 +300,9 @@ def solve_track(
         failures = judged_by_view(failures, ViewChanges(log, track, closer.judge, closures.view), closures.failures)
     solution = back_end.solution()
     if log is None or not log.has_odometry:
-        return relocalise(closer, track, solution, failures)
+        return relocalise(closer, solution, failures)
     solution = with_hindsight(solution, closures, back_end.contested)
-    return with_conflicts(relocalise(closer, track, solution, failures), track, failures, closures)
+    return with_conflicts(relocalise(closer, solution, failures), track, failures, closures)
 
 
 def _front_end_failures(track: Track) -> dict[int, TrackingFailure]:

@@ -1,13 +1,12 @@
 """Any matcher in the pipeline: what it does not do itself is made of its matches, and judged by ICE."""
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.matcher import Matcher
 from frontends.scan import Scan, ScanGeometry
+from graph.arrays import Float32s, Floats
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import chi2_gate, squared_norm
 from graph.odometry import OdometryModel
@@ -17,7 +16,7 @@ from iceg.ice.matcher import IceMatcher
 from iceg.ice.points import ScanPoints
 from iceg.ice.tracking import Followed, Limits, Standing
 from iceg.ice.verification import Agreement
-from iceg.slam.map_matcher import NEAR, MapMatcher
+from iceg.slam.map_matcher import NEAR, MapMatcher, Prepared
 
 _LEFT = chi2_gate(0.05)
 """Squared Mahalanobis distance from which on a match has left what the judge finds near a guess."""
@@ -35,8 +34,8 @@ class JudgedReference:
     """
 
     scans: list[Scan]
-    T_ref_scans: list[NDArray[np.float64]]
-    matched: Any
+    T_ref_scans: list[Floats]
+    matched: Prepared
     local_map: LocalMap
 
 
@@ -57,7 +56,7 @@ class CompletedMatcher:
         """See `MapMatcher`."""
         return reference.local_map
 
-    def prepare(self, scans: list[Scan], T_ref_scans: NDArray[np.float64]) -> JudgedReference:
+    def prepare(self, scans: list[Scan], T_ref_scans: Floats) -> JudgedReference:
         """The matcher's reference, and the judge's."""
         return JudgedReference(
             scans=list(scans),
@@ -67,56 +66,40 @@ class CompletedMatcher:
         )
 
     def match(
-        self,
-        reference: JudgedReference,
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
+        self, reference: JudgedReference, scan: Scan, T_ref_guess: Floats, covariance_guess: Floats
     ) -> RelativePose | NoMatch:
         """The matcher's own."""
         return self._matcher.match(reference.matched, scan, T_ref_guess, covariance_guess)
 
     def match_unguided(
-        self,
-        reference: JudgedReference,
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
+        self, reference: JudgedReference, scan: Scan, T_ref_guess: Floats, covariance_guess: Floats
     ) -> RelativePose | NoMatch:
         """The matcher's own: only it knows what holds its matches."""
         return self.match(reference, scan, T_ref_guess, covariance_guess)
 
     def track(
-        self,
-        reference: JudgedReference,
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> NDArray[np.float64] | NoMatch:
+        self, reference: JudgedReference, scan: Scan, T_ref_guess: Floats, covariance_guess: Floats
+    ) -> Floats | NoMatch:
         """Where it matches."""
         match = self.match(reference, scan, T_ref_guess, covariance_guess)
         return match if isinstance(match, NoMatch) else match.T_ref_cur
 
-    def extend(self, reference: JudgedReference, scan: Scan, T_ref_scan: NDArray[np.float64]) -> None:
+    def extend(self, reference: JudgedReference, scan: Scan, T_ref_scan: Floats) -> None:
         """All scans prepared again with one more."""
         reference.scans.append(scan)
         reference.T_ref_scans.append(T_ref_scan)
         reference.matched = self._matcher.prepare(list(reference.scans), np.array(reference.T_ref_scans))
         self.judge.extend(reference.local_map, scan, T_ref_scan)
 
-    def agreement(self, reference: JudgedReference, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
+    def agreement(self, reference: JudgedReference, scan: Scan, T_ref_cur: Floats) -> Agreement:
         """What the judge says."""
         return self.judge.agreement(reference.local_map, scan, T_ref_cur)
 
-    def position_information(
-        self, reference: JudgedReference, scan: Scan, T_ref_cur: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def position_information(self, reference: JudgedReference, scan: Scan, T_ref_cur: Floats) -> Floats:
         """What the judge says."""
         return self.judge.position_information(reference.local_map, scan, T_ref_cur)
 
-    def match_near(
-        self, reference: JudgedReference, scan: Scan, T_ref_guess: NDArray[np.float64]
-    ) -> RelativePose | NoMatch:
+    def match_near(self, reference: JudgedReference, scan: Scan, T_ref_guess: Floats) -> RelativePose | NoMatch:
         """The match begun where the judge finds the scan near the guess; if it leaves that, what the judge finds.
 
         Most matchers take no prior: along what is weak they do not stay at the guess but slide. The judge's pose is
@@ -131,20 +114,16 @@ class CompletedMatcher:
         return match
 
     def alternatives(
-        self,
-        reference: JudgedReference,
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> list[NDArray[np.float64]]:
+        self, reference: JudgedReference, scan: Scan, T_ref_guess: Floats, covariance_guess: Floats
+    ) -> list[Floats]:
         """Where the judge finds that it fits."""
         return self.judge.alternatives(reference.local_map, scan, T_ref_guess, covariance_guess)
 
     def follow(
         self,
         reference: JudgedReference,  # noqa: ARG002
-        ranges: NDArray[np.float32],  # noqa: ARG002
-        steps: NDArray[np.float64],  # noqa: ARG002
+        ranges: Float32s,  # noqa: ARG002
+        steps: Floats,  # noqa: ARG002
         geometry: ScanGeometry,  # noqa: ARG002
         standing: Standing,
         odometry: OdometryModel,  # noqa: ARG002

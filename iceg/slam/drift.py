@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats
 from graph.dense import congruence, inv
 from graph.growing_rows import GrowingRows
 from graph.se2 import adjoint, between
 
-Covariances = tuple[NDArray[np.float64], ...]
+Covariances = tuple[Floats, ...]
 
 
 class Spread(NamedTuple):
@@ -22,9 +22,9 @@ class Spread(NamedTuple):
     """
 
     last: int
-    deviations: NDArray[np.float64]
+    deviations: Floats
 
-    def since(self, key_old: int) -> NDArray[np.float64]:
+    def since(self, key_old: int) -> Floats:
         """(2,) relative to one of those before it."""
         return np.asarray(self.deviations[max(key_old, self.last) - self.last], dtype=np.float64)
 
@@ -53,7 +53,7 @@ class Drift:
         """A closure at `key` ends the drift of everything before it."""
         self._last_closure = key
 
-    def spread(self, key_new: int, poses: NDArray[np.float64]) -> Spread:
+    def spread(self, key_new: int, poses: Floats) -> Spread:
         """How uncertain a pose is relative to any earlier one.
 
         Args:
@@ -71,7 +71,7 @@ class Drift:
         variances[:-1, 1] = np.cumsum(heading[::-1])[::-1]
         return Spread(last, np.sqrt(variances))
 
-    def covariance(self, key_old: int, key_new: int, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    def covariance(self, key_old: int, key_new: int, poses: Floats) -> Floats:
         """(3, 3) of the relative pose of two key poses, in the tangent space at the later: the steps between them.
 
         Where a closure lies between, only the steps since the last one count, so that this is a lower bound.
@@ -96,7 +96,7 @@ class Drift:
         self._new.clear()
 
 
-def _fused(steps: Sequence[Covariances]) -> NDArray[np.float64]:
+def _fused(steps: Sequence[Covariances]) -> Floats:
     """(n, 3, 3) what the measurements of each step know together."""
     measured = np.array([each for covariances in steps for each in covariances])
     if len(measured) == len(steps):

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Scan
+from graph.arrays import Floats
 from graph.batch import optimize
 from graph.factors import Factor, RobustKernel
 from graph.noise import chi2_gate
@@ -88,7 +88,7 @@ class Finished:
 
     solution: Solution
     rounds: list[Round]
-    covariances: NDArray[np.float64] | None = None
+    covariances: Floats | None = None
     information: PoseInformation | None = None
     walls: WallPieces = field(default_factory=WallPieces.none)
     warnings: tuple[RunWarning, ...] = ()
@@ -132,13 +132,13 @@ def matched_again(
     poses, done = _solved("solve", chain, loops, solution.poses, clock, stages)
     attempts, rounds = solution.attempts, [done]
     for _ in range(config.rounds if closures.enabled else 0):
-        joined = _joined(loops)
+        joined = {loop.pair for loop in loops}
         sure, outliers = _judged(loops, poses)
-        tried = match_again(closer, track, poses, sure, outliers, config)
+        tried = match_again(closer, poses, sure, outliers, config)
         attempts = with_earlier(tried, attempts)
         loops = [*sure, *(closure_factor(attempt, kernel) for attempt in tried if attempt.accepted)]
         poses, done = _solved("rematch", chain, loops, poses, clock, stages)
-        rounds.append(replace(done, fresh=len(_joined(loops) - joined)))
+        rounds.append(replace(done, fresh=len({loop.pair for loop in loops} - joined)))
         if done.largest_move < config.tolerance:
             break
     return replace(solution, factors=[*chain, *loops], poses=poses, attempts=attempts), rounds
@@ -220,12 +220,7 @@ class _Clock:
         return round(self._last - last, 4)
 
 
-def _joined(loops: Sequence[Factor]) -> set[tuple[int | None, int]]:
-    """Key poses that closures join."""
-    return {(factor.i, factor.j) for factor in loops}
-
-
-def _judged(loops: Sequence[Factor], poses: NDArray[np.float64]) -> tuple[list[Factor], list[Factor]]:
+def _judged(loops: Sequence[Factor], poses: Floats) -> tuple[list[Factor], list[Factor]]:
     """The closures that agree with the poses, and those that their robust kernel takes for outliers."""
     if not loops:
         return [], []
@@ -245,13 +240,8 @@ def _parts(solution: Solution) -> list[int]:
 
 
 def _solved(
-    stage: Stage,
-    chain: Sequence[Factor],
-    loops: Sequence[Factor],
-    guess: NDArray[np.float64],
-    clock: _Clock,
-    stages: Stages,
-) -> tuple[NDArray[np.float64], Round]:
+    stage: Stage, chain: Sequence[Factor], loops: Sequence[Factor], guess: Floats, clock: _Clock, stages: Stages
+) -> tuple[Floats, Round]:
     """The (k, 3) optimum of path and closures together."""
     factors = [*chain, *loops]
     if stages.solver is None:
@@ -273,13 +263,13 @@ def _solved(
     )
 
 
-def _moves(before: NDArray[np.float64], after: NDArray[np.float64]) -> tuple[float, float]:
+def _moves(before: Floats, after: Floats) -> tuple[float, float]:
     """Largest and mean distance [m] between two estimates of the key poses."""
     distances = np.hypot(*(after - before)[:, :2].T)
     return float(distances.max()), float(distances.mean())
 
 
-def _joint_round(joint: JointRefinement, before: NDArray[np.float64], closures: int, clock: _Clock) -> Round:
+def _joint_round(joint: JointRefinement, before: Floats, closures: int, clock: _Clock) -> Round:
     """What the joint refinement did."""
     largest, mean = _moves(before, joint.poses)
     return Round(

@@ -9,11 +9,11 @@ the same, and are no witnesses against the path.
 """
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats
 from graph.batch import BatchResult, optimize
 from graph.factors import Factor, FactorKind, RobustKernel
 from graph.noise import largest_squared_norm
@@ -26,9 +26,7 @@ _SUSPECTS: tuple[FactorKind, ...] = ("closure", "ice")
 """What may be wrong altogether; what is known of the rest is how far it errs."""
 
 
-def with_hindsight(
-    solution: Solution, config: LoopClosureConfig, contested: Mapping[int, NDArray[np.float64]]
-) -> Solution:
+def with_hindsight(solution: Solution, config: LoopClosureConfig, contested: Mapping[int, Floats]) -> Solution:
     """Let closures in that the path alone refused, where what those that agree say is more probable than the path.
 
     Args:
@@ -55,10 +53,7 @@ def _refused_by_path(attempts: Sequence[Attempt], config: LoopClosureConfig) -> 
 
 
 def weighed(
-    solution: Solution,
-    refused: Sequence[Attempt],
-    config: LoopClosureConfig,
-    contested: Mapping[int, NDArray[np.float64]],
+    solution: Solution, refused: Sequence[Attempt], config: LoopClosureConfig, contested: Mapping[int, Floats]
 ) -> Solution:
     """The more probable of the path and of what some closures say that agree; see `with_hindsight`."""
     claims = [closure_factor(attempt) for attempt in refused]
@@ -68,35 +63,35 @@ def weighed(
     yielding = [replace(factor, kernel=kernel) if factor.kind in _SUSPECTS else factor for factor in before]
     led = optimize([*yielding, *claims], solution.poses, BATCH).poses
     ways = (_explained([*before, *claims], poses, config) for poses in (solution.poses, led))
-    found = min(ways, key=lambda way: way.cost)
-    holds = found.result.inliers.tolist()
+    found = min(ways, key=_cost)
+    holds = found.inliers.tolist()
     let_in = {id(attempt) for attempt, held in zip(refused, holds[len(solution.factors) :], strict=True) if held}
     has_culprit = not all(holds[: len(solution.factors)])
     if not has_culprit or len(let_in) < config.confirmations:
         return solution
     path = _explained(before, solution.poses, config)
-    if found.cost >= path.cost + 0.5 * gate * len(claims):
+    if _cost(found) >= _cost(path) + 0.5 * gate * len(claims):
         return solution
     judged = list(zip([*solution.factors, *claims], holds, strict=True))
     refuted = {factor.j for factor, held in judged if factor.kind == "ice" and not held}
     factors = [_as_known(factor, contested) if factor.j in refuted else factor for factor, held in judged if held]
-    closed = {(factor.i, factor.j) for factor in factors if factor.kind == "closure"}
+    closed = {factor.pair for factor in factors if factor.kind == "closure"}
     return replace(
         solution,
         factors=factors,
-        poses=found.result.poses,
+        poses=found.poses,
         attempts=[_judged(attempt, closed, is_let_in=id(attempt) in let_in) for attempt in solution.attempts],
     )
 
 
-def _with_doubt(factor: Factor, contested: Mapping[int, NDArray[np.float64]]) -> Factor:
+def _with_doubt(factor: Factor, contested: Mapping[int, Floats]) -> Factor:
     """A factor as hindsight weighs it: a match that odometry does not contradict counts as what is known."""
     if factor.kind == "ice" and factor.j not in contested:
         return replace(factor, kind="odometry")
     return _as_known(factor, contested)
 
 
-def _as_known(factor: Factor, contested: Mapping[int, NDArray[np.float64]]) -> Factor:
+def _as_known(factor: Factor, contested: Mapping[int, Floats]) -> Factor:
     """Odometry as well known as if the match that contradicts it were wrong; any other factor as it is."""
     if factor.kind == "odometry" and factor.j in contested:
         return replace(factor, covariance=contested[factor.j])
@@ -105,22 +100,14 @@ def _as_known(factor: Factor, contested: Mapping[int, NDArray[np.float64]]) -> F
 
 def _judged(attempt: Attempt, closed: Collection[tuple[int | None, int]], *, is_let_in: bool) -> Attempt:
     if is_let_in:
-        return replace(attempt, accepted=True, reason=f"in hindsight; {attempt.reason}")
+        return attempt.judged("in hindsight", accepted=True)
     if attempt.accepted and attempt.pair not in closed:
         return attempt.taken_out("refuted in hindsight")
     return attempt
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Explanation:
-    """What holds of all that was measured, and half the sum of squares, that of what does not cut at the gate."""
-
-    result: BatchResult
-    cost: float
-
-
-def _explained(factors: Sequence[Factor], poses: NDArray[np.float64], config: LoopClosureConfig) -> _Explanation:
-    """By truncated least squares, from (k, 3) poses on."""
+def _explained(factors: Sequence[Factor], poses: Floats, config: LoopClosureConfig) -> BatchResult:
+    """What holds of all that was measured, by truncated least squares, from (k, 3) poses on."""
     settings = replace(
         BATCH,
         gnc=True,
@@ -128,6 +115,9 @@ def _explained(factors: Sequence[Factor], poses: NDArray[np.float64], config: Lo
         inlier_probability=config.path_probability,
         suspects=_SUSPECTS,
     )
-    result = optimize(factors, poses, settings)
-    left_over = np.count_nonzero(~result.inliers)
-    return _Explanation(result=result, cost=result.error_after + 0.5 * result.gate * left_over)
+    return optimize(factors, poses, settings)
+
+
+def _cost(explanation: BatchResult) -> float:
+    """Half the sum of squares, that of what does not hold cut at the gate."""
+    return explanation.error_after + 0.5 * explanation.gate * np.count_nonzero(~explanation.inliers)

@@ -4,8 +4,8 @@ from collections import deque
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats
 from graph.odometry import OdometryMotion
 from iceg.config import Config
 from iceg.slam.back_end import BackEnd
@@ -43,7 +43,7 @@ class IncrementalGraph:
         track = Track(keys=keys, key_of_scan=nothing, T_key_scan=np.zeros((0, 3)), failures=0, lost=lost)
         self._keys = keys
         self._closer = LoopCloser(matcher, track, config.loops, stages=stages)
-        self._back_end = BackEnd(track, self._closer, config.graph)
+        self._back_end = BackEnd(self._closer, config.graph)
         self._lookahead = max(0, *config.loops.support_offsets)
         self._waiting: deque[int] = deque()
         self._search: Iterator[None] = iter(())
@@ -69,7 +69,7 @@ class IncrementalGraph:
         return True
 
     @property
-    def poses(self) -> NDArray[np.float64]:
+    def poses(self) -> Floats:
         """(k, 3) T_map_robot of the key poses."""
         return self._back_end.graph.all_poses()
 
@@ -77,7 +77,7 @@ class IncrementalGraph:
         """The graph so far, see `BackEnd.solution`."""
         return self._back_end.solution()
 
-    def _solved(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _solved(self) -> tuple[Floats, Floats]:
         """The newest key pose as iSAM2 has it."""
         graph, newest = self._back_end.graph, len(self._back_end.graph) - 1
         covariance = graph.marginal_covariance(newest)

@@ -4,10 +4,10 @@ from bisect import bisect_right
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.growing_log import GrowingLog
 from frontends.scan import Scan
+from graph.arrays import Bools, Floats
 from graph.growing_rows import GrowingRows
 from graph.odometry import OdometryMotion
 from graph.se2 import between
@@ -85,7 +85,7 @@ class IncrementalTracking:
         return noise.extend(noise.start(), self._steps.rows[first + 1 : last + 1])
 
     @property
-    def T_key_robot(self) -> NDArray[np.float64]:
+    def T_key_robot(self) -> Floats:
         """(3,) where the robot is, seen from the newest key scan."""
         return between(self.front_end.keys[-1].T_track_robot, self._T_track_scan.rows[-1])
 
@@ -93,7 +93,7 @@ class IncrementalTracking:
         """The track so far."""
         return self.front_end.track(self._key_of_scan.rows.copy(), self._T_track_scan.rows)
 
-    def _step(self, index: int) -> NDArray[np.float64]:
+    def _step(self, index: int) -> Floats:
         """(3,) calibrated odometry since the scan before, zero without."""
         if not (self._log.has_odometry and index):
             return np.zeros(3)
@@ -102,7 +102,7 @@ class IncrementalTracking:
             odometry = self.calibration.apply(odometry, self._config.front_end.calibration.sudden)
         return between(odometry[-2], odometry[-1])
 
-    def _stands_out(self, told: Callable[..., NDArray[np.bool_]], index: int) -> bool:
+    def _stands_out(self, told: Callable[..., Bools], index: int) -> bool:
         """Whether odometry since the scan before is one of the steps that `sudden_steps` or `late_steps` tell."""
         if not (self._log.has_odometry and index):
             return False

@@ -5,9 +5,9 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.arrays import Ints
 from graph.errors import IcegError
 from graph.limits import LIMITS
 
@@ -59,7 +59,7 @@ class KeptScans:
         return self.intervals == ((0, self.recorded - 1),)
 
     @cached_property
-    def indices(self) -> NDArray[np.int64]:
+    def indices(self) -> Ints:
         """(n,) the scans that take part, as recorded."""
         return np.concatenate([np.arange(first, last + 1) for first, last in self.intervals])
 

@@ -1,12 +1,12 @@
 """What the pipeline asks of a matcher: maps that grow, scans followed quickly, places that can be verified."""
 
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.matcher import Matcher
 from frontends.scan import Scan, ScanGeometry
+from graph.arrays import Float32s, Floats
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from iceg.ice.local_map import LocalMap
@@ -15,6 +15,8 @@ from iceg.ice.points import ScanPoints
 from iceg.ice.tracking import Followed, Limits, Standing
 from iceg.ice.verification import Agreement
 
+Prepared: TypeAlias = Any
+"""A local map as a matcher has prepared it: whatever its `prepare` returned."""
 NEAR = np.diag([0.05, 0.05, 0.02]) ** 2
 """Covariance of a guess that a match must not leave far [m², m², rad²]."""
 
@@ -28,71 +30,47 @@ class MapMatcher(Matcher, Protocol):
         """Who says whether scans belong where the matches put them."""
         ...
 
-    def judged(self, reference: Any) -> LocalMap:  # noqa: ANN401
+    def judged(self, reference: Prepared) -> LocalMap:
         """What the judge compares with, of a reference."""
         ...
 
-    def track(
-        self,
-        reference: Any,  # noqa: ANN401
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> NDArray[np.float64] | NoMatch:
+    def track(self, reference: Prepared, scan: Scan, T_ref_guess: Floats, covariance_guess: Floats) -> Floats | NoMatch:
         """As `match`, but only the (3,) pose, for the scans between two key scans."""
         ...
 
-    def extend(self, reference: Any, scan: Scan, T_ref_scan: NDArray[np.float64]) -> None:  # noqa: ANN401
+    def extend(self, reference: Prepared, scan: Scan, T_ref_scan: Floats) -> None:
         """Add one more scan to a reference, at the (3,) pose given."""
         ...
 
-    def agreement(self, reference: Any, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:  # noqa: ANN401
+    def agreement(self, reference: Prepared, scan: Scan, T_ref_cur: Floats) -> Agreement:
         """Compare a scan with a reference at a given (3,) pose, in both directions."""
         ...
 
-    def position_information(
-        self,
-        reference: Any,  # noqa: ANN401
-        scan: Scan,
-        T_ref_cur: NDArray[np.float64],
-    ) -> NDArray[np.float64]:
+    def position_information(self, reference: Prepared, scan: Scan, T_ref_cur: Floats) -> Floats:
         """(2, 2) how well a scan measures its position at a (3,) pose, in the robot's frame [1/m²], not its heading."""
         ...
 
     def match_unguided(
-        self,
-        reference: Any,  # noqa: ANN401
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
+        self, reference: Prepared, scan: Scan, T_ref_guess: Floats, covariance_guess: Floats
     ) -> RelativePose | NoMatch:
         """As `match`, from a guess that nothing has measured: what holds next to nothing may have led it astray."""
         ...
 
-    def match_near(
-        self,
-        reference: Any,  # noqa: ANN401
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-    ) -> RelativePose | NoMatch:
+    def match_near(self, reference: Prepared, scan: Scan, T_ref_guess: Floats) -> RelativePose | NoMatch:
         """The match nearest to a (3,) guess that is right but for centimetres: along what is weak it stays there."""
         ...
 
     def alternatives(
-        self,
-        reference: Any,  # noqa: ANN401
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> list[NDArray[np.float64]]:
+        self, reference: Prepared, scan: Scan, T_ref_guess: Floats, covariance_guess: Floats
+    ) -> list[Floats]:
         """Distinct (3,) poses around the guess that fit, the best first: with several the place is ambiguous."""
         ...
 
     def follow(
         self,
-        reference: Any,  # noqa: ANN401
-        ranges: NDArray[np.float32],
-        steps: NDArray[np.float64],
+        reference: Prepared,
+        ranges: Float32s,
+        steps: Floats,
         geometry: ScanGeometry,
         standing: Standing,
         odometry: OdometryModel,

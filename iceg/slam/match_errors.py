@@ -5,9 +5,7 @@ calibrated: the errors of both ends, and what the map itself drifts by in betwee
 so successive steps err against each other, and a long way hardly more than a short one.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
+from graph.arrays import Floats
 from graph.dense import inv
 from graph.measurement import NoMatch, RelativePose
 from graph.se2 import compose_covariance
@@ -21,7 +19,7 @@ more of it is drift.
 """
 
 
-def placement_covariance(track: Track, key: int) -> NDArray[np.float64]:
+def placement_covariance(track: Track, key: int) -> Floats:
     """How far a key scan lies off the local map around it.
 
     Args:
@@ -38,7 +36,7 @@ def placement_covariance(track: Track, key: int) -> NDArray[np.float64]:
     return OWN * inv(information)
 
 
-def closure_covariance(match: RelativePose, placement: NDArray[np.float64], scale: float = 1.0) -> NDArray[np.float64]:
+def closure_covariance(match: RelativePose, placement: Floats, scale: float = 1.0) -> Floats:
     """Covariance of a match to an earlier pass as a factor between two key poses.
 
     The match says how a scan lies to the pass as a whole. How far the key pose that the pass hangs on is itself off the

@@ -1,5 +1,7 @@
 """The passes over a log: what one tells of velocity, gyro, sweep and mount serves the next."""
 
+from dataclasses import dataclass, replace
+
 from frontends.scan import Log
 from iceg.config import Config
 from iceg.slam.map_matcher import MapMatcher
@@ -14,72 +16,66 @@ from iceg.slam.tracking.laser_place import placed_by_odometry
 from iceg.slam.tracking.log_tracking import NOTHING_FOREKNOWN, Foreknown, track_calibrating
 
 
-def track_guided(
-    log: Log, matcher: MapMatcher, config: Config, progress: ProgressCallback | None
-) -> tuple[Followed, Foreknown]:
-    """Track a log; where it has no odometry once more, guided by what the matches tell of velocity and gyro.
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tracker:
+    """Tracks a log, as often as one pass tells what helps the next.
 
-    Args:
-        log: the log.
+    Attributes:
         matcher: ICE or any other.
         config: all settings.
         progress: called as scans are followed.
-
-    Returns:
-        The log, corrected if its laser is mounted otherwise than it says, its track and the calibration on the way; and
-        what guided it.
+        foreknown: what the passes before tell of the motion.
     """
-    followed = _follow(log, matcher, config, progress, NOTHING_FOREKNOWN)
-    track, calibration = followed[1], config.front_end.calibration
-    if log.has_odometry and not track.dead:
-        return followed, NOTHING_FOREKNOWN
-    heading, _ = learn_gyro(track, log, config.front_end)
-    foreknown = Foreknown(heading=heading, steps=foretold_steps(track, log.stamps, calibration, heading))
-    return (followed if foreknown.steps is None else _follow(log, matcher, config, progress, foreknown)), foreknown
 
+    matcher: MapMatcher
+    config: Config
+    progress: ProgressCallback | None = None
+    foreknown: Foreknown = NOTHING_FOREKNOWN
 
-def track_with_sweep(
-    followed: Followed, matcher: MapMatcher, config: Config, progress: ProgressCallback | None, foreknown: Foreknown
-) -> tuple[Followed, SweepFinding]:
-    """Track a log again with its beams moved by the motion within each sweep, where that is known and asked for.
+    def follow(self, log: Log) -> Followed:
+        """One pass over a log, or a few where the laser turns out to be mounted otherwise than it says."""
+        return track_as_mounted(log, self._once, self.config.front_end.mount)
 
-    Args:
-        followed: what `track_guided` returned, …
-        matcher: ICE or any other.
-        config: all settings.
-        progress: called as scans are followed.
-        foreknown: … both parts of it.
+    def guided(self, log: Log) -> tuple[Followed, "Tracker"]:
+        """Track a log; where it has no odometry once more, guided by what the matches tell of velocity and gyro.
 
-    Returns:
-        The same of the last pass, and what is known of the sweep.
-    """
-    if not config.front_end.deskew:
-        return followed, SweepFinding(source="nothing")
-    return track_swept(followed, lambda log: _follow(log, matcher, config, progress, foreknown), config.front_end.sweep)
+        Returns:
+            The log, corrected if its laser is mounted otherwise than it says, its track and the calibration on the way;
+            and the tracker that knows what guided it.
+        """
+        followed = self.follow(log)
+        track = followed[1]
+        if log.has_odometry and not track.dead:
+            return followed, self
+        heading, _ = learn_gyro(track, log, self.config.front_end)
+        steps = foretold_steps(track, log.stamps, self.config.front_end.calibration, heading)
+        tracker = replace(self, foreknown=Foreknown(heading=heading, steps=steps))
+        return followed if steps is None else tracker.follow(log), tracker
 
+    def with_sweep(self, followed: Followed) -> tuple[Followed, SweepFinding]:
+        """Track a log again, its beams moved by the motion within each sweep, where that is known and asked for.
 
-def track_placed(
-    followed: Followed, matcher: MapMatcher, config: Config, progress: ProgressCallback | None, foreknown: Foreknown
-) -> Followed:
-    """Track a log again with its laser where the odometry says it sits, where the log does not say it.
+        Args:
+            followed: what `guided` returned.
 
-    Args:
-        followed: what `track_with_sweep` returned; before, the sweep would pass for a laser that sits aside.
-        matcher: ICE or any other.
-        config: all settings.
-        progress: called as scans are followed.
-        foreknown: what guided the passes before.
-    """
-    if not config.front_end.calibrate_odometry:
-        return followed
-    placed = placed_by_odometry(followed[0], followed[1], config.front_end.calibration)
-    return followed if placed is None else _follow(placed, matcher, config, progress, foreknown)
+        Returns:
+            The same of the last pass, and what is known of the sweep.
+        """
+        if not self.config.front_end.deskew:
+            return followed, SweepFinding(source="nothing")
+        return track_swept(followed, self.follow, self.config.front_end.sweep)
 
+    def placed(self, followed: Followed) -> Followed:
+        """Track a log again with its laser where the odometry says it sits, where the log does not say it.
 
-def _follow(
-    log: Log, matcher: MapMatcher, config: Config, progress: ProgressCallback | None, foreknown: Foreknown
-) -> Followed:
-    def follow(log: Log) -> tuple[Track, OdometryCalibration]:
-        return track_calibrating(log, matcher, config.odometry, config.front_end, progress, foreknown)
+        Args:
+            followed: what `with_sweep` returned; before, the sweep would pass for a laser that sits aside.
+        """
+        if not self.config.front_end.calibrate_odometry:
+            return followed
+        placed = placed_by_odometry(followed[0], followed[1], self.config.front_end.calibration)
+        return followed if placed is None else self.follow(placed)
 
-    return track_as_mounted(log, follow, config.front_end.mount)
+    def _once(self, log: Log) -> tuple[Track, OdometryCalibration]:
+        noise, config = self.config.odometry, self.config.front_end
+        return track_calibrating(log, self.matcher, noise, config, self.progress, self.foreknown)

@@ -7,8 +7,8 @@ ties, a few key poses away: the joint refinement holds them together better than
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Bools, Floats
 from graph.factors import Factor
 from graph.growing_rows import GrowingRows
 from iceg.slam.closures.attempt import Attempt
@@ -19,18 +19,12 @@ from iceg.slam.track import Track
 
 
 def match_again(
-    closer: LoopCloser,
-    track: Track,
-    poses: NDArray[np.float64],
-    sure: Sequence[Factor],
-    outliers: Sequence[Factor],
-    config: FinishConfig,
+    closer: LoopCloser, poses: Floats, sure: Sequence[Factor], outliers: Sequence[Factor], config: FinishConfig
 ) -> list[Attempt]:
     """Match key scans against earlier passes that no sure closure ties, close to where the optimum puts them.
 
     Args:
-        closer: matches and verifies.
-        track: key scans.
+        closer: matches and verifies key scans.
         poses: (k, 3) the optimum.
         sure: closures that agree with it.
         outliers: those that do not, which are tried again.
@@ -44,14 +38,14 @@ def match_again(
     known = {candidate.pair for candidate in again}
     around = [
         candidate
-        for key in _spaced_keys(track, config, closer.passes.searchable, closer.config.confirmed.spacing)
+        for key in _spaced_keys(closer.track, config, closer.passes.searchable, closer.config.confirmed.spacing)
         for candidate in closer.passes.within(key, poses, deviations)
         if candidate.pair not in known
     ]
     attempts = [closer.match(candidate, poses) for candidate in again]
     reach = max(1, closer.config.reference_half)
     ties: GrowingRows[np.int64] = GrowingRows((2,), np.int64)
-    for pair in [*((factor.i, factor.j) for factor in sure), *(a.pair for a in attempts if a.accepted)]:
+    for pair in [*(factor.pair for factor in sure), *(a.pair for a in attempts if a.accepted)]:
         ties.append(pair)
     # By reference, so that each is built once; then back into the order of the path.
     for candidate in sorted(around, key=lambda c: c.key_old):
@@ -62,7 +56,7 @@ def match_again(
     return sorted(attempts, key=lambda attempt: (attempt.key_new, attempt.key_old))
 
 
-def _spaced_keys(track: Track, config: FinishConfig, searchable: NDArray[np.bool_], seldom: float) -> list[int]:
+def _spaced_keys(track: Track, config: FinishConfig, searchable: Bools, seldom: float) -> list[int]:
     """Key scans to match again: some distance apart, farther in confirmed areas."""
     since, keys = np.zeros(2), []
     for key in range(1, len(track.keys)):

@@ -3,9 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from graph.arrays import Bools, Floats
 from graph.batch import BatchConfig, optimize
 from graph.factors import Factor
 from graph.se2 import compose
@@ -34,16 +32,16 @@ class Solution:
     """
 
     factors: list[Factor]
-    poses: NDArray[np.float64]
+    poses: Floats
     attempts: list[Attempt]
-    searchable: NDArray[np.bool_]
+    searchable: Bools
     odometry_jumps: tuple[int, ...] = ()
     breaks: tuple[Break, ...] = ()
     ambiguous: tuple[Vote, ...] = ()
 
     def closed(self, closures: Sequence[Attempt]) -> "Solution":
         """With more closures, but those between key poses that one joins already, and solved."""
-        joined = {(factor.i, factor.j) for factor in self.factors if factor.kind == "closure"}
+        joined = {factor.pair for factor in self.factors if factor.kind == "closure"}
         fresh = [closure for closure in closures if closure.pair not in joined]
         why = f"place recognition, with {len(closures) - 1} others"
         factors = [*self.factors, *map(closure_factor, fresh)]
@@ -55,12 +53,7 @@ class Solution:
         )
 
     def moved(
-        self,
-        key: int,
-        closures: Sequence[Attempt],
-        correction: NDArray[np.float64],
-        moving: NDArray[np.bool_],
-        near: Tolerance,
+        self, key: int, closures: Sequence[Attempt], correction: Floats, moving: Bools, near: Tolerance
     ) -> "Solution":
         """Without an edge of the path and the closures that contradict others, what follows moved to where these say.
 
@@ -85,7 +78,7 @@ class Solution:
         factors = [
             factor if factor.kind == "closure" or not _spans(factor, key) else replace(factor, covariance=UNKNOWN_STEP)
             for factor in self.factors
-            if factor.kind != "closure" or (factor.i, factor.j) not in torn
+            if factor.kind != "closure" or factor.pair not in torn
         ]
         return replace(self, factors=factors, poses=poses, attempts=attempts).closed(closures)
 

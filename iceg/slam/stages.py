@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.checked_arguments import type_name
 from frontends.matcher import Matcher
 from frontends.scan import Scan, ScanGeometry
+from graph.arrays import Float32s, Floats
 from graph.errors import IcegError
 from graph.factors import Factor
 from iceg.ice.features import Features
@@ -35,7 +35,7 @@ class FeatureExtractor(Protocol):
 class LoopCandidates(Protocol):
     """Says where loops may close."""
 
-    def __call__(self, key_new: int, keys: Sequence[KeyScan], poses: NDArray[np.float64], /) -> Sequence[Candidate]:
+    def __call__(self, key_new: int, keys: Sequence[KeyScan], poses: Floats, /) -> Sequence[Candidate]:
         """Earlier key scans that may show the place of a new one; each is matched and verified.
 
         Args:
@@ -49,7 +49,7 @@ class LoopCandidates(Protocol):
 class ClosureVerification(Protocol):
     """Says which matches to earlier places are believed."""
 
-    def __call__(self, attempt: Attempt, keys: Sequence[KeyScan], poses: NDArray[np.float64], /) -> Attempt:
+    def __call__(self, attempt: Attempt, keys: Sequence[KeyScan], poses: Floats, /) -> Attempt:
         """The attempt with another verdict: `accepted`, and the `reason`.
 
         Args:
@@ -63,7 +63,7 @@ class ClosureVerification(Protocol):
 class RobustSolver(Protocol):
     """Solves the graph of the whole log."""
 
-    def __call__(self, factors: Sequence[Factor], poses: NDArray[np.float64], /) -> NDArray[np.float64]:
+    def __call__(self, factors: Sequence[Factor], poses: Floats, /) -> Floats:
         """The most likely key poses.
 
         Args:
@@ -80,12 +80,7 @@ class GridRenderer(Protocol):
     """Draws the occupancy grid."""
 
     def __call__(
-        self,
-        trajectory: NDArray[np.float64],
-        ranges: NDArray[np.float32],
-        geometry: ScanGeometry,
-        config: GridConfig,
-        /,
+        self, trajectory: Floats, ranges: Float32s, geometry: ScanGeometry, config: GridConfig, /
     ) -> OccupancyGrid:
         """The grid; see `iceg.render_grid`, which is one."""
         ...
@@ -141,7 +136,7 @@ def checked_candidates(found: Sequence[Candidate], key_new: int) -> list[Candida
     return list(found)
 
 
-def checked_poses(found: NDArray[np.float64], n_keys: int) -> NDArray[np.float64]:
+def checked_poses(found: Floats, n_keys: int) -> Floats:
     """Key poses of the caller's own solver.
 
     Raises:

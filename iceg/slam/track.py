@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Scan
+from graph.arrays import Floats, Ints
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryMotion
 from graph.se2 import compose
@@ -36,7 +36,7 @@ class KeyScan:
     motion: OdometryMotion
     match: RelativePose | NoMatch
     anchor: int
-    T_track_robot: NDArray[np.float64]
+    T_track_robot: Floats
 
     @property
     def is_fully_observed(self) -> bool:
@@ -61,8 +61,8 @@ class Track:
     """
 
     keys: list[KeyScan]
-    key_of_scan: NDArray[np.int64]
-    T_key_scan: NDArray[np.float64]
+    key_of_scan: Ints
+    T_key_scan: Floats
     failures: int
     lost: list[int]
     breaks: list[int] = field(default_factory=list)
@@ -71,26 +71,26 @@ class Track:
     match_covariance_scale: float = 1.0
 
     @property
-    def key_scans(self) -> NDArray[np.int64]:
+    def key_scans(self) -> Ints:
         """(k,) which scans of the log the key scans are."""
         return np.array([key.index for key in self.keys], dtype=np.int64)
 
     @property
-    def T_track_keys(self) -> NDArray[np.float64]:
+    def T_track_keys(self) -> Floats:
         """(k, 3) poses of the key scans in the front end's own frame."""
         return np.array([key.T_track_robot for key in self.keys])
 
     @property
-    def path(self) -> NDArray[np.float64]:
+    def path(self) -> Floats:
         """(k,) how far the robot had driven by odometry at each key scan [m]."""
         return np.cumsum([key.motion.distance for key in self.keys])
 
     @property
-    def T_track_scans(self) -> NDArray[np.float64]:
+    def T_track_scans(self) -> Floats:
         """(n_scans, 3) poses of all scans in the front end's own frame."""
         return self.trajectory(self.T_track_keys)
 
-    def trajectory(self, key_poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    def trajectory(self, key_poses: Floats) -> Floats:
         """(n_scans, 3) pose of every scan, given the (k, 3) poses of the key scans."""
         return compose(key_poses[self.key_of_scan], self.T_key_scan)
 

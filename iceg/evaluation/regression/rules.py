@@ -26,7 +26,6 @@ from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.closure_config import ConfirmedAreaConfig
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.solution import Solution
-from iceg.slam.track import Track
 
 Change = Callable[[Config], Config]
 
@@ -79,15 +78,10 @@ def _second(_self: object, second: Any, *_args: object, **_named: object) -> Any
     return second
 
 
-def _only_after_a_loss(
-    closer: LoopCloser,
-    track: Track,
-    solution: Solution,
-    failures: Mapping[int, TrackingFailure],
-) -> Solution:
+def _only_after_a_loss(closer: LoopCloser, solution: Solution, failures: Mapping[int, TrackingFailure]) -> Solution:
     if not any(failure.is_lost for failure in failures.values()):
         return solution
-    return relocalise(closer, track, solution, failures)
+    return relocalise(closer, solution, failures)
 
 
 def _with_loops(**settings: Any) -> Change:  # noqa: ANN401
@@ -120,7 +114,7 @@ _FRONT_END = f"{_SLAM}.tracking.front_end:FrontEnd"
 _CHECK = f"{_SLAM}.tracking.odometry_check:OdometryCheck"
 _BACK_END = f"{_SLAM}.back_end:BackEnd"
 _VOTES = f"{_SLAM}.broken_path.place_votes:PlaceVotes"
-_RELOCALISATION: dict[str, Any] = {f"{_SLAM}.back_end:relocalise": lambda _closer, _track, solution, *_: solution}
+_RELOCALISATION: dict[str, Any] = {f"{_SLAM}.back_end:relocalise": lambda _closer, solution, *_: solution}
 
 RULES: Mapping[str, Rule] = MappingProxyType(
     {

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Ints
 from graph.factors import Factor
 from graph.measurement import NoMatch
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
@@ -77,7 +77,7 @@ class BridgeEdges:
         unexplained = 1.0 - _score(self._keys[key])
         return self.failures[key].rank + unexplained if key in self.failures else unexplained
 
-    def closures_across(self, factors: Sequence[Factor]) -> NDArray[np.int64]:
+    def closures_across(self, factors: Sequence[Factor]) -> Ints:
         """(k,) how many closures span the step that leads to each key pose, with all the key scans they rest on."""
         return closures_across(factors, len(self._keys), self._config)
 
@@ -88,15 +88,15 @@ class BridgeEdges:
         self.is_bridge[list(self.failures)] = True
 
 
-def closures_across(factors: Sequence[Factor], n_keys: int, config: LoopClosureConfig) -> NDArray[np.int64]:
+def closures_across(factors: Sequence[Factor], n_keys: int, config: LoopClosureConfig) -> Ints:
     """(n_keys,) how many closures of a graph span the step to each key pose, with all the key scans they rest on."""
-    closures = [(factor.i, factor.j) for factor in factors if factor.kind == "closure"]
+    closures = [factor.pair for factor in factors if factor.kind == "closure"]
     ends = np.sort(np.array(closures, dtype=np.int64).reshape(-1, 2), axis=1)
     rest_on = np.array([config.reference_half, min(config.support_offsets)])
     return _spanning(ends + rest_on, n_keys)
 
 
-def _spanning(ends: NDArray[np.int64], n_keys: int) -> NDArray[np.int64]:
+def _spanning(ends: Ints, n_keys: int) -> Ints:
     """(n_keys,) how many of (n, 2) pairs of key poses the step to each one lies between."""
     first, last = ends[ends[:, 0] < ends[:, 1]].T
     change = np.bincount(first + 1, minlength=n_keys + 1) - np.bincount(last + 1, minlength=n_keys + 1)

@@ -9,15 +9,14 @@ from dataclasses import dataclass, field
 from math import log
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Bools, Floats
 from graph.se2 import between, compose
 from iceg.slam.broken_path.place_hypothesis import Hypothesis
 from iceg.slam.closure_config import RelocalisationConfig
 from iceg.slam.closures.attempt import Attempt, closed_pose
 from iceg.slam.closures.candidates import ANCHOR_SPACING, Candidate
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.track import Track
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,8 +66,8 @@ class FitCount:
 class HypothesisVerifier:
     """Matches key scans after a break against everything before it."""
 
-    def __init__(self, closer: LoopCloser, track: Track) -> None:
-        self._closer = closer
+    def __init__(self, closer: LoopCloser) -> None:
+        track, self._closer = closer.track, closer
         self._config = closer.config.relocalisation
         self._near = closer.config.verification.near
         self._keys = track.keys
@@ -76,7 +75,7 @@ class HypothesisVerifier:
         usual = max(float(np.median([key.motion.distance for key in track.keys])), 1e-3)
         self._spacing = int(np.clip(round(self._config.spacing / usual), 1, ANCHOR_SPACING))
 
-    def of_hypothesis(self, hypothesis: Hypothesis, poses: NDArray[np.float64]) -> FitCount:
+    def of_hypothesis(self, hypothesis: Hypothesis, poses: Floats) -> FitCount:
         """Verify scans where a hypothesis puts them.
 
         Args:
@@ -93,9 +92,7 @@ class HypothesisVerifier:
             seen += [candidate for candidate in around if abs(self._path[candidate.key_old] - at) <= most]
         return self._count(seen, poses)
 
-    def of_estimate(
-        self, hypothesis: Hypothesis, poses: NDArray[np.float64], among: NDArray[np.bool_] | None = None
-    ) -> FitCount:
+    def of_estimate(self, hypothesis: Hypothesis, poses: Floats, among: Bools | None = None) -> FitCount:
         """Verify the same scans where the poses put them.
 
         Args:
@@ -120,15 +117,13 @@ class HypothesisVerifier:
         near = near[:: max(1, -(-len(near) // self._config.max_keys))]
         return [(int(keys[k]), hypothesis.closures[int(far[k].argmin())]) for k in near]
 
-    def _around(
-        self, key: int, T_map_key: NDArray[np.float64], poses: NDArray[np.float64], hypothesis: Hypothesis
-    ) -> list[Candidate]:
+    def _around(self, key: int, T_map_key: Floats, poses: Floats, hypothesis: Hypothesis) -> list[Candidate]:
         """Passes before the break around where a key scan is supposed to be, (3,) among (k, 3) poses."""
         supposed = poses[: key + 1].copy()
         supposed[key] = T_map_key
         return self._closer.passes.within(key, supposed, self._config.scan.deviations, hypothesis.key)
 
-    def _count(self, seen: Sequence[Candidate], poses: NDArray[np.float64]) -> FitCount:
+    def _count(self, seen: Sequence[Candidate], poses: Floats) -> FitCount:
         agreeing, against = [], 0
         for candidate in seen:
             attempt = self._closer.match(candidate, poses)

@@ -7,8 +7,8 @@ between, while how either part lies to the first is not yet known.
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Bools
 from iceg.slam.closures.attempt import Attempt
 
 
@@ -46,7 +46,7 @@ class PathParts:
         """The key pose after the last of the part that `key` is in."""
         return min((start for start in self.starts if start > key), default=len(self.whole))
 
-    def moved_by(self, closure: Attempt, key: int) -> NDArray[np.bool_]:
+    def moved_by(self, closure: Attempt, key: int) -> Bools:
         """(n_keys,) what a closure moves: the part that begins at a key pose, and what holds together with it.
 
         Parts of which nothing else is known follow the one before.

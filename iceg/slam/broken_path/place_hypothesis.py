@@ -8,8 +8,8 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Bools, Floats
 from graph.consistency import cumulative_covariances, maximum_clique, pairwise_consistency
 from graph.factors import Factor
 from graph.noise import chi2_gate, squared_norm
@@ -46,11 +46,11 @@ class Hypothesis:
         """The same without the closures that join some pairs of key poses."""
         return Hypothesis(key=self.key, closures=[c for c in self.closures if c.pair not in pairs])
 
-    def correction(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    def correction(self, poses: Floats) -> Floats:
         """(3,) what moves the poses after the break, in the map: that of the closure nearest to the break."""
         return _correction(min(self.closures, key=lambda closure: closure.key_new), poses)
 
-    def apart_from(self, other: "Hypothesis", poses: NDArray[np.float64]) -> float:
+    def apart_from(self, other: "Hypothesis", poses: Floats) -> float:
         """How far apart the two put the same scan [m]; 0 if they are about different scans.
 
         Args:
@@ -67,16 +67,12 @@ class Hypothesis:
         )
         return float(np.hypot(x - x_other, y - y_other))
 
-    def is_chance(self, factors: Sequence[Factor], poses: NDArray[np.float64], config: RelocalisationConfig) -> bool:
+    def is_chance(self, factors: Sequence[Factor], poses: Floats, config: RelocalisationConfig) -> bool:
         """Whether the path explains it by chance, without a bias; arguments as of `is_drift`."""
         return self.is_drift(factors, poses, config, np.ones(len(poses), dtype=np.bool_))
 
     def is_drift(
-        self,
-        factors: Sequence[Factor],
-        poses: NDArray[np.float64],
-        config: RelocalisationConfig,
-        is_bridge: NDArray[np.bool_] | None = None,
+        self, factors: Sequence[Factor], poses: Floats, config: RelocalisationConfig, is_bridge: Bools | None = None
     ) -> bool:
         """Whether the errors of the path explain it, step by step.
 
@@ -102,7 +98,7 @@ class Hypothesis:
 
 
 def agreeing_sets(
-    closures: Sequence[Attempt], factors: Sequence[Factor], poses: NDArray[np.float64], fewest: int
+    closures: Sequence[Attempt], factors: Sequence[Factor], poses: Floats, fewest: int
 ) -> list[list[Attempt]]:
     """Sets of closures that agree pairwise along the path, the largest first.
 
@@ -148,6 +144,6 @@ def about_parts(closures: Sequence[Attempt], parts: PathParts) -> list[Hypothesi
     return sorted(found, key=lambda hypothesis: -hypothesis.support)
 
 
-def _correction(closure: Attempt, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+def _correction(closure: Attempt, poses: Floats) -> Floats:
     """(3,) what moves the later key pose, in the map, to where a closure puts it."""
     return compose(closed_pose(closure, poses), inverse(poses[closure.key_new]))

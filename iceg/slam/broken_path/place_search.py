@@ -3,32 +3,26 @@
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from graph.arrays import Floats, Ints
 from graph.factors import Factor
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, agreeing_sets
 from iceg.slam.broken_path.similar_places import similar_places
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.track import Track
 
 
 class PlaceSearch:
     """Looks for places again, and remembers what it tried."""
 
-    def __init__(self, closer: LoopCloser, track: Track, factors: Sequence[Factor]) -> None:
+    def __init__(self, closer: LoopCloser, factors: Sequence[Factor]) -> None:
         self._closer = closer
-        self._track = track
         self.path = [factor for factor in factors if factor.kind in {"odometry", "ice"}]
         """The factors from key pose to key pose, along which places must agree."""
         self._config = closer.config
         self._tried: list[Attempt] = []
 
-    def agreeing(
-        self, parts: NDArray[np.int64], poses: NDArray[np.float64], along: NDArray[np.float64], most: int
-    ) -> list[list[Attempt]]:
+    def agreeing(self, parts: Ints, poses: Floats, along: Floats, most: int) -> list[list[Attempt]]:
         """Sets of closures that agree, of similar places, the largest first; none if there are no new ones.
 
         Args:
@@ -39,7 +33,7 @@ class PlaceSearch:
         """
         known = {attempt.pair for attempt in self._tried}
         config = replace(self._config, places=most)
-        pairs = set(similar_places(self._track, self._closer.judge, parts, config)) - known
+        pairs = set(similar_places(self._closer.track, self._closer.judge, parts, config)) - known
         if not pairs:
             return []
         self._tried += [self._closer.match_anywhere(old, new, poses) for old, new in sorted(pairs)]
@@ -51,7 +45,7 @@ class PlaceSearch:
         ]
         return agreeing_sets(claims, self.path, along, self._config.place_confirmations)
 
-    def settled(self, claims: Sequence[Attempt], poses: NDArray[np.float64]) -> list[Attempt]:
+    def settled(self, claims: Sequence[Attempt], poses: Floats) -> list[Attempt]:
         """Claims that agree, each matched where it was made; an ambiguous one that confirms the path says nothing."""
         settled, near = [], self._config.verification.near
         for claim in claims:
@@ -74,9 +68,7 @@ class PlaceSearch:
     def in_vain(self, closed: Collection[tuple[int, int]]) -> list[Attempt]:
         """What was tried and is not among the pairs of key poses that closures tie, with the reason."""
         return [
-            replace(
-                attempt, accepted=False, reason=f"similar place{', too few agree' * attempt.accepted}; {attempt.reason}"
-            )
+            attempt.judged(f"similar place{', too few agree' * attempt.accepted}")
             for attempt in self._tried
             if attempt.pair not in closed
         ]

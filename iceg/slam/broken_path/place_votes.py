@@ -10,8 +10,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats
 from graph.se2 import between, compose
 from iceg.slam.agreement import agree, are_small
 from iceg.slam.closure_config import PlaceVotesConfig
@@ -58,7 +58,7 @@ class Vote:
 class _Voted:
     """A place of the newest key scan, (3,) in the map, and the key scans that fit it, each with its misfit."""
 
-    T_map_key: NDArray[np.float64]
+    T_map_key: Floats
     misfits: dict[int, float]
 
     def is_worse_than(self, other: "_Voted", config: PlaceVotesConfig) -> bool:
@@ -84,7 +84,7 @@ class PlaceVotes:
         """Keep an attempt of the newest key scan, with the places where it fits, if any."""
         self._recent.append(attempt)
 
-    def of(self, attempt: Attempt, poses: NDArray[np.float64]) -> Vote:
+    def of(self, attempt: Attempt, poses: Floats) -> Vote:
         """What speaks for the place where an attempt puts the newest key scan.
 
         Args:
@@ -107,7 +107,7 @@ class PlaceVotes:
             misfit=sum(here.misfits.values()) / len(here.misfits),
         )
 
-    def _voted(self, key: int, poses: NDArray[np.float64]) -> Sequence[_Voted]:
+    def _voted(self, key: int, poses: Floats) -> Sequence[_Voted]:
         """The distinct places of the newest key scan, those it fits best first."""
         first = key - self._tolerances.partner_keys
         self._recent = [attempt for attempt in self._recent if attempt.key_new >= first]
@@ -129,7 +129,7 @@ class PlaceVotes:
             found.append(_Voted(T_map_key=claimed, misfits=best))
         return found
 
-    def _is_one_place(self, claimed: NDArray[np.float64], place: _Voted) -> bool:
+    def _is_one_place(self, claimed: Floats, place: _Voted) -> bool:
         return agree(claimed, place.T_map_key, self._tolerances.place)
 
 

@@ -12,8 +12,8 @@ from dataclasses import replace
 from enum import Enum, auto
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats, Ints
 from graph.se2 import compose, inverse
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
 from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
@@ -25,7 +25,6 @@ from iceg.slam.broken_path.place_votes import Vote, unsettled
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.solution import Solution
-from iceg.slam.track import Track
 
 
 class _Decision(Enum):
@@ -39,14 +38,11 @@ class _Decision(Enum):
     """It joined two parts of the path."""
 
 
-def relocalise(
-    closer: LoopCloser, track: Track, solution: Solution, failures: Mapping[int, TrackingFailure]
-) -> Solution:
+def relocalise(closer: LoopCloser, solution: Solution, failures: Mapping[int, TrackingFailure]) -> Solution:
     """Join the parts of a path that no loop closure ties together, and say where it is broken.
 
     Args:
-        closer: matches and verifies; its settings say how much is tried, and how much must agree.
-        track: key scans.
+        closer: matches and verifies key scans; its settings say how much is tried, and how much must agree.
         solution: the graph as the path and the closures on the way made it.
         failures: by key pose, where the path may be broken.
 
@@ -55,7 +51,7 @@ def relocalise(
     """
     if not (closer.config.enabled and closer.config.relocalise):
         return solution
-    search = _Relocalisation(closer, track, solution, failures)
+    search = _Relocalisation(closer, solution, failures)
     search.run()
     return search.solution()
 
@@ -63,15 +59,13 @@ def relocalise(
 class _Relocalisation:
     """State of the search: the estimate as it changes, what was tried, what was found out about the path."""
 
-    def __init__(
-        self, closer: LoopCloser, track: Track, solution: Solution, failures: Mapping[int, TrackingFailure]
-    ) -> None:
-        self._track = track
+    def __init__(self, closer: LoopCloser, solution: Solution, failures: Mapping[int, TrackingFailure]) -> None:
+        self._track = closer.track
         self._config = closer.config
         self._now = solution
-        self._steps = BridgeEdges(track, solution.factors, failures, closer.config)
-        self._places = PlaceSearch(closer, track, solution.factors)
-        self._verifier = HypothesisVerifier(closer, track)
+        self._steps = BridgeEdges(closer.track, solution.factors, failures, closer.config)
+        self._places = PlaceSearch(closer, solution.factors)
+        self._verifier = HypothesisVerifier(closer)
         self._breaks: dict[int, Break] = {}
         self._ambiguous: dict[int, Vote] = {}
         self._looks_again = False  # who compares places anew finds more that fit by chance
@@ -102,7 +96,7 @@ class _Relocalisation:
 
     # What is looked for, and in which order it is tried.
 
-    def _agreeing(self, parts: NDArray[np.int64], along: NDArray[np.float64]) -> list[list[Attempt]]:
+    def _agreeing(self, parts: Ints, along: Floats) -> list[list[Attempt]]:
         """Sets of closures that agree along a path; where nothing gives a break away, a pair for each bridge edge."""
         most = self._config.places
         if not self._steps.failures:
@@ -287,7 +281,7 @@ class _Relocalisation:
         self._steps.update(self._now.factors)
         return _Decision.JOINED
 
-    def _note(self, key: int, outcome: Outcome, closures: Sequence[Attempt], correction: NDArray[np.float64]) -> None:
+    def _note(self, key: int, outcome: Outcome, closures: Sequence[Attempt], correction: Floats) -> None:
         """Record a break, and by how much closures that agree move what follows."""
         pose, failure = self._now.poses[key], self._steps.failure(key)
         self._breaks[key] = Break(

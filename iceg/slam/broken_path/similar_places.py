@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.arrays import Float32s, Floats, Ints
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.closures.candidates import ANCHOR_SPACING
 from iceg.slam.closures.place_signature import PlaceSignatures, place_signatures
@@ -15,9 +16,7 @@ _PLACES_AT_ONCE = 512
 """Rows of the matrix of likeness in memory at a time."""
 
 
-def similar_places(
-    track: Track, judge: IceMatcher, parts: NDArray[np.int64], config: LoopClosureConfig
-) -> list[tuple[int, int]]:
+def similar_places(track: Track, judge: IceMatcher, parts: Ints, config: LoopClosureConfig) -> list[tuple[int, int]]:
     """Pairs of key poses of parts that nothing joins whose places are similar.
 
     Half of them where the place itself is, half where the neighbouring places are, too: among hundreds of similar
@@ -44,8 +43,8 @@ def similar_places(
 
 
 def _most_similar(
-    signatures: PlaceSignatures, path: NDArray[np.float64], parts: NDArray[np.int64], config: LoopClosureConfig
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    signatures: PlaceSignatures, path: Floats, parts: Ints, config: LoopClosureConfig
+) -> tuple[Floats, Ints]:
     """Likeness (n,) and rows (n, 2) of the pairs of an earlier and a later place, a few for each later one."""
     likeness_of, rows = [], []
     for first in range(0, len(path), _PLACES_AT_ONCE):
@@ -61,7 +60,7 @@ def _most_similar(
     return np.array(likeness_of), np.array(rows, dtype=np.int64)
 
 
-def _best(likeness: NDArray[np.float32], wanted: int, same_pass: int) -> list[tuple[float, int]]:
+def _best(likeness: Float32s, wanted: int, same_pass: int) -> list[tuple[float, int]]:
     """The most similar places and how much, the best of each pass."""
     found = []
     for _ in range(wanted):
@@ -73,7 +72,7 @@ def _best(likeness: NDArray[np.float32], wanted: int, same_pass: int) -> list[tu
     return found
 
 
-def _ranks(values: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+def _ranks(values: NDArray[np.floating[Any]]) -> Ints:
     """(n,) place of each value among all, the largest first."""
     ranks = np.empty(len(values), dtype=np.int64)
     ranks[np.argsort(-values, kind="stable")] = np.arange(len(values))

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.arrays import Floats, Ints
 from graph.elementary import arctan2
 from graph.measurement import NoMatch
 from graph.se2 import between, compose, transform_points
@@ -46,7 +46,7 @@ class ViewChanges:
     judge: IceMatcher
     config: ViewChangeConfig
 
-    def chance(self, steps: NDArray[np.int64]) -> float | None:
+    def chance(self, steps: Ints) -> float | None:
         """How probable by chance the largest change of view at some steps is, at any one of them.
 
         Where that is seldom, in so far as a robot that was carried would rather see so little change.
@@ -70,7 +70,7 @@ class ViewChanges:
         chance = self._tail(largest)
         return chance if chance > self.config.carried_chance else min(1.0, chance / self._share_elsewhere(largest))
 
-    def after_largest(self, steps: NDArray[np.int64]) -> tuple[int, int]:
+    def after_largest(self, steps: Ints) -> tuple[int, int]:
         """The first key pose, and the first scan, after the step at which the view changes most, of (n,) steps.
 
         A match that leads back from where tracking went astray changes the view as well, but not as odometry has it.
@@ -81,7 +81,7 @@ class ViewChanges:
         scan = int(steps[changes.argmax()]) + 1
         return int(np.searchsorted(self.track.key_scans, scan)), scan
 
-    def steps(self, key: int, keys: int) -> NDArray[np.int64]:
+    def steps(self, key: int, keys: int) -> Ints:
         """(n,) the scans, each with its step to the next, from so many key scans before one up to it."""
         scans = self.track.keys
         return np.arange(scans[max(key - keys, 0)].index, scans[key].index)
@@ -97,7 +97,7 @@ class ViewChanges:
         return share * 2.0 ** (-math.log(change / start) / math.log(shape)) if shape > 1.0 else 0.0
 
     @cached_property
-    def _usual(self) -> NDArray[np.float64]:
+    def _usual(self) -> Floats:
         """Of steps of the whole log, sorted; none where too few can be compared."""
         n_steps = len(self.log) - 1
         every = max(1, -(-n_steps // self.config.most_steps))
@@ -105,7 +105,7 @@ class ViewChanges:
         changes = np.sort(changes[np.isfinite(changes)])
         return changes if len(changes) >= self.config.min_steps else changes[:0]
 
-    def _changes(self, steps: NDArray[np.int64]) -> NDArray[np.float64]:
+    def _changes(self, steps: Ints) -> Floats:
         """(n,) share of the beams of two scans that do not agree; NaN where too few can be compared.
 
         Args:
@@ -118,7 +118,7 @@ class ViewChanges:
         return np.asarray(self._found[steps])
 
     @cached_property
-    def _found(self) -> NDArray[np.float64]:
+    def _found(self) -> Floats:
         """(n_scans - 1,) changes of the steps that were asked for."""
         return np.full(len(self.log) - 1, _NOT_YET)
 
@@ -128,7 +128,7 @@ class ViewChanges:
         return float((np.count_nonzero(elsewhere <= change) + 1.0) / (len(elsewhere) + 1.0))
 
     @cached_property
-    def _elsewhere(self) -> NDArray[np.float64]:
+    def _elsewhere(self) -> Floats:
         """Changes from scans of the log to scans of another part of it, as the matcher would have them lie."""
         before = np.linspace(0, len(self.log) - 1, self.config.most_elsewhere + 1).astype(np.int64)[:-1]
         after = (before + len(self.log) // 2) % len(self.log)
@@ -137,7 +137,7 @@ class ViewChanges:
         ]
         return np.array([change for change in found if np.isfinite(change)])
 
-    def _change_where_matched(self, before: int, after: int, guess: NDArray[np.float64]) -> float:
+    def _change_where_matched(self, before: int, after: int, guess: Floats) -> float:
         """Share of the beams of two scans that do not agree as the two match each other; inf where too few compare.
 
         Tracking may have taken the robot to the wrong place, and somebody who is carried matches as well as he can.
@@ -148,18 +148,16 @@ class ViewChanges:
             guess: (3,) how it lies to the first; it stays so where they do not match.
         """
         reference = self.judge.prepare([self.log.scan(before)], np.zeros((1, 3)))
-        found = self.judge.match(reference, self.log.scan(after), guess, np.diag(self.config.step.deviations**2))
+        found = self.judge.match(reference, self.log.scan(after), guess, self.config.step.covariance)
         T_before_after = guess if isinstance(found, NoMatch) else found.T_ref_cur
         change = self._changes_by(np.array([before]), np.array([after]), T_before_after[None])
         return float(np.nan_to_num(change, nan=np.inf)[0])
 
-    def _changes_along(self, steps: NDArray[np.int64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _changes_along(self, steps: Ints, poses: Floats) -> Floats:
         """The same along (n_scans, 3) poses of the robot, all at once."""
         return self._changes_by(steps, steps + 1, between(poses[steps], poses[steps + 1]))
 
-    def _changes_by(
-        self, before: NDArray[np.int64], after: NDArray[np.int64], T_before_after: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
+    def _changes_by(self, before: Ints, after: Ints, T_before_after: Floats) -> Floats:
         """The same from (n,) scans to others that lie to them so, (n, 3)."""
         mount = self.log.geometry.T_robot_laser
         T_laser = compose(T_before_after, mount)
@@ -169,9 +167,7 @@ class ViewChanges:
         is_enough = compared >= 2 * self.config.min_compared
         return np.where(is_enough, 1.0 - agreeing / np.maximum(compared, 1), np.nan)
 
-    def _compared(
-        self, seen: NDArray[np.int64], by: NDArray[np.int64], T_by_seen: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    def _compared(self, seen: Ints, by: Ints, T_by_seen: Floats) -> tuple[Ints, Ints]:
         """How many ends of beams of scans lie where other scans see something, and how many of all these do.
 
         Args:
@@ -201,7 +197,7 @@ class ViewChanges:
         return np.count_nonzero(agrees, axis=-1), np.count_nonzero(is_compared, axis=-1)
 
     @cached_property
-    def _directions(self) -> NDArray[np.float64]:
+    def _directions(self) -> Floats:
         """(n, 2) of the beams that are looked at, in the laser's frame."""
         return replace(self.log.geometry, T_robot_laser=np.zeros(3)).directions_robot[:: self._every]
 
@@ -211,7 +207,7 @@ class ViewChanges:
         return -(-self.log.geometry.n_beams // self.config.most_beams)
 
     @cached_property
-    def _T_track_robot(self) -> NDArray[np.float64]:
+    def _T_track_robot(self) -> Floats:
         """(n_scans, 3) where tracking has the robot."""
         return self.track.trajectory(self.track.T_track_keys)
 

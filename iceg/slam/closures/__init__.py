@@ -1,1 +1,1 @@
-"""Loop closures: where to look for them, how they are matched and judged, and the record of all that were tried."""
+"""Loop closures: where to look for them, the local maps that they match, and the record of all that were tried."""

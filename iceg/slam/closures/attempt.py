@@ -4,9 +4,7 @@ import math
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-import numpy as np
-from numpy.typing import NDArray
-
+from graph.arrays import Floats
 from graph.factors import Factor, RobustKernel
 from graph.measurement import RelativePose
 from graph.se2 import between, compose
@@ -37,7 +35,7 @@ class Place:
         misfit: share of its beams that do not agree there, plus share of what is in view that it does not see.
     """
 
-    T_old_new: NDArray[np.float64]
+    T_old_new: Floats
     misfit: float
 
 
@@ -90,17 +88,21 @@ class Attempt:
         """Whether it would be accepted if it did not fit elsewhere, too."""
         return self.match is not None and not self.accepted and len(self.places) > 1
 
-    def is_at(self, T_old_new: NDArray[np.float64], tolerance: Tolerance) -> bool:
+    def is_at(self, T_old_new: Floats, tolerance: Tolerance) -> bool:
         """Whether its match agrees with where something else puts the later key pose, (3,) seen from the earlier."""
         return self.match is not None and agree(T_old_new, self.match.T_ref_cur, tolerance)
 
-    def is_near(self, poses: NDArray[np.float64], tolerance: Tolerance) -> bool:
+    def is_near(self, poses: Floats, tolerance: Tolerance) -> bool:
         """Whether its match agrees with the estimate given by (n, 3) poses."""
         return self.is_at(between(poses[self.key_old], poses[self.key_new]), tolerance)
 
+    def judged(self, why: str, *, accepted: bool = False) -> "Attempt":
+        """The same with another verdict, and why."""
+        return replace(self, accepted=accepted, reason=f"{why}; {self.reason}")
+
     def taken_out(self, why: str) -> "Attempt":
         """The same after it was found to be wrong, and left the graph."""
-        return replace(self, accepted=False, removed=True, reason=f"{why}; {self.reason}")
+        return replace(self.judged(why), removed=True)
 
 
 def unmatched(key_old: int, key_new: int, reason: str) -> Attempt:
@@ -121,13 +123,13 @@ def closure_factor(attempt: Attempt, kernel: RobustKernel | None = None) -> Fact
     )
 
 
-def closed_pose(attempt: Attempt, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+def closed_pose(attempt: Attempt, poses: Floats) -> Floats:
     """(3,) T_map_robot of the later key pose as a closure says, the earlier one being where (n, 3) poses put it."""
     assert attempt.match is not None
     return compose(poses[attempt.key_old], attempt.match.T_ref_cur)
 
 
-def are_consistent(a: Attempt, b: Attempt, poses: NDArray[np.float64], config: VerificationConfig) -> bool:
+def are_consistent(a: Attempt, b: Attempt, poses: Floats, config: VerificationConfig) -> bool:
     """Whether two closures agree on how the later path lies to the earlier (pairwise consistency, Mangelson 2018).
 
     Args:

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Bools, Floats
 from graph.elementary import cos_sin
 from graph.growing_rows import GrowingRows
 from graph.se2 import between
@@ -35,8 +35,8 @@ class Candidate:
 
     key_old: int
     key_new: int
-    T_old_new: NDArray[np.float64]
-    deviations: NDArray[np.float64]
+    T_old_new: Floats
+    deviations: Floats
 
     @property
     def pair(self) -> tuple[int, int]:
@@ -44,7 +44,7 @@ class Candidate:
         return self.key_old, self.key_new
 
     @classmethod
-    def of(cls, key_old: int, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64]) -> "Candidate":
+    def of(cls, key_old: int, key_new: int, poses: Floats, deviations: Floats) -> "Candidate":
         """Two of (n, 3) key poses, known to within `deviations`, (3,) [m, m, rad], of each other."""
         T_old_new = between(poses[key_old], poses[key_new])
         return cls(key_old=key_old, key_new=key_new, T_old_new=T_old_new, deviations=deviations)
@@ -76,11 +76,11 @@ class EarlierPasses:
             self._searchable.append(True)
 
     @property
-    def searchable(self) -> NDArray[np.bool_]:
+    def searchable(self) -> Bools:
         """(n_keys,) which key scans later ones are matched against, to be written to: not those in confirmed areas."""
         return self._searchable.rows
 
-    def within_drift(self, key_new: int, poses: NDArray[np.float64], drift: Drift) -> list[Candidate]:
+    def within_drift(self, key_new: int, poses: Floats, drift: Drift) -> list[Candidate]:
         """Those that the drift since the last closure leaves possible; see `LoopCloser.candidates`."""
         config = self._config
         if not config.enabled:
@@ -97,9 +97,7 @@ class EarlierPasses:
                 found.append(Candidate.of(key, key_new, poses, deviations))
         return found[: config.max_pieces if is_uncertain else config.max_passes]
 
-    def within(
-        self, key_new: int, poses: NDArray[np.float64], deviations: NDArray[np.float64], before: int | None = None
-    ) -> list[Candidate]:
+    def within(self, key_new: int, poses: Floats, deviations: Floats, before: int | None = None) -> list[Candidate]:
         """Those around where poses, all known to within `deviations` [m, m, rad], put a key scan; nearest first.
 
         Args:
@@ -113,14 +111,14 @@ class EarlierPasses:
             keys = [key for key in keys if key < before]
         return [Candidate.of(key, key_new, poses, deviations) for key in keys[: self._config.max_passes]]
 
-    def _search_deviations(self, drift: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _search_deviations(self, drift: Floats) -> Floats:
         """Standard deviations [m, m, rad] of a search, from those of the path."""
         config = self._config
         position = min(config.max_drift, config.drift_factor * float(drift[0]) + config.drift_floor)
         heading = min(config.max_turn, config.drift_factor * float(drift[1]) + config.turn_floor)
         return np.array([position, position, heading])
 
-    def _nearest(self, key_new: int, poses: NDArray[np.float64], reach: float, piece: int) -> list[tuple[float, int]]:
+    def _nearest(self, key_new: int, poses: Floats, reach: float, piece: int) -> list[tuple[float, int]]:
         """Distance of the views and key pose of each piece of an earlier pass within reach, nearest first."""
         path = self._path.rows
         n_old = int(np.searchsorted(path, path[key_new] - self._config.min_path))
@@ -144,7 +142,7 @@ class EarlierPasses:
         ]
         return sorted((float(far[k]), _anchor(int(old[k]), key_new)) for k in nearest)
 
-    def _views(self, poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    def _views(self, poses: Floats) -> Floats:
         """(..., 2) what key poses look at."""
         ahead = np.stack(cos_sin(poses[..., 2]), axis=-1)
         return poses[..., :2] + self._config.view_distance * ahead

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats, Ints
 from graph.se2 import between
 from iceg.slam.agreement import Tolerance, is_small
 from iceg.slam.closures.attempt import Attempt, Verdict
@@ -50,7 +50,7 @@ class Closure:
 
     scan_i: int
     scan_j: int
-    T_i_j: NDArray[np.float64]
+    T_i_j: Floats
     score: float
     inliers: int
     overlap: float
@@ -60,7 +60,7 @@ class Closure:
     rival: Rival | None = None
 
 
-def joined_scans(closures: Iterable[Closure]) -> NDArray[np.int64]:
+def joined_scans(closures: Iterable[Closure]) -> Ints:
     """(c, 2) earlier and later scan of each closure that was accepted."""
     accepted = [(closure.scan_i, closure.scan_j) for closure in closures if closure.verdict is Verdict.ACCEPTED]
     return np.array(accepted, dtype=np.int64).reshape(-1, 2)

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Float32s, Floats, Ints
 from graph.elementary import log
 from graph.se2 import between
 from iceg.ice import _hypothesis_kernels as hypothesis_kernels
@@ -33,17 +33,17 @@ class PlaceSignatures:
         rows: (m, d) float32 signatures; the product of two is their likeness, at most 1 + 0.3.
     """
 
-    keys: NDArray[np.int64]
-    rows: NDArray[np.float32]
+    keys: Ints
+    rows: Float32s
 
-    def likeness(self, queries: NDArray[np.int64]) -> NDArray[np.float32]:
+    def likeness(self, queries: Ints) -> Float32s:
         """(q, m) how much each of these places, given by their row, looks like every place."""
         return kernels.likeness(self.rows[queries], self.rows)
 
-    def likeness_along(self, ones: NDArray[np.int64], others: NDArray[np.int64], half: int) -> NDArray[np.float32]:
+    def likeness_along(self, ones: Ints, others: Ints, half: int) -> Float32s:
         """(n,) how similar pairs are with `half` places on either side, driven the same or the opposite way."""
 
-        def likeness(step: int, way: int) -> NDArray[np.float32]:
+        def likeness(step: int, way: int) -> Float32s:
             last = len(self.rows) - 1
             one, other = np.clip(ones + step, 0, last), np.clip(others + way * step, 0, last)
             return np.asarray((self.rows[one] * self.rows[other]).sum(axis=1))
@@ -94,10 +94,7 @@ def place_signatures(
 
 
 def _count_words(
-    features: list[FeatureRows],
-    T_middle_members: NDArray[np.float64],
-    config: PlaceSignatureConfig,
-    histogram: NDArray[np.float64],
+    features: list[FeatureRows], T_middle_members: Floats, config: PlaceSignatureConfig, histogram: Floats
 ) -> None:
     """Count the pairs among the features that several scans of the place saw."""
     most = config.max_features
@@ -120,6 +117,6 @@ def _count_words(
     kernels.count_pairs(kinds[:n][kept], rows[:n][kept], hits[:n][kept], words, histogram)
 
 
-def _unit(rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def _unit(rows: Floats) -> Floats:
     length = np.sqrt((rows * rows).sum(axis=1, keepdims=True))
     return np.asarray(rows / np.maximum(1e-12, length), dtype=np.float64)

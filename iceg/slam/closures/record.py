@@ -3,16 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from graph.arrays import Floats
 from graph.factors import Factor
 from graph.problem import Problem
 from iceg.slam.closures.attempt import Attempt
 
 
 def without_contradicted(
-    attempts: Sequence[Attempt], loops: Sequence[Factor], poses: NDArray[np.float64], outlier_weight: float
+    attempts: Sequence[Attempt], loops: Sequence[Factor], poses: Floats, outlier_weight: float
 ) -> tuple[list[Attempt], list[Factor]]:
     """Take out the closures that the rest of the graph contradicts so much that they no longer pull.
 
@@ -29,7 +27,7 @@ def without_contradicted(
         return list(attempts), []
     at = Problem.of(loops, len(poses)).evaluate(poses)
     gone = {
-        (loop.i, loop.j): f"contradicted by the rest of the graph, {norm**0.5:.0f} standard deviations off"
+        loop.pair: f"contradicted by the rest of the graph, {norm**0.5:.0f} standard deviations off"
         for loop, weight, norm in zip(loops, at.weights.tolist(), at.squared.tolist(), strict=True)
         if weight < outlier_weight
     }
@@ -37,7 +35,7 @@ def without_contradicted(
         attempt.taken_out(why) if attempt.accepted and (why := gone.get(attempt.pair)) is not None else attempt
         for attempt in attempts
     ]
-    return judged, [loop for loop in loops if (loop.i, loop.j) not in gone]
+    return judged, [loop for loop in loops if loop.pair not in gone]
 
 
 def with_earlier(last: Sequence[Attempt], earlier: Sequence[Attempt]) -> list[Attempt]:

@@ -2,14 +2,13 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats, Ints
 from graph.se2 import between
 from iceg.ice.local_map import LocalMap
-from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.map_matcher import MapMatcher, Prepared
 from iceg.slam.track import Track
 
 _KEPT = 6
@@ -28,9 +27,9 @@ class Reference:
         placed: (m, 3) poses of its scans in that frame.
     """
 
-    matched: Any
+    matched: Prepared
     judged: LocalMap
-    placed: NDArray[np.float64]
+    placed: Floats
 
 
 class References:
@@ -48,7 +47,7 @@ class References:
         """Whether the robot was never lost between two key poses, so that the track says how they lie."""
         return len(set(self._parts([key, other]).tolist())) == 1
 
-    def around(self, base: int, poses: NDArray[np.float64]) -> Reference:
+    def around(self, base: int, poses: Floats) -> Reference:
         """Local map of the key scans of one part of the path at `base`, in its frame, placed as (n, 3) poses say."""
         members = np.arange(max(0, base - self._half), min(len(poses), base + self._half + 1))
         members = members[self._parts(members) == self._parts([base])]
@@ -61,11 +60,11 @@ class References:
         self._kept[base] = self._built(base, members, placed)
         return self._kept[base]
 
-    def _parts(self, members: Iterable[int]) -> NDArray[np.int64]:
+    def _parts(self, members: Iterable[int]) -> Ints:
         """How often the robot was lost until each of these key poses."""
         return np.searchsorted(self._lost, [self._keys[member].index for member in members], side="right")
 
-    def _built(self, base: int, members: NDArray[np.int64], placed: NDArray[np.float64]) -> Reference:
+    def _built(self, base: int, members: Ints, placed: Floats) -> Reference:
         nearest_last = np.argsort(-np.abs(members - base), kind="stable")
         scans, poses_ref = [self._keys[members[k]].scan for k in nearest_last], placed[nearest_last]
         matched = self._matcher.prepare(scans, poses_ref)

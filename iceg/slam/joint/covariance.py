@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graph import dense
+from graph.arrays import Floats, Ints
 from graph.factors import Factor
 from graph.se2 import adjoint, between, chain_covariance, compose_covariance
 from iceg.slam.joint._system_kernels import JointSystem, PointsOnLines, fill, normal_equations
@@ -44,15 +44,15 @@ class Walls:
         residual: weighted root mean square distance [m].
     """
 
-    placed: NDArray[np.float64]
-    piece_of: NDArray[np.int64]
-    lines: NDArray[np.float64]
-    residuals: NDArray[np.float64]
-    weights: NDArray[np.float64]
+    placed: Floats
+    piece_of: Ints
+    lines: Floats
+    residuals: Floats
+    weights: Floats
     on_walls: float
     residual: float
 
-    def normal_equations(self, poses: NDArray[np.float64], starts: NDArray[np.int64]) -> JointSystem:
+    def normal_equations(self, poses: Floats, starts: Ints) -> JointSystem:
         """Of the poses (k, 3) that the points hang on, pose k with those from starts[k] to starts[k + 1]."""
         seen = PointsOnLines(starts, self.placed, self.piece_of, self.lines, self.residuals, self.weights)
         return normal_equations(poses, seen)
@@ -70,19 +70,15 @@ class PoseInformation:
         covariances: (k, 3, 3) marginals, tangent space at each pose, relative to the first.
     """
 
-    matrix: NDArray[np.float64]
-    anchors: NDArray[np.int64]
-    anchor_of: NDArray[np.int64]
-    placements: NDArray[np.float64]
-    covariances: NDArray[np.float64]
+    matrix: Floats
+    anchors: Ints
+    anchor_of: Ints
+    placements: Floats
+    covariances: Floats
 
 
 def joint_information(
-    factors: Sequence[Factor],
-    poses: NDArray[np.float64],
-    key_starts: NDArray[np.int64],
-    walls: Walls,
-    precision: float,
+    factors: Sequence[Factor], poses: Floats, key_starts: Ints, walls: Walls, precision: float
 ) -> PoseInformation:
     """What is known of the key poses from odometry and the points on shared walls.
 
@@ -130,7 +126,7 @@ def joint_information(
     )
 
 
-def _anchors(steps: NDArray[np.float64]) -> NDArray[np.int64]:
+def _anchors(steps: Floats) -> Ints:
     """Which key poses are unknowns: the first ones, every so many, and the first after a step that nothing has seen.
 
     Args:
@@ -144,9 +140,7 @@ def _anchors(steps: NDArray[np.float64]) -> NDArray[np.int64]:
     return np.union1d(np.arange(_FIRST_ALONE, k, every), [*range(_FIRST_ALONE), *np.flatnonzero(is_unseen) + 1])
 
 
-def _add_links(
-    information: NDArray[np.float64], poses: NDArray[np.float64], steps: NDArray[np.float64], at: NDArray[np.int64]
-) -> None:
+def _add_links(information: Floats, poses: Floats, steps: Floats, at: Ints) -> None:
     """Tie each anchor, one of the (k, 3) poses, to the next by the steps between them, (k - 1, 3, 3) covariances."""
     anchors, lengths = poses[at], np.diff(at)
     chains = np.empty((len(lengths), 3, 3))
@@ -166,7 +160,7 @@ def _add_links(
     blocks[last, :, last] += links
 
 
-def _information(system: JointSystem, k: int) -> NDArray[np.float64]:
+def _information(system: JointSystem, k: int) -> Floats:
     """(3k, 3k) of k poses with the walls eliminated."""
     order = np.argsort(system.line_of, kind="stable")
     information = np.zeros((3 * k, 3 * k))
@@ -177,7 +171,7 @@ def _information(system: JointSystem, k: int) -> NDArray[np.float64]:
     return information
 
 
-def _steps(factors: Sequence[Factor], k: int) -> NDArray[np.float64]:
+def _steps(factors: Sequence[Factor], k: int) -> Floats:
     """(k - 1, 3, 3) covariances of the steps between key poses by odometry, or by matches where there is none."""
     steps = [factor for factor in factors if factor.i is not None and factor.j == factor.i + 1]
     at = np.array([factor.i for factor in steps], dtype=np.int64)

@@ -8,9 +8,9 @@ from the blocks in that band (Takahashi et al., 1973).
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graph import dense
+from graph.arrays import Bools, Floats, Ints
 
 _TOGETHER = 32
 """Poses that are eliminated at once."""
@@ -29,11 +29,11 @@ class _Panel:
 
     own: slice
     later: slice
-    root: NDArray[np.float64]
-    coupling: NDArray[np.float64]
+    root: Floats
+    coupling: Floats
 
 
-def diagonal_of_inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def diagonal_of_inverse(matrix: Floats) -> Floats:
     """(n, 3, 3) blocks on the diagonal of the inverse of a symmetric (3n, 3n) matrix.
 
     Raises:
@@ -54,14 +54,12 @@ def diagonal_of_inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     return blocks
 
 
-def close_together(matrix: NDArray[np.float64]) -> NDArray[np.int64]:
+def close_together(matrix: Floats) -> Ints:
     """(n,) the poses of a symmetric (3n, 3n) matrix, in an order that keeps those that share blocks together."""
     return _order(_shared(matrix))
 
 
-def _eliminated(
-    matrix: NDArray[np.float64], order: NDArray[np.int64], ends: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], list[_Panel]]:
+def _eliminated(matrix: Floats, order: Ints, ends: Ints) -> tuple[Floats, list[_Panel]]:
     """Eliminate all poses in an order; room for the inverse, and what became of each few of them."""
     n, panels = len(order), []
     blocks, band = matrix.reshape(n, 3, n, 3), np.zeros(matrix.shape)
@@ -79,14 +77,14 @@ def _eliminated(
     return band, panels
 
 
-def _shared(matrix: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _shared(matrix: Floats) -> Bools:
     """(n, n) which poses share a block."""
     filled = matrix != 0.0
     rows = filled[0::3] | filled[1::3] | filled[2::3]
     return np.asarray(rows[:, 0::3] | rows[:, 1::3] | rows[:, 2::3], dtype=np.bool_)
 
 
-def _order(shared: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _order(shared: Bools) -> Ints:
     """(n,) all poses, in an order that keeps those that share blocks close together."""
     degrees = np.count_nonzero(shared, axis=1)
     first = _spreading(shared, degrees, int(degrees.argmin()))
@@ -97,7 +95,7 @@ def _order(shared: NDArray[np.bool_]) -> NDArray[np.int64]:
     return min(zip(orders, widths, strict=True), key=lambda pair: int((pair[1] ** 2).sum()))[0]
 
 
-def _spreading(shared: NDArray[np.bool_], degrees: NDArray[np.int64], start: int) -> list[int]:
+def _spreading(shared: Bools, degrees: Ints, start: int) -> list[int]:
     """All poses: one, those that share blocks with it, those that do with these, and so on."""
     left = np.ones(len(shared), dtype=np.bool_)
     order: list[int] = []
@@ -115,6 +113,6 @@ def _spreading(shared: NDArray[np.bool_], degrees: NDArray[np.int64], start: int
     return order
 
 
-def _ends(shared: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _ends(shared: Bools) -> Ints:
     """(n,) one past the last that any pose up to each one shares a block with."""
     return np.maximum.accumulate(len(shared) - np.argmax(shared[:, ::-1], axis=1))

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Scan
+from graph.arrays import Floats, Ints
 from graph.dense import vecdot
 from graph.factors import Factor
 from graph.problem import Linearization, Problem
@@ -56,7 +56,7 @@ class JointRefinement:
         walls: the pieces of wall in the end, in the frame of the poses.
     """
 
-    poses: NDArray[np.float64]
+    poses: Floats
     error_before: float
     error: float
     residual_before: float
@@ -64,7 +64,7 @@ class JointRefinement:
     walls: WallPieces
     share: float
     variance_factor: float = 1.0
-    covariances: NDArray[np.float64] | None = None
+    covariances: Floats | None = None
     information: PoseInformation | None = None
 
 
@@ -83,17 +83,17 @@ class Clouds:
         variance_scale: by how much their variances exceed what they say.
     """
 
-    points: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    spreads: NDArray[np.float64]
-    starts: NDArray[np.int64]
-    key_of_scan: NDArray[np.int64]
-    T_key_scan: NDArray[np.float64]
+    points: Floats
+    normals: Floats
+    spreads: Floats
+    starts: Ints
+    key_of_scan: Ints
+    T_key_scan: Floats
     stand_for: float = 1.0
     variance_scale: float = 1.0
 
     @property
-    def key_starts(self) -> NDArray[np.int64]:
+    def key_starts(self) -> Ints:
         """(k + 1,) first point of each key pose."""
         first = np.flatnonzero(np.diff(self.key_of_scan, prepend=-1))
         return np.append(self.starts[first], self.starts[-1])
@@ -108,7 +108,7 @@ class Clouds:
 
 def refine_jointly(
     factors: Sequence[Factor],
-    poses: NDArray[np.float64],
+    poses: Floats,
     clouds: Clouds,
     config: JointRefinementConfig,
     parts: Sequence[int] = (),
@@ -159,9 +159,7 @@ def refine_jointly(
     )
 
 
-def _descended(
-    problem: Problem, poses: NDArray[np.float64], walls: Walls, sight: "_Sight"
-) -> tuple[NDArray[np.float64], Walls, list[float]]:
+def _descended(problem: Problem, poses: Floats, walls: Walls, sight: "_Sight") -> tuple[Floats, Walls, list[float]]:
     """Steps from (k, 3) poses until they move no more: poses and walls there, and the points' share in each step."""
     clouds, config = sight.clouds, sight.config
     shares: list[float] = []
@@ -180,14 +178,14 @@ def _descended(
 
 def _covariances(
     factors: Sequence[Factor],
-    start: NDArray[np.float64],
-    poses: NDArray[np.float64],
-    back: NDArray[np.float64],
+    start: Floats,
+    poses: Floats,
+    back: Floats,
     share: float,
     clouds: Clouds,
     walls: Walls,
     config: JointRefinementConfig,
-) -> tuple[PoseInformation, NDArray[np.float64], float] | tuple[None, None, float]:
+) -> tuple[PoseInformation, Floats, float] | tuple[None, None, float]:
     """Of poses that went a share of the way from the optimum of the graph to that of the points, and their factor.
 
     Of points far away, where noise decides which return at all, nothing is believed.
@@ -214,10 +212,7 @@ def _precision(clouds: Clouds, walls: Walls, config: JointRefinementConfig) -> f
 
 
 def key_clouds(
-    track: Track,
-    scan_of: Callable[[int], Scan],
-    config: JointRefinementConfig,
-    noise: RangeNoise = PLAIN,
+    track: Track, scan_of: Callable[[int], Scan], config: JointRefinementConfig, noise: RangeNoise = PLAIN
 ) -> Clouds:
     """The points of each key scan, and of some scans between it and the next, which hang on it rigidly.
 
@@ -283,7 +278,7 @@ class _Sight:
     Every look overwrites the points, residuals and weights of the last: new arrays cost more than what they hold.
     """
 
-    def __init__(self, clouds: Clouds, config: JointRefinementConfig, part_of: NDArray[np.int64]) -> None:
+    def __init__(self, clouds: Clouds, config: JointRefinementConfig, part_of: Ints) -> None:
         """Of scans of (k,) parts, which share no walls."""
         self.clouds, self.config = clouds, config
         # Far apart, parts share nothing.
@@ -292,7 +287,7 @@ class _Sight:
         self._placed, self._turned, self._surfel_of = np.empty((n, 2)), np.empty((n, 2)), np.empty(n, np.int64)
         self._residuals, self._weights = np.empty(n), np.empty(n)
 
-    def walls(self, poses: NDArray[np.float64], grouped: Walls | None = None) -> Walls:
+    def walls(self, poses: Floats, grouped: Walls | None = None) -> Walls:
         """Pieces of wall with the scans at (k, 3) poses; the points are grouped anew unless by walls seen before."""
         clouds, config = self.clouds, self.config
         T_map_scans = compose(poses[clouds.key_of_scan], clouds.T_key_scan)
@@ -319,7 +314,7 @@ class _Sight:
             residual=float(np.sqrt(squares / max(total, 1e-9))),
         )
 
-    def _pieces(self) -> tuple[NDArray[np.int64], int]:
+    def _pieces(self) -> tuple[Ints, int]:
         """(n,) piece of each point, -1 without a normal, and how many; the surfel with most points begins the first."""
         placed, config = self._placed, self.config
         if len(placed) == 0:
@@ -361,7 +356,7 @@ class _Pull:
     precision: float
 
     @classmethod
-    def of(cls, clouds: Clouds, walls: Walls, poses: NDArray[np.float64], config: JointRefinementConfig) -> "_Pull":
+    def of(cls, clouds: Clouds, walls: Walls, poses: Floats, config: JointRefinementConfig) -> "_Pull":
         """Of the points of scans at (k, 3) poses."""
         return cls(
             system=walls.normal_equations(poses, clouds.key_starts),
@@ -370,25 +365,25 @@ class _Pull:
         )
 
     @property
-    def gradient(self) -> NDArray[np.float64]:
+    def gradient(self) -> Floats:
         """(k, 3)."""
         return self.precision * self.system.gradient
 
-    def times(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def times(self, x: Floats) -> Floats:
         """(k, 3) H x."""
         return np.asarray(self.precision * product(self.system, self.n_lines, x))
 
 
-def _step(pull: _Pull, graph: Linearization) -> NDArray[np.float64]:
+def _step(pull: _Pull, graph: Linearization) -> Floats:
     """(k, 3) Gauss-Newton step of points and factors together, in the tangent space at each pose."""
 
-    def times(x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def times(x: Floats) -> Floats:
         return np.asarray(pull.times(x) + graph.times(x))
 
     return _conjugate_gradients(times, graph, -(pull.gradient + graph.gradient))
 
 
-def _share(step: NDArray[np.float64], before: _Pull, after: _Pull, over_relaxation: float) -> float:
+def _share(step: Floats, before: _Pull, after: _Pull, over_relaxation: float) -> float:
     """How much of the way to the optimum of the points a step went, that was taken so many times longer.
 
     The normal equations take lines and weights as they are; both follow the points, and little of the pull may be left
@@ -401,11 +396,7 @@ def _share(step: NDArray[np.float64], before: _Pull, after: _Pull, over_relaxati
     return float(np.clip(over_relaxation * vecdot(step, after.gradient - before.gradient) / expected, 0.0, 1.0))
 
 
-def _conjugate_gradients(
-    times: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-    graph: Linearization,
-    right: NDArray[np.float64],
-) -> NDArray[np.float64]:
+def _conjugate_gradients(times: Callable[[Floats], Floats], graph: Linearization, right: Floats) -> Floats:
     """Solve A x = right; the graph alone, which has nearly the same soft directions, is the preconditioner."""
     x = np.zeros_like(right)
     left = right

@@ -16,15 +16,15 @@ econometrics*, 1978). Where the poses went farther, walls and factors contradict
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graph import dense
+from graph.arrays import Floats
 from graph.noise import chi2_gate
 from iceg.slam.joint_config import JointRefinementConfig
 from iceg.slam.run_warning import RunWarning
 
 
-def believed_covariances(walls: NDArray[np.float64], graph: NDArray[np.float64], share: float) -> NDArray[np.float64]:
+def believed_covariances(walls: Floats, graph: Floats, share: float) -> Floats:
     """Of poses between the graph's optimum and that of the walls, in no direction larger than the graph's.
 
     Args:
@@ -48,9 +48,7 @@ def believed_covariances(walls: NDArray[np.float64], graph: NDArray[np.float64],
     return believed
 
 
-def variance_factor(
-    way: NDArray[np.float64], graph: NDArray[np.float64], believed: NDArray[np.float64], prior: float
-) -> float:
+def variance_factor(way: Floats, graph: Floats, believed: Floats, prior: float) -> float:
     """How many times as large as their covariances say the squared way between two estimates is.
 
     Σ dᵀ Σ_graph⁻¹ d over all poses, against its expectation, the sum of the traces of 1 - Σ_graph⁻¹ Σ.

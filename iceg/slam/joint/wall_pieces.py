@@ -4,8 +4,8 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats, Ints
 from graph.se2 import transform_points
 from iceg.slam.joint.covariance import Walls
 
@@ -21,10 +21,10 @@ class WallPieces:
         key_poses: (m,) from how many key poses it was seen.
     """
 
-    ends: NDArray[np.float64]
-    points: NDArray[np.int64]
-    deviations: NDArray[np.float64]
-    key_poses: NDArray[np.int64]
+    ends: Floats
+    points: Ints
+    deviations: Floats
+    key_poses: Ints
 
     def __len__(self) -> int:
         """Number of pieces."""
@@ -36,19 +36,12 @@ class WallPieces:
         whole = np.empty(0, np.int64)
         return cls(ends=np.empty((0, 2, 2)), points=whole, deviations=np.empty(0), key_poses=whole)
 
-    def moved(self, T_new_map: NDArray[np.float64]) -> Self:
+    def moved(self, T_new_map: Floats) -> Self:
         """The same in another frame, (3,) T_new_map."""
         return replace(self, ends=transform_points(T_new_map, self.ends))
 
     @classmethod
-    def of(
-        cls,
-        walls: Walls,
-        spreads: NDArray[np.float64],
-        key_starts: NDArray[np.int64],
-        T_map_walls: NDArray[np.float64],
-        min_weight: float,
-    ) -> Self:
+    def of(cls, walls: Walls, spreads: Floats, key_starts: Ints, T_map_walls: Floats, min_weight: float) -> Self:
         """From the walls of a joint refinement.
 
         Args:
@@ -85,9 +78,7 @@ class WallPieces:
         )
 
 
-def _key_poses(
-    piece: NDArray[np.int64], points: NDArray[np.int64], key_starts: NDArray[np.int64], n: int
-) -> NDArray[np.int64]:
+def _key_poses(piece: Ints, points: Ints, key_starts: Ints, n: int) -> Ints:
     """(n,) from how many key poses the points on each of n pieces were seen; points come key pose by key pose."""
     keys = len(key_starts) - 1
     key = np.repeat(np.arange(keys), np.diff(np.searchsorted(points, key_starts)))

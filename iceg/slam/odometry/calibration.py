@@ -7,9 +7,9 @@ from itertools import groupby
 from operator import attrgetter
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graph import dense
+from graph.arrays import Bools, Floats, Ints
 from graph.elementary import cos_sin
 from graph.measurement import RelativePose
 from graph.noise import chi2_gate
@@ -24,7 +24,6 @@ from iceg.slam.track import KeyScan, Track
 _ROBUST_ROUNDS = 15
 """Rounds of iteratively reweighted least squares."""
 
-Floats = NDArray[np.float64]
 _Equations = tuple[Floats, Floats]
 """(n, k) rows of a regression, the scale's first, and (n,) matches minus odometry."""
 _Tells = Callable[[KeyScan], bool]
@@ -179,8 +178,8 @@ class _MatchedSteps:
         variances: (n, 3) the last match of each claims.
     """
 
-    starts: NDArray[np.int64]
-    ends: NDArray[np.int64]
+    starts: Ints
+    ends: Ints
     matched: Floats
     variances: Floats
 
@@ -309,7 +308,7 @@ def _widest(parts: Iterable[Sequence[OdometryMotion]]) -> float:
     return widest
 
 
-def _shifted(values: Floats, shift: float, fixed: NDArray[np.bool_]) -> Floats:
+def _shifted(values: Floats, shift: float, fixed: Bools) -> Floats:
     """A sequence read `shift` places later, interpolated, constant beyond its ends; fixed values stay in place."""
     places = np.arange(len(values), dtype=np.float64)
     moving = places[~fixed]

@@ -5,20 +5,14 @@ several, over which a robot may begin a turn and end it. So turns are compared a
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats, Ints
 from graph.se2 import between, wrap_angle
 from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.recording.steps import sudden_steps
 
 
-def whole_delay(
-    turns: NDArray[np.float64],
-    starts: NDArray[np.int64],
-    ends: NDArray[np.int64],
-    odometry: NDArray[np.float64],
-    config: CalibrationConfig,
-) -> int:
+def whole_delay(turns: Floats, starts: Ints, ends: Ints, odometry: Floats, config: CalibrationConfig) -> int:
     """Scans later at which odometry must be read, to a whole number; 0 where that does not clearly explain more.
 
     Nor is a delay looked for where odometry jumps, or the log pauses while the robot drives: which of the two it is

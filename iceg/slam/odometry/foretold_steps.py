@@ -5,10 +5,8 @@ the guess is the step before once more, so that its errors add up along a corrid
 another one. The second pass guesses from the velocities before and after.
 """
 
-import numpy as np
-from numpy.typing import NDArray
-
 from graph import dense
+from graph.arrays import Floats
 from graph.measurement import NoMatch
 from graph.odometry import OdometryMotion
 from graph.se2 import between, compose, expmap, logmap
@@ -16,8 +14,6 @@ from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.odometry.heading_odometry import HeadingOdometry, with_headings
 from iceg.slam.odometry.velocity import motions_without_odometry, pauses_along
 from iceg.slam.track import KeyScan, Track
-
-Floats = NDArray[np.float64]
 
 
 def foretold_steps(

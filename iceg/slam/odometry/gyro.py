@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.arrays import Floats, Ints
 from graph.measurement import NoMatch
 from graph.se2 import between, wrap_angle
 from iceg.slam.calibration_config import CalibrationConfig
@@ -26,8 +26,6 @@ from iceg.slam.track import Track
 
 _DELAY_STEPS = (0.5, 0.1, 0.02)
 """Of the search for the delay [scans]: they get finer."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,8 +119,8 @@ class _Turns:
 
     seen: Floats
     claimed: Floats
-    starts: NDArray[np.int64]
-    ends: NDArray[np.int64]
+    starts: Ints
+    ends: Ints
 
     @classmethod
     def of(cls, track: Track) -> "_Turns":

@@ -3,8 +3,8 @@
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats
 from graph.odometry import OdometryModel
 from graph.se2 import between, expmap, logmap
 from iceg.slam.recording.steps import chained
@@ -34,12 +34,12 @@ class HeadingOdometry:
         lasting_noise: the same for a graph, see `OdometryCalibration`.
     """
 
-    headings: NDArray[np.float64]
+    headings: Floats
     noise: HeadingNoise
     lasting_noise: HeadingNoise
 
 
-def with_headings(track: Track, headings: NDArray[np.float64]) -> NDArray[np.float64]:
+def with_headings(track: Track, headings: Floats) -> Floats:
     """The way of a track if it had turned otherwise.
 
     Args:

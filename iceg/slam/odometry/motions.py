@@ -2,15 +2,13 @@
 
 from itertools import pairwise
 
-import numpy as np
-from numpy.typing import NDArray
-
+from graph.arrays import Floats
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between
 from iceg.slam.track import Track
 
 
-def motions_of(track: Track, odometry: NDArray[np.float64], noise: OdometryModel) -> list[OdometryMotion | None]:
+def motions_of(track: Track, odometry: Floats, noise: OdometryModel) -> list[OdometryMotion | None]:
     """The motion to every key scan but the first.
 
     Args:

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graph import dense
+from graph.arrays import Floats, Ints
 from graph.elementary import arctan2, cos_sin
 from graph.odometry import OdometryModel
 from graph.se2 import between
@@ -28,8 +28,6 @@ _LEVEL = 1e-9
 """A sum of squares that falls by no more than this, relative to what it would without any fit, is at its least."""
 _NOTHING = 1e-300
 """Stands for the variance of errors that are all zero: nothing of them persists."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,8 +45,8 @@ class Differences:
     errors: Floats
     claimed: Floats
     turns: Floats
-    starts: NDArray[np.int64]
-    ends: NDArray[np.int64]
+    starts: Ints
+    ends: Ints
 
 
 def odometry_noise(
@@ -91,12 +89,7 @@ def odometry_noise(
 
 
 def heading_noise(
-    errors: Floats,
-    claimed: Floats,
-    starts: NDArray[np.int64],
-    ends: NDArray[np.int64],
-    odometry: Floats,
-    config: CalibrationConfig,
+    errors: Floats, claimed: Floats, starts: Ints, ends: Ints, odometry: Floats, config: CalibrationConfig
 ) -> tuple[dict[str, float], float]:
     """Fit the noise of the heading alone.
 
@@ -192,14 +185,14 @@ class _Paths:
     rows_x: Floats
     rows_y: Floats
     rows_heading: Floats
-    motion_of: NDArray[np.int64]
+    motion_of: Ints
     distance: Floats
     turn: Floats
     levers: Floats
     whole: Floats
 
     @classmethod
-    def of(cls, starts: NDArray[np.int64], ends: NDArray[np.int64], odometry: Floats) -> "_Paths":
+    def of(cls, starts: Ints, ends: Ints, odometry: Floats) -> "_Paths":
         n, lengths = len(starts), ends - starts
         motion_of = np.repeat(np.arange(n), lengths)
         scan = np.arange(len(motion_of)) + np.repeat(ends - np.cumsum(lengths), lengths)

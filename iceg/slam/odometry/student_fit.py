@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graph import dense
+from graph.arrays import Floats
 from graph.elementary import log
 from graph.noise import chi2_tail
 
@@ -28,13 +28,13 @@ class StudentFit:
         log_likelihood: at the fit.
     """
 
-    coefficients: NDArray[np.float64]
-    residuals: NDArray[np.float64]
+    coefficients: Floats
+    residuals: Floats
     scale: float
     log_likelihood: float
 
 
-def student_fit(rows: NDArray[np.float64], values: NDArray[np.float64], freedom: float) -> StudentFit:
+def student_fit(rows: Floats, values: Floats, freedom: float) -> StudentFit:
     """Maximise the likelihood by reweighted least squares (Lange, Little and Taylor 1989).
 
     Args:
@@ -85,7 +85,7 @@ def chance_of(without: StudentFit, fit: StudentFit, *, freedom: int, tried: int,
     return min(1.0, tried * chi2_tail(gain, freedom))
 
 
-def _shared_persistence(a: NDArray[np.float64], b: NDArray[np.float64], lags: int) -> float:
+def _shared_persistence(a: Floats, b: Floats, lags: int) -> float:
     """Sum of the products of both autocorrelations."""
     energy = dense.vecdot(a, a) * dense.vecdot(b, b)
     if not energy > 0.0:

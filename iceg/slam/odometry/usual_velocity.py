@@ -5,9 +5,9 @@ told by the steps that matches see: their velocities are regressed on the turns 
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graph import dense
+from graph.arrays import Bools, Floats, Ints
 
 _WIDTHS = (0.125, 0.25, 0.5, 1.0, 2.0)
 """Rates of turning at which a robot may be half as fast as straight on, in parts of their root mean square: the one
@@ -18,16 +18,8 @@ is seen."""
 _LEAST_RATE = 1e-4
 """The root mean square is never taken to be smaller [rad per interval]."""
 
-Floats = NDArray[np.float64]
 
-
-def usual_velocities(
-    velocities: Floats,
-    turns: Floats,
-    pauses: Floats,
-    starts: NDArray[np.int64],
-    are_observed: NDArray[np.bool_],
-) -> Floats:
+def usual_velocities(velocities: Floats, turns: Floats, pauses: Floats, starts: Ints, are_observed: Bools) -> Floats:
     """What is usual on every step, by the turns of its scans.
 
     With ω the rate of turning from scan to scan and w one of a few widths, the velocity along and across is taken for
@@ -63,7 +55,7 @@ def usual_velocities(
     return np.column_stack([along_and_across, np.full_like(durations, mean_turn)])
 
 
-def _regressed(design: Floats, values: Floats, weights: Floats, seen: NDArray[np.bool_]) -> Floats:
+def _regressed(design: Floats, values: Floats, weights: Floats, seen: Bools) -> Floats:
     """(n, k) the values that (n, p) features foretell, of which the first is constant; learned from those seen."""
     weighted = design[seen] * weights[:, None]
     information = dense.matmul(weighted.T, design[seen]) + np.diag([0.0, *np.full(design.shape[1] - 1, _HELD)])

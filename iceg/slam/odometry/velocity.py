@@ -16,9 +16,9 @@ of these errors, too, so that corridor after corridor the path ends as uncertain
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graph import dense
+from graph.arrays import Bools, Floats, Ints
 from graph.elementary import cos_sin, exp, log
 from graph.measurement import NoMatch
 from graph.odometry import OdometryModel, OdometryMotion
@@ -32,8 +32,6 @@ from iceg.slam.track import Track
 
 _LEAST_CHANGE = 1e-3
 """Share of its variance by which a velocity changes at least from one step to the next; at most by 1 less this."""
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,8 +54,8 @@ class KeySteps:
     times: Floats
     velocities: Floats
     variances: Floats
-    are_observed: NDArray[np.bool_]
-    are_asked: NDArray[np.bool_]
+    are_observed: Bools
+    are_asked: Bools
     usual: Floats
 
     @property
@@ -66,7 +64,7 @@ class KeySteps:
         return self.velocities - self.usual
 
     @property
-    def are_in_a_row(self) -> NDArray[np.bool_]:
+    def are_in_a_row(self) -> Bools:
         """(n - 1,) whether two steps that follow one another are both observed."""
         return np.asarray(self.are_observed[1:] & self.are_observed[:-1])
 
@@ -191,7 +189,7 @@ def foretold(steps: KeySteps, config: CalibrationConfig) -> tuple[Floats, Floats
     return velocities * steps.durations, np.maximum(variances, config.velocity_min_sigma**2)
 
 
-def _steps(track: Track, poses: Floats, pauses: Floats, are_asked: NDArray[np.bool_]) -> list[KeySteps]:
+def _steps(track: Track, poses: Floats, pauses: Floats, are_asked: Bools) -> list[KeySteps]:
     """The steps of a track along (n_scans, 3) poses, (n_scans - 1,) intervals apart: along, across, and the turns."""
     index, later = track.key_scans, track.keys[1:]
     clock = np.append(0.0, np.cumsum(pauses))[index]
@@ -218,19 +216,19 @@ def _steps(track: Track, poses: Floats, pauses: Floats, are_asked: NDArray[np.bo
     ]
 
 
-def _neighbours(tells: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _neighbours(tells: Bools) -> tuple[Ints, Ints]:
     """(n,) the last step before each that tells of the velocity, and the first after it; -1 where there is none."""
     known, steps = np.flatnonzero(tells), np.arange(len(tells))
     padded = np.concatenate([[-1], known, [-1]])
     return padded[np.searchsorted(known, steps, "left")], padded[np.searchsorted(known, steps, "right") + 1]
 
 
-def _time_to(ends: NDArray[np.int64], times: Floats) -> Floats:
+def _time_to(ends: Ints, times: Floats) -> Floats:
     """(n,) intervals between each step and another one; infinitely many to one that is not there."""
     return np.where(ends < 0, np.inf, np.abs(times - times[ends]))
 
 
-def _correlated_time(steps: KeySteps, model: VelocityModel, row_starts: NDArray[np.int64]) -> Floats:
+def _correlated_time(steps: KeySteps, model: VelocityModel, row_starts: Ints) -> Floats:
     """(n,) the durations of all steps of its row, each times its correlation with the step."""
     kept = np.append(0.0, model.correlation(np.diff(steps.times)))
     kept[row_starts] = 0.0
@@ -242,13 +240,13 @@ def _correlated_time(steps: KeySteps, model: VelocityModel, row_starts: NDArray[
     return since + until - steps.durations
 
 
-def _sums(values: Floats, row_starts: NDArray[np.int64]) -> Floats:
+def _sums(values: Floats, row_starts: Ints) -> Floats:
     """(n,) the sum of the values of each one's row."""
     return np.repeat(np.add.reduceat(values, row_starts), np.diff(np.append(row_starts, len(values))))
 
 
 def along_headings(
-    headings: Floats, index: NDArray[np.int64], pauses: Floats, twists: Floats, variances: Floats
+    headings: Floats, index: Ints, pauses: Floats, twists: Floats, variances: Floats
 ) -> tuple[Floats, Floats]:
     """Steps whose headings are known from scan to scan, where the velocity alone tells how far they go.
 

@@ -9,9 +9,9 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.arrays import Bools, Float32s, Floats, Ints
 from graph.elementary import log
 from graph.se2 import between, compose
 from iceg.slam.recording.intervals import waits
@@ -19,8 +19,6 @@ from iceg.slam.recording.repeated_scans import is_repeated
 from iceg.slam.recording.standstill import scans_change
 from iceg.slam.recording.steps import is_moving
 from iceg.slam.tracking_config import StandstillConfig
-
-Floats = NDArray[np.float64]
 
 _FREEDOM = 3.0
 """Degrees of freedom of Student's t for changes of velocity."""
@@ -56,9 +54,7 @@ def with_odometry_between_readings(log: Log, config: StandstillConfig) -> Log:
     return replace(log, odometry=filled, warnings=(*log.warnings, warning))
 
 
-def held_readings(
-    odometry: Floats, periods: Floats, config: StandstillConfig
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def held_readings(odometry: Floats, periods: Floats, config: StandstillConfig) -> tuple[Ints, Ints]:
     """The steps of an odometry that move, and over how many scans each was made.
 
     A step that follows upon a standstill was made in one scan, or in the last h of those since the reading before. Each
@@ -121,9 +117,7 @@ def _likeliest_span(before: Floats, during: Floats, after: Floats, fastest: Floa
     return costs[0] - several.min(), 2 + int(several.argmin())
 
 
-def _are_confirmed(
-    ranges: NDArray[np.float32], moves: NDArray[np.int64], spread: NDArray[np.int64], config: StandstillConfig
-) -> NDArray[np.bool_]:
+def _are_confirmed(ranges: Float32s, moves: Ints, spread: Ints, config: StandstillConfig) -> Bools:
     """(m,) which held readings are so short, or so usual, or show scans that change: odometry is set anew at rest, too.
 
     Args:
@@ -139,7 +133,7 @@ def _are_confirmed(
     return confirmed
 
 
-def between_readings(odometry: Floats, periods: Floats, moves: NDArray[np.int64], spread: NDArray[np.int64]) -> Floats:
+def between_readings(odometry: Floats, periods: Floats, moves: Ints, spread: Ints) -> Floats:
     """Odometry at the scans between two readings: each step spread over the scans that it took, by their time.
 
     Args:

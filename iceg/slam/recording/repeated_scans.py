@@ -3,13 +3,13 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.arrays import Bools, Float32s
 from iceg.slam.recording.steps import is_moving
 
 
-def is_repeated(ranges: NDArray[np.float32]) -> NDArray[np.bool_]:
+def is_repeated(ranges: Float32s) -> Bools:
     """(n,) which of (n, n_beams) scans are the same as the one before; noise alone makes any two differ."""
     bits = np.ascontiguousarray(ranges, dtype=np.float32).view(np.int32)
     return np.concatenate([np.zeros(min(len(bits), 1), dtype=np.bool_), (bits[1:] == bits[:-1]).all(axis=1)])

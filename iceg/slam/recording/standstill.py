@@ -1,16 +1,14 @@
 """Odometry that stands still although the robot moves, and does not make up for it: it is dead."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Float32s, Floats
 from iceg.slam.recording.steps import is_moving
 from iceg.slam.run_warning import RunWarning
 from iceg.slam.tracking_config import StandstillConfig
 
 
-def dead_intervals(
-    odometry: NDArray[np.float64], ranges: NDArray[np.float32], config: StandstillConfig
-) -> list[tuple[int, int]]:
+def dead_intervals(odometry: Floats, ranges: Float32s, config: StandstillConfig) -> list[tuple[int, int]]:
     """Intervals of a log over which the odometry stands still while the scans say that the robot moves.
 
     Args:
@@ -38,7 +36,7 @@ def describe_dead(first: int, last: int) -> RunWarning:
     return RunWarning(kind="odometry stands still", sentence=sentence, scan=first)
 
 
-def scans_change(ranges: NDArray[np.float32], config: StandstillConfig) -> bool:
+def scans_change(ranges: Float32s, config: StandstillConfig) -> bool:
     """Whether several scans differ from the one that sees most by more than noise and passers-by explain."""
     samples = np.unique(np.linspace(config.ends, len(ranges) - 1 - config.ends, config.samples + 1).astype(int))
     fullest = samples[np.argmax(np.count_nonzero(np.isfinite(ranges[samples]), axis=1))]
@@ -51,7 +49,7 @@ def scans_change(ranges: NDArray[np.float32], config: StandstillConfig) -> bool:
     return int(np.sum(changes > max(config.min_change, config.min_change_factor * noise))) >= config.changed_samples
 
 
-def _changes(before: NDArray[np.float32], after: NDArray[np.float32], config: StandstillConfig) -> NDArray[np.float64]:
+def _changes(before: Float32s, after: Float32s, config: StandstillConfig) -> Floats:
     """Change of the beams that return in one of two scans or in both, the least but for a few; 0 if one sees little.
 
     A beam that returns in one of them alone has changed by more than any range can, as at the trunks of a wood.

@@ -1,8 +1,8 @@
 """Steps of the odometry: which move at all, which no robot made, as where it was set anew, and the way they make up."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Bools, Floats
 from graph.elementary import cos_sin
 from graph.se2 import between, wrap_angle
 from iceg.slam.calibration_config import SuddenStepConfig
@@ -12,14 +12,12 @@ _STILL = 1e-9
 """A step shorter than this is none [m, rad]: the same reading again."""
 
 
-def is_moving(odometry: NDArray[np.float64]) -> NDArray[np.bool_]:
+def is_moving(odometry: Floats) -> Bools:
     """(n - 1,) which steps of (n, 3) odometry move."""
     return np.asarray((np.abs(between(odometry[:-1], odometry[1:])) > _STILL).any(axis=1))
 
 
-def sudden_steps(
-    odometry: NDArray[np.float64], config: SuddenStepConfig, stamps: NDArray[np.float64] | None = None
-) -> NDArray[np.bool_]:
+def sudden_steps(odometry: Floats, config: SuddenStepConfig, stamps: Floats | None = None) -> Bools:
     """Which steps stand out: long, and much faster than nearly all others.
 
     Args:
@@ -35,9 +33,7 @@ def sudden_steps(
     return _beyond(odometry, config, _perhaps_late(waits(stamps)))
 
 
-def late_steps(
-    odometry: NDArray[np.float64], config: SuddenStepConfig, stamps: NDArray[np.float64]
-) -> NDArray[np.bool_]:
+def late_steps(odometry: Floats, config: SuddenStepConfig, stamps: Floats) -> Bools:
     """Which steps would be sudden, did the recorder not pause before the scan that they start from.
 
     They are what the robot did in the pause, if odometry comes a scan late: the scan before has shown it already.
@@ -54,7 +50,7 @@ def late_steps(
     return _beyond(odometry, config, periods) & ~_beyond(odometry, config, _perhaps_late(periods))
 
 
-def chained(start: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[np.float64]:
+def chained(start: Floats, steps: Floats) -> Floats:
     """Poses from increments.
 
     Args:
@@ -74,21 +70,19 @@ def chained(start: NDArray[np.float64], steps: NDArray[np.float64]) -> NDArray[n
     return poses
 
 
-def _perhaps_late(periods: NDArray[np.float64]) -> NDArray[np.float64]:
+def _perhaps_late(periods: Floats) -> Floats:
     """(n - 1,) waits, where odometry may come a scan late after a pause."""
-    before: NDArray[np.float64] = np.append(1.0, periods[:-1])
+    before: Floats = np.append(1.0, periods[:-1])
     return np.maximum(periods, before)
 
 
-def _beyond(odometry: NDArray[np.float64], config: SuddenStepConfig, periods: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _beyond(odometry: Floats, config: SuddenStepConfig, periods: Floats) -> Bools:
     """(n - 1,) whether the steps of (n, 3) odometry are too long for the (n - 1,) time that they took."""
     steps = between(odometry[:-1], odometry[1:])
     distance, turn = np.hypot(steps[:, 0], steps[:, 1]), np.abs(steps[:, 2])
     return _stand_out(distance, config.distance, periods, config) | _stand_out(turn, config.turn, periods, config)
 
 
-def _stand_out(
-    lengths: NDArray[np.float64], least: float, periods: NDArray[np.float64], config: SuddenStepConfig
-) -> NDArray[np.bool_]:
+def _stand_out(lengths: Floats, least: float, periods: Floats, config: SuddenStepConfig) -> Bools:
     usual = float(np.quantile(lengths / periods, config.nearly_all)) if len(lengths) else 0.0
     return lengths > np.maximum(least, config.factor * usual * periods)

@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Log, ScanGeometry
+from graph.arrays import Floats
 from graph.se2 import adjoint, inverse
 from iceg.slam.sweep import _deskew_kernels as kernels
 from iceg.slam.sweep.motion import MotionWithin
@@ -29,7 +29,7 @@ def deskewed(log: Log, motion: MotionWithin, share: float) -> Log:
     return replace(log, ranges=ranges, sweep=0.0)
 
 
-def in_laser_frame(motion: MotionWithin, geometry: ScanGeometry) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def in_laser_frame(motion: MotionWithin, geometry: ScanGeometry) -> tuple[Floats, Floats]:
     """Velocity and change, (n, 3) each, of the laser instead of the robot."""
     to_laser = adjoint(inverse(geometry.T_robot_laser))
     return (motion.velocity[:, None, :] * to_laser).sum(axis=2), (motion.change[:, None, :] * to_laser).sum(axis=2)

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.arrays import Float32s, Floats, Ints
 from graph.noise import chi2_gate
 from graph.se2 import between, compose, wrap_angle
 from iceg.slam.sweep import _pair_kernels as kernels
@@ -49,7 +49,7 @@ class SweepEstimate:
 
 
 def learn_sweep(
-    log: Log, T_map_robot: NDArray[np.float64], motion: MotionWithin, config: SweepConfig, least: float = 0.0
+    log: Log, T_map_robot: Floats, motion: MotionWithin, config: SweepConfig, least: float = 0.0
 ) -> SweepEstimate | None:
     """The sweep from the scans of a log, and a trajectory of their middles.
 
@@ -104,10 +104,10 @@ def _solve(score: "_Score", config: SweepConfig) -> SweepEstimate | None:
 class _Score:
     """Gradient and information of the sweep over pairs of scans."""
 
-    ranges: NDArray[np.float32]
-    pairs: NDArray[np.int64]
-    scan_of_pair: NDArray[np.int64]
-    T_one_other: NDArray[np.float64]
+    ranges: Float32s
+    pairs: Ints
+    scan_of_pair: Ints
+    T_one_other: Floats
     laser: kernels.Laser
     fit: kernels.Fit
     min_pairs: int
@@ -116,7 +116,7 @@ class _Score:
     def of(
         cls,
         log: Log,
-        T_map_robot: NDArray[np.float64],
+        T_map_robot: Floats,
         motion: MotionWithin,
         config: SweepConfig,
         scans: int,
@@ -159,9 +159,7 @@ class _Score:
         return float(about[:, 0].sum()), float(gradients.sum()), math.sqrt(float(((gradients - mean) ** 2).sum()))
 
 
-def _pairs(
-    T_map_robot: NDArray[np.float64], motion: MotionWithin, scans: int, config: SweepConfig
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _pairs(T_map_robot: Floats, motion: MotionWithin, scans: int, config: SweepConfig) -> tuple[Ints, Ints]:
     """(m, 2) scans to be laid over each other, and (m,) for which of the scans that are asked."""
     n = len(T_map_robot)
     speed = np.abs(motion.velocity[:, 2]) + config.bend_per_metre * np.hypot(

@@ -4,8 +4,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats
 from graph.se2 import between, logmap
 from iceg.slam.recording.intervals import confirmed_intervals
 
@@ -21,8 +21,8 @@ class MotionWithin:
         change: (n, 3) of the velocity, per interval.
     """
 
-    velocity: NDArray[np.float64]
-    change: NDArray[np.float64]
+    velocity: Floats
+    change: Floats
 
 
 _OVER_FOUR = (np.array([0.2, 0.3, 0.3, 0.2]), np.array([-0.3, -0.1, 0.1, 0.3]))
@@ -31,9 +31,7 @@ know the heading to a fraction of what a robot turns from scan to scan, but not 
 faster than it gains speed: this takes a third off the error of the speed, and would treble the turn's."""
 
 
-def motion_within(
-    T_map_robot: NDArray[np.float64], stamps: NDArray[np.float64], unknown: Iterable[int] = ()
-) -> MotionWithin:
+def motion_within(T_map_robot: Floats, stamps: Floats, unknown: Iterable[int] = ()) -> MotionWithin:
     """The parabola through the poses around each in a trajectory: three for the heading, five for the position.
 
     Args:

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.arrays import Floats
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.recording.intervals import usual_interval
 from iceg.slam.sweep.deskew import deskewed
@@ -106,7 +106,7 @@ def _sweep(
     return "scans", learn_sweep(log, track.T_track_scans, motion, config, least)
 
 
-def _displacement(log: Log, motion: NDArray[np.float64]) -> float:
+def _displacement(log: Log, motion: Floats) -> float:
     """Root mean square of what (n_scans, 3) motions within a sweep move a return at the usual range by [m]."""
     returns = log.ranges[np.isfinite(log.ranges)]
     arm = float(np.median(returns)) if len(returns) else 0.0

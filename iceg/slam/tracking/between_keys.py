@@ -8,16 +8,14 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from graph import dense
+from graph.arrays import Floats
 from graph.elementary import cos_sin
 from graph.se2 import between, wrap_angle
 from iceg.slam.odometry.noise import robust_deviation
 from iceg.slam.track import Track
 from iceg.slam.tracking import _smoothing_kernels as kernels
-
-Floats = NDArray[np.float64]
 
 _OUTLIER = 6.0
 """So many robust standard deviations off, a step is a slip, or the match beside it is wrong: nothing to be shared."""

@@ -3,13 +3,12 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Scan, ScanGeometry
 from graph import dense
+from graph.arrays import Float32s, Floats, Ints
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import chi2_gate, squared_norm, summed_ratios
 from graph.odometry import OdometryModel, OdometryMotion
@@ -17,14 +16,12 @@ from graph.se2 import between, compose
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.agreement import apart
 from iceg.slam.config import FrontEndConfig
-from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.map_matcher import MapMatcher, Prepared
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan, Track
 from iceg.slam.tracking.odometry_check import Expectation, OdometryCheck
 from iceg.slam.tracking.sight import is_blind, sees_next_to_nothing, sees_nothing
 from iceg.slam.tracking.velocity_filter import VelocityFilter
-
-Floats = NDArray[np.float64]
 
 COVERED = NoMatch(reason="the laser is covered")
 """What becomes of a scan that sees nothing."""
@@ -40,7 +37,7 @@ class _LocalMap:
     """
 
     members: list[int]
-    reference: Any
+    reference: Prepared
 
 
 class FrontEnd:
@@ -77,9 +74,7 @@ class FrontEnd:
         self.breaks: list[int] = []
         self.unknown_motion: list[int] = []
 
-    def track(
-        self, key_of_scan: NDArray[np.int64], T_track_scans: Floats, dead: Sequence[tuple[int, int]] = ()
-    ) -> Track:
+    def track(self, key_of_scan: Ints, T_track_scans: Floats, dead: Sequence[tuple[int, int]] = ()) -> Track:
         """What was found so far.
 
         Args:
@@ -151,7 +146,7 @@ class FrontEnd:
             self._add_key(index, scan)
         return self._T_track_robot
 
-    def follow(self, index: int, ranges: NDArray[np.float32], steps: Floats, geometry: ScanGeometry) -> Floats:
+    def follow(self, index: int, ranges: Float32s, steps: Floats, geometry: ScanGeometry) -> Floats:
         """Track scans as `add` does, up to the next key scan, and at a fraction of the cost.
 
         Args:

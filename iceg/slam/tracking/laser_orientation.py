@@ -10,9 +10,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.arrays import Floats
 from graph.elementary import arctan2, cos_sin
 from graph.measurement import NoMatch
 from graph.se2 import between, compose, wrap_angle
@@ -96,7 +96,7 @@ def track_as_mounted(
     return log, track, calibration
 
 
-def laser_orientation(track: Track, odometry: NDArray[np.float64], config: MountConfig) -> LaserOrientation:
+def laser_orientation(track: Track, odometry: Floats, config: MountConfig) -> LaserOrientation:
     """What the matches of a track say about how its laser is mounted.
 
     Args:
@@ -114,7 +114,7 @@ def laser_orientation(track: Track, odometry: NDArray[np.float64], config: Mount
     return LaserOrientation(heading=_heading(seen, claimed, config))
 
 
-def _motions(track: Track, odometry: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _motions(track: Track, odometry: Floats) -> tuple[Floats, Floats]:
     """(n, 3) motions between key scans that were matched, as the matches see them and as odometry claims them."""
     unknown = track.keys_without_odometry()
     keys = [k for k, key in enumerate(track.keys) if k and not isinstance(key.match, NoMatch) and k not in unknown]
@@ -123,7 +123,7 @@ def _motions(track: Track, odometry: NDArray[np.float64]) -> tuple[NDArray[np.fl
     return between(seen[after - 1], seen[after]), between(claimed[after - 1], claimed[after])
 
 
-def _turns_against(seen: NDArray[np.float64], claimed: NDArray[np.float64], config: MountConfig) -> bool:
+def _turns_against(seen: Floats, claimed: Floats, config: MountConfig) -> bool:
     """Whether turns seen, (n,), have the sense opposite to those claimed, and about their size."""
     least = np.minimum(np.abs(seen), np.abs(claimed))
     telling = (least > config.min_turn) & (least < config.max_turn)
@@ -132,7 +132,7 @@ def _turns_against(seen: NDArray[np.float64], claimed: NDArray[np.float64], conf
     return int(against.sum()) >= config.min_motions and float(least[against].sum()) >= share
 
 
-def _heading(seen: NDArray[np.float64], claimed: NDArray[np.float64], config: MountConfig) -> float:
+def _heading(seen: Floats, claimed: Floats, config: MountConfig) -> float:
     """By how much the laser is turned [rad], 0 where that is little.
 
     Along a corridor a match follows odometry wherever it goes: some of the motions are enough if they agree.
@@ -154,5 +154,5 @@ def _share_lost(track: Track) -> float:
     return sum(isinstance(match, NoMatch) for match in matches) / max(1, len(matches))
 
 
-def _direction(motions: NDArray[np.float64]) -> NDArray[np.float64]:
+def _direction(motions: Floats) -> Floats:
     return arctan2(motions[:, 1], motions[:, 0])

@@ -10,10 +10,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.logs.laser_mount import SILENT
 from frontends.scan import Log
+from graph.arrays import Floats
 from graph.noise import chi2_gate
 from graph.se2 import compose
 from iceg.slam.calibration_config import CalibrationConfig
@@ -74,12 +74,12 @@ def _is_elsewhere(found: OdometryCalibration, farther: float, config: Calibratio
     return distance2 > chi2_gate(config.mount_false_alarm, freedom=2) and math.hypot(*offset) > farther
 
 
-def _place(found: OdometryCalibration, log: Log) -> NDArray[np.float64]:
+def _place(found: OdometryCalibration, log: Log) -> Floats:
     """(3,) T_robot_laser by the odometry; which way the laser looks is left as it is."""
     return compose(np.array([*found.T_odometry_laser[:2], 0.0]), log.geometry.T_robot_laser)
 
 
-def _in_words(T_robot_laser: NDArray[np.float64]) -> str:
+def _in_words(T_robot_laser: Floats) -> str:
     x, y = T_robot_laser[:2].tolist()
     along, aside = "ahead of" if x >= 0.0 else "behind", "left" if y >= 0.0 else "right"
     return f"{abs(x):.2f} m {along} the robot's centre and {abs(y):.2f} m to its {aside}"

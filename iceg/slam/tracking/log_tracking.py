@@ -4,9 +4,9 @@ from bisect import bisect_left
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.arrays import Floats
 from graph.odometry import OdometryModel
 from graph.se2 import between
 from iceg.slam.config import FrontEndConfig
@@ -33,7 +33,7 @@ class Foreknown:
     """
 
     heading: HeadingOdometry | None = None
-    steps: NDArray[np.float64] | None = None
+    steps: Floats | None = None
 
 
 NOTHING_FOREKNOWN = Foreknown()
@@ -117,9 +117,9 @@ class _Journey:
             self._is_known[first : last + 1] = False
         self._not_plain = np.flatnonzero(~np.append(False, self._is_known & ~self._sudden)).tolist()
         self._key_of_scan: list[int] = []
-        self._T_track_scans: list[NDArray[np.float64]] = []
+        self._T_track_scans: list[Floats] = []
 
-    def advance(self, end: int, odometry: NDArray[np.float64]) -> None:
+    def advance(self, end: int, odometry: Floats) -> None:
         """Track all scans before `end` that were not yet, predicted by (n_scans, 3) odometry."""
         steps = np.concatenate([np.zeros((1, 3)), between(odometry[: end - 1], odometry[1:end])])
         while len(self._key_of_scan) < end:
@@ -130,7 +130,7 @@ class _Journey:
                 accepted = tried - self.front_end.failures
                 self._progress(Progress(scans=tried + 1, tried=tried, accepted=accepted))
 
-    def _follow(self, end: int, steps: NDArray[np.float64]) -> bool:
+    def _follow(self, end: int, steps: Floats) -> bool:
         """Track the next scans before `end` together, by (end, 3) steps, as far as they are plain; whether any was."""
         log, front_end, index = self._log, self.front_end, len(self._key_of_scan)
         following = bisect_left(self._not_plain, index)
@@ -143,7 +143,7 @@ class _Journey:
             self._key_of_scan[-1] = len(front_end.keys) - 1
         return len(poses) > 0
 
-    def _add(self, steps: NDArray[np.float64]) -> None:
+    def _add(self, steps: Floats) -> None:
         """Track the next scan by itself."""
         index = len(self._key_of_scan)
         is_known = index > 0 and bool(self._is_known[index - 1])
@@ -162,7 +162,7 @@ class _Journey:
         dead = [interval for interval in self._dead if self._may_have_moved(T_track_scans, *interval)]
         return self.front_end.track(np.array(self._key_of_scan, dtype=np.int64), T_track_scans, dead)
 
-    def _may_have_moved(self, T_track_scans: NDArray[np.float64], first: int, last: int) -> bool:
+    def _may_have_moved(self, T_track_scans: Floats, first: int, last: int) -> bool:
         """Whether the scans of an interval tell of a motion, or nothing tells of any."""
         is_unknown = any(first < scan <= last for scan in self.front_end.unknown_motion)
         T_first_scan = between(T_track_scans[first : first + 1], T_track_scans[first:last])

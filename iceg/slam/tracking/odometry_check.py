@@ -2,25 +2,18 @@
 
 import math
 from dataclasses import dataclass
-from typing import Any, TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from frontends.scan import Scan
+from graph.arrays import Floats
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import chi2_gate, squared_norm
 from graph.odometry import OdometryMotion
 from graph.se2 import between, compose
 from iceg.slam.agreement import agree, apart
 from iceg.slam.config import FrontEndConfig
-from iceg.slam.map_matcher import MapMatcher
+from iceg.slam.map_matcher import MapMatcher, Prepared
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE
 from iceg.slam.tracking.sight import sees_little
-
-Floats = NDArray[np.float64]
-Reference: TypeAlias = Any
-"""A local map as the matcher has prepared it."""
 
 _IMPLAUSIBLE = NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
 
@@ -65,7 +58,7 @@ class OdometryCheck:
 
     def judge(
         self,
-        reference: Reference,
+        reference: Prepared,
         scan: Scan,
         guess: Floats,
         found: Floats,
@@ -109,7 +102,7 @@ class OdometryCheck:
         return None
 
     def _nearer(
-        self, reference: Reference, scan: Scan, found: Floats, covariance: Floats, expected: Expectation
+        self, reference: Prepared, scan: Scan, found: Floats, covariance: Floats, expected: Expectation
     ) -> RelativePose | None:
         """A match nearer to odometry than one that contradicts it, if it explains the scan nearly as well.
 
@@ -129,7 +122,7 @@ class OdometryCheck:
         return nearer if near >= share * free else None
 
     def _is_plausible(
-        self, reference: Reference, scan: Scan, guess: Floats, found: Floats, expected: Expectation
+        self, reference: Prepared, scan: Scan, guess: Floats, found: Floats, expected: Expectation
     ) -> bool:
         """A pose far from the guess (odometry jumped, or the robot was carried) must explain what the guess does not.
 
@@ -148,12 +141,12 @@ class OdometryCheck:
             return self._log_odds(reference, scan, found) > self._log_odds(reference, scan, guess)
         return self.explains_more(reference, scan, found, guess)
 
-    def explains_more(self, reference: Reference, scan: Scan, found: Floats, expected: Floats) -> bool:
+    def explains_more(self, reference: Prepared, scan: Scan, found: Floats, expected: Floats) -> bool:
         """Whether a (3,) pose explains what is seen so much better than where odometry has the robot that it jumped."""
         there, here = (self._log_odds(reference, scan, pose) for pose in (found, expected))
         return there > -self._log_refused_odds and there - here > self._log_jump_odds
 
-    def _log_odds(self, reference: Reference, scan: Scan, pose: Floats) -> float:
+    def _log_odds(self, reference: Prepared, scan: Scan, pose: Floats) -> float:
         """How much more probable it is that a scan was taken at a pose than that it was not, the logarithm.
 
         Three kinds of counts tell: how much of the scan lies on known ground, how much of that agrees, unless people

@@ -13,10 +13,10 @@ from dataclasses import replace
 from typing import TypeGuard
 
 import numpy as np
-from numpy.typing import NDArray
 
 from frontends.matcher import Matcher
 from frontends.scan import Scan
+from graph.arrays import Floats
 from graph.elementary import log
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import squared_norm
@@ -49,7 +49,7 @@ def with_measured_covariance_scale(track: Track, matcher: Matcher, config: Split
     return replace(track, keys=keys, match_covariance_scale=scale * track.match_covariance_scale)
 
 
-def match_covariance_scale(distances2: NDArray[np.float64], config: SplitHalfConfig) -> float:
+def match_covariance_scale(distances2: Floats, config: SplitHalfConfig) -> float:
     """By how much the variances of matches are too small.
 
     Args:
@@ -65,7 +65,7 @@ def match_covariance_scale(distances2: NDArray[np.float64], config: SplitHalfCon
     return math.exp(max(0.0, float(logs.mean() - logs.std(ddof=1) / np.sqrt(len(logs)))))
 
 
-def split_half_distances(track: Track, matcher: Matcher, config: SplitHalfConfig) -> NDArray[np.float64]:
+def split_half_distances(track: Track, matcher: Matcher, config: SplitHalfConfig) -> Floats:
     """Squared Mahalanobis distances between the poses of the two halves of some key scans.
 
     Args:

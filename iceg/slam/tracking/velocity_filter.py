@@ -7,12 +7,10 @@ each its share (Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from graph.arrays import Floats
 from iceg.slam.tracking import _velocity_kernels as kernels
 from iceg.slam.tracking_config import VelocityFilterConfig
-
-Floats = NDArray[np.float64]
 
 
 class VelocityFilter:
