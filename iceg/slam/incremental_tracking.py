@@ -29,7 +29,7 @@ class IncrementalTracking:
     After the first part, as long as the settings say, the odometry is calibrated; what was tracked before stays.
     """
 
-    def __init__(self, log: GrowingLog, matcher: MapMatcher, config: Config, own_body: NDArray[np.float64]) -> None:
+    def __init__(self, log: GrowingLog, matcher: MapMatcher, config: Config, own_body: Floats) -> None:
         """Start at the first scan of the log.
 
         Args:

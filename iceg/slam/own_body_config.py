@@ -30,3 +30,8 @@ class OwnBodyConfig(SlamSettings, prefix="own_body: "):
     margin: float = positive(0.1)
     """Returns up to this far behind a part of the robot are taken for it [m], as are those as near from beams that pass
     close by."""
+    hands: float = between(0.25, 0.0, 1.0)
+    """Least share of the returns that come from hands where somebody holds the robot, and tilts it: what the laser sees
+    then lies in no plane."""
+    cloth: float = between(0.8, 0.0, 1.0)
+    """From this share on it is no hands but something that covers the laser: the robot drives on."""

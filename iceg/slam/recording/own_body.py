@@ -6,7 +6,7 @@ them is farther away by a leap, always on the same bearing: along a wall the ran
 robot follows it, but it has no end that goes along.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,17 +24,40 @@ _AROUND_HALF = np.radians(1.0)
 """Beams that pass this close to a part of the robot may hit it now and then [rad]."""
 _BESIDE = np.radians(5.0)
 """What is beside a part of the robot is seen by the first beams that return, no farther off than this [rad]."""
-_MANY = 0.25
-"""From this share of the beams of one scan on, it is told that hands are around the laser."""
 
 
 def without_own_body(log: Log, config: OwnBodyConfig) -> Log:
-    """The same log; where it sees the robot itself, with nothing seen and a warning."""
-    limits = own_limits(log.ranges, log.geometry, config)
+    """The same log; where it sees the robot itself, or somebody holds the robot, with nothing seen and a warning."""
+    limits, held = own_limits(log.ranges, log.geometry, config), intervals_in_hands(log.ranges, config)
     ranges = beyond(log.ranges, limits)
+    for first, last in held:
+        ranges[first : last + 1] = np.nan
     if (np.isnan(ranges) == np.isnan(log.ranges)).all():
         return log
-    return replace(log, ranges=ranges, warnings=(*log.warnings, *_warnings(limits, log.ranges, config)))
+    return replace(log, ranges=ranges, warnings=(*log.warnings, *_warnings(limits, held, config)))
+
+
+def intervals_in_hands(ranges: NDArray[np.float32], config: OwnBodyConfig) -> list[tuple[int, int]]:
+    """Where somebody holds the robot, hands around its laser, and moves it.
+
+    Args:
+        ranges: (n, n_beams) [m], NaN where nothing came back.
+        config: how near hands are, and how much they hide.
+
+    Returns:
+        First and last scan of each interval.
+    """
+    share = (ranges < config.nearest).sum(axis=1) / np.maximum(np.isfinite(ranges).sum(axis=1), 1)
+    held = np.flatnonzero((share >= config.hands) & (share < config.cloth))
+    found = []
+    for scans in np.split(held, np.flatnonzero(np.diff(held) > config.places) + 1):
+        if len(scans) < config.places:
+            continue
+        first, last = int(scans[0]), int(scans[-1])
+        around = ranges[first : last + 1]
+        if len(_different(np.where(around < config.nearest, np.float32(np.nan), around), config.change)):
+            found.append((first, last))
+    return found
 
 
 def beyond(ranges: NDArray[np.float32], limits: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -167,16 +190,15 @@ def _ends_with_leaps(
     return told
 
 
-def _warnings(limits: NDArray[np.float64], ranges: NDArray[np.float32], config: OwnBodyConfig) -> Iterator[str]:
+def _warnings(limits: NDArray[np.float64], held: Sequence[tuple[int, int]], config: OwnBodyConfig) -> Iterator[str]:
     beams = np.flatnonzero(limits > config.nearest)
     if len(beams):
         yield (
             f"the robot itself is in the view of its laser, in {len(beams)} of {len(limits)} beams, first in beam "
             f"{beams[0]}, up to {limits.max() - config.margin:.2f} m away: what they return from there is left out"
         )
-    surrounded = np.flatnonzero((ranges < config.nearest).mean(axis=1) > _MANY)
-    if len(surrounded):
+    for first, last in held:
         yield (
-            f"returns from nearer than {config.nearest:g} m in {len(surrounded)} scans, first in scan {surrounded[0]}: "
-            "the robot itself, hands around its laser, or what it touches; they are left out"
+            f"somebody holds the robot from scan {first} to scan {last}, hands around its laser: what it sees there is "
+            "left out"
         )
