@@ -11,7 +11,6 @@ from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
-from iceg.ice.points import ScanPoints
 from iceg.ice.tracking import Followed, Limits, Standing
 from iceg.ice.verification import Agreement
 
@@ -30,7 +29,7 @@ class ScanByScan:
         limits: Limits,
     ) -> Followed:
         del reference, ranges, steps, geometry, odometry, limits
-        return Followed(T_ref_robots=np.empty((0, 3)), motion=standing.motion, points=None)
+        return Followed(T_ref_robots=np.empty((0, 3)), motion=standing.motion, key_scan=None)
 
 
 class ScriptedMatcher(ScanByScan):
@@ -76,5 +75,3 @@ class ScriptedMatcher(ScanByScan):
         self, reference: Any, scan: Scan, T_ref_guess: NDArray[np.float64], covariance_guess: NDArray[np.float64]
     ) -> list[NDArray[np.float64]]:
         raise NotImplementedError
-
-    def keep(self, scan: Scan, points: ScanPoints) -> None: ...

@@ -192,7 +192,7 @@ class IceMatcher:
             turn=hypotheses.min_turn,
         )
         n = len(steps) if refinement.enabled else 0
-        return follow_scans(
+        followed = follow_scans(
             ranges[:n],
             steps[:n],
             geometry,
@@ -204,10 +204,9 @@ class IceMatcher:
             polish,
             limits,
         )
-
-    def keep(self, scan: Scan, points: ScanPoints) -> None:
-        """Take what `follow` made of a scan, lest it be made again."""
-        _remember(self._scan_points, scan, points)
+        if followed.key_scan is not None:
+            _remember(self._scan_points, *followed.key_scan)
+        return followed
 
     def _is_near(
         self,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.scan import ScanGeometry
+from frontends.scan import Scan, ScanGeometry
 from graph.odometry import OdometryModel, OdometryMotion
 from iceg.ice import _tracking_kernels as kernels
 from iceg.ice._point_kernels import RangeNoise
@@ -38,12 +38,12 @@ class Followed:
     Attributes:
         T_ref_robots: (n, 3) its poses at the scans followed.
         motion: odometry from the last key scan to the last of them.
-        points: of the last of them if it is to become a key scan.
+        key_scan: the last of them and its points, if it is to become a key scan.
     """
 
     T_ref_robots: NDArray[np.float64]
     motion: OdometryMotion
-    points: ScanPoints | None
+    key_scan: tuple[Scan, ScanPoints] | None
 
 
 def follow_scans(
@@ -104,7 +104,7 @@ def follow_scans(
     return Followed(
         T_ref_robots=poses[1 : followed + 1],
         motion=OdometryMotion(T_key_robot=way.T_key_robot, covariance=way.covariance, distance=distance, turn=turn),
-        points=_first(returns, n_points) if n_points else None,
+        key_scan=_key_scan(ranges[followed - 1], geometry, returns, n_points) if n_points else None,
     )
 
 
@@ -113,7 +113,10 @@ def _laser(geometry: ScanGeometry, reach: float, noise: RangeNoise) -> kernels.L
     return kernels.Laser(directions=directions, origin=origin, reach=reach, jump=JUMP, noise=noise)
 
 
-def _first(returns: kernels.Returns, n: int) -> ScanPoints:
-    return ScanPoints(
+def _key_scan(
+    ranges: NDArray[np.float32], geometry: ScanGeometry, returns: kernels.Returns, n: int
+) -> tuple[Scan, ScanPoints]:
+    points = ScanPoints(
         points=returns.points[:n], normals=returns.normals[:n], beams=returns.beams[:n], spreads=returns.spreads[:n]
     )
+    return Scan(ranges=ranges, geometry=geometry), points

@@ -13,7 +13,6 @@ from graph.odometry import OdometryModel
 from graph.se2 import between
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
-from iceg.ice.points import ScanPoints
 from iceg.ice.tracking import Followed, Limits, Standing
 from iceg.ice.verification import Agreement
 from iceg.slam.map_matcher import NEAR, MapMatcher, Prepared
@@ -130,10 +129,7 @@ class CompletedMatcher:
         limits: Limits,  # noqa: ARG002
     ) -> Followed:
         """None: each scan is tracked by itself."""
-        return Followed(T_ref_robots=np.empty((0, 3)), motion=standing.motion, points=None)
-
-    def keep(self, scan: Scan, points: ScanPoints) -> None:
-        """What `follow` made, which is nothing."""
+        return Followed(T_ref_robots=np.empty((0, 3)), motion=standing.motion, key_scan=None)
 
 
 def completed(matcher: Matcher, judge: IceMatcher | None = None) -> MapMatcher:

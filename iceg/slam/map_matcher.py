@@ -11,7 +11,6 @@ from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from iceg.ice.local_map import LocalMap
 from iceg.ice.matcher import IceMatcher
-from iceg.ice.points import ScanPoints
 from iceg.ice.tracking import Followed, Limits, Standing
 from iceg.ice.verification import Agreement
 
@@ -77,8 +76,4 @@ class MapMatcher(Matcher, Protocol):
         limits: Limits,
     ) -> Followed:
         """As `track` for scan after scan, perhaps for none; see `iceg.ice.tracking.follow_scans`."""
-        ...
-
-    def keep(self, scan: Scan, points: ScanPoints) -> None:
-        """Take what `follow` made of a scan, lest it be made again."""
         ...

@@ -169,9 +169,8 @@ class FrontEnd:
         before = poses[-2] if len(poses) > 1 else self._T_track_robot
         self.is_blind, self._matched, self.motion, self._velocity = False, self._local, found.motion, None
         self._T_track_robot, self._newest_step = poses[-1].copy(), (before, poses[-1].copy())
-        if found.points is not None:
-            scan = Scan(ranges=ranges[len(poses) - 1], geometry=geometry)
-            self._matcher.keep(scan, found.points)
+        if found.key_scan is not None:
+            scan, _ = found.key_scan
             self._add_key(index + len(poses) - 1, scan)
             poses[-1] = self._T_track_robot
         return poses
