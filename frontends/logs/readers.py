@@ -126,7 +126,8 @@ def recognise(path: Path) -> str:
     for name, reader in READERS.items():
         if reader.recognises(head):
             return name
-    first = head.lstrip().partition(b"\n")[0]
+    lines = [line for line in head.split(b"\n") if line.strip()]
+    first = next((line for line in lines if not line.lstrip().startswith(b"#")), lines[0]).lstrip()
     raise LogError(
         f"{path}: found '{str(first[:60])[2:-1]}', expected a log of one of the formats {', '.join(READERS)};"
         " other data come in as a table (CSV, Parquet, NPZ: docs/formats.md) or as arrays (iceg.Log.from_arrays)"
