@@ -384,13 +384,27 @@ def test_unknown_names_of_formats(tmp_path: Path) -> None:
         write_log(tmp_path / "log", moving_log(), log_format="xyz")
 
 
+def test_a_recording_that_is_there_is_replaced_only_if_asked(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("the only copy")
+    with pytest.raises(LogError, match=r"is there already.*overwrite=True"):
+        iceg.write_log(path, moving_log())
+    assert path.read_text() == "the only copy"
+    iceg.write_log(path, moving_log(), overwrite=True)
+    assert len(read_log(path)) == 20
+    with pytest.raises(LogError, match="is a folder"):
+        iceg.write_log(tmp_path, moving_log(), log_format="ros2", overwrite=True)
+
+
 def test_convert_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_log(tmp_path / "log.npz", moving_log())
     words = ["convert", str(tmp_path / "log.npz"), str(tmp_path / "log.clf")]
     assert main(words) == 0
     assert "cannot carry the true poses" in capsys.readouterr().err
-    assert main(words) == 2
+    assert main(words) == 1  # as `iceg run` into a folder of results
+    assert f"{words[2]}: is there already" in capsys.readouterr().err
     assert main([*words, "--overwrite"]) == 0
+    assert main(["convert", str(tmp_path / "none.clf"), str(tmp_path / "log.xyz")]) == 2
     assert main(["convert", str(tmp_path / "log.clf"), str(tmp_path / "bag"), "--to", "ros2"]) == 0
     assert (tmp_path / "bag" / "metadata.yaml").exists()
     assert len(read_log(tmp_path / "bag")) == 20
