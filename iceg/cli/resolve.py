@@ -30,7 +30,7 @@ class Resolve:
         """Read, conclude, write."""
         import time
 
-        from iceg.cli.run_log import tell_result_warnings, what_was_kept, written_at
+        from iceg.cli.run_log import tell_result_warnings, tell_stale_files, what_was_kept, written_at
         from iceg.corrections.reading import read_all_corrections
         from iceg.results import check_directory, write_results
         from iceg.show.progress import compile_note, prepare_kernels
@@ -52,3 +52,4 @@ class Resolve:
         tell_result_warnings(result)
         print(f"{result!r} in {time.perf_counter() - started:.1f} s; nothing was matched anew")
         print(f"Results are in {target}")
+        tell_stale_files(target)

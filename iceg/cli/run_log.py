@@ -79,6 +79,7 @@ def run_log(
         files = f"{page}map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more"
         telling.say(f"Results are in {directory}: {files}")
         _tell_older_corrections(directory, is_given=beside is not None)
+        tell_stale_files(directory)
         telling.keep(results=str(directory))
 
 
@@ -132,6 +133,16 @@ def _with_truth(log: "Log", path: Path) -> "Log":
 def tell_warnings(log: "Log") -> None:
     """Print what reading a log has found."""
     _warn(log.warnings)
+
+
+def tell_stale_files(directory: Path) -> None:
+    """Print which pictures and exports in a folder are of earlier results."""
+    from iceg.derived_files import stale_files
+
+    names = stale_files(directory)
+    if names:
+        are = f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} of earlier results"
+        _warn([f"{directory}: {are}: make anew with iceg plot or iceg export, or remove"])
 
 
 def written_at(directory: Path) -> int | None:

@@ -18,6 +18,7 @@ class View:
     def __call__(self) -> None:
         """Serve until Ctrl-C."""
         from iceg.cli.options import UsageError
+        from iceg.cli.run_log import tell_stale_files
         from iceg.results import check_directory
         from iceg.show.progress import compile_note, prepare_kernels
 
@@ -43,6 +44,7 @@ class View:
                 session.wait()
         saved = self.directory / CORRECTIONS
         print(f"\nThe corrections are in {saved}" if saved.exists() else "\nNothing was corrected")
+        tell_stale_files(self.directory)
 
 
 def _open(address: str) -> None:
