@@ -53,7 +53,7 @@ def by_odometry(
         covariances=np.broadcast_to(1e-4 * np.eye(3), (len(log), 3, 3)),
         landmarks=FeatureMap().record(),
         closures=[],
-        warnings=(),
+        run_warnings=(),
         summary={"scans_carried_by_odometry": 0, "lost_at_scans": [], "breaks": [], "warnings": [], "finish": []},
     )
 

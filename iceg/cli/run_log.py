@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from graph.counted import counted
 from iceg.cli.telling import Telling
 from iceg.config import Config
 from iceg.slam.run_warning import RunWarning, in_short
@@ -119,7 +120,7 @@ def _corrected_run(
 
 def tell_result_warnings(result: "SlamResult") -> None:
     """Print what a run warns of."""
-    _warn(in_short([*_tracking_warnings(result), *result.warnings], "warnings and lost_at_scans in summary.json"))
+    _warn(in_short([*_tracking_warnings(result), *result.run_warnings], "warnings and lost_at_scans in summary.json"))
 
 
 def _with_truth(log: "Log", path: Path) -> "Log":
@@ -171,11 +172,11 @@ def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, te
     n_landmarks, n_closures = len(result.landmarks.settled()), len(joined_scans(result.closures))
     factor = real_time_factor(result.log.stamps, seconds)
     speed = f", {factor:.0f}x real time" if factor else ""
-    telling.say(f"{_counted(len(result.log), 'scan')} in {seconds:.1f} s{speed}, everything included")
+    telling.say(f"{counted(len(result.log), 'scan')} in {seconds:.1f} s{speed}, everything included")
     share = progress.accepted / progress.tried if progress.tried else None
     matched = "" if share is None else f", {100 * share:.1f} % of the matches accepted"
-    landmarks = f"{_counted(n_landmarks, 'landmark')} ({len(result.landmarks)} with those seen rarely or expired)"
-    telling.say(f"{_counted(len(result.key_scans), 'key pose')}, {landmarks}{matched}")
+    landmarks = f"{counted(n_landmarks, 'landmark')} ({len(result.landmarks)} with those seen rarely or expired)"
+    telling.say(f"{counted(len(result.key_scans), 'key pose')}, {landmarks}{matched}")
     closures = (
         f"{n_closures} of {len(result.closures)} loop closures tried hold" if result.closures else "no loop closed"
     )
@@ -193,10 +194,6 @@ def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, te
         closures_tried=len(result.closures),
         warnings=result.summary["warnings"],
     )
-
-
-def _counted(n: int, what: str) -> str:
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
 def _moved(result: "SlamResult") -> str:
