@@ -87,7 +87,9 @@ class Eval:
     ] = None
     consistency: Annotated[
         tyro.conf.FlagCreatePairsOff[bool],
-        tyro.conf.arg(help="Judge each factor of a run's graph by all the others: needs no reference."),
+        tyro.conf.arg(
+            help="Judge each factor of a run's graph by all the others: needs no reference.", help_behavior_hint=""
+        ),
     ] = False
     json: Json = False
 

@@ -132,13 +132,16 @@ class Optimize:
     ] = "given"
     kernel_width: Annotated[float, tyro.conf.arg(help="Where it begins to fade.")] = 5.0
     gnc: Annotated[
-        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Decide by graduated non-convexity which closures hold.")
+        tyro.conf.FlagCreatePairsOff[bool],
+        tyro.conf.arg(help="Decide by graduated non-convexity which closures hold.", help_behavior_hint=""),
     ] = False
     pcm: Annotated[
-        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Drop closures that disagree with most others first.")
+        tyro.conf.FlagCreatePairsOff[bool],
+        tyro.conf.arg(help="Drop closures that disagree with most others first.", help_behavior_hint=""),
     ] = False
     incremental: Annotated[
-        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Grow the graph pose by pose before solving it at once.")
+        tyro.conf.FlagCreatePairsOff[bool],
+        tyro.conf.arg(help="Grow the graph pose by pose before solving it at once.", help_behavior_hint=""),
     ] = False
     json: Json = False
 

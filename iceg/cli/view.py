@@ -13,7 +13,10 @@ class View:
 
     directory: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR", help="Folder of a run.")]
     port: Annotated[int, tyro.conf.arg(help="To listen on, on this machine only; 0 for any that is free.")] = 0
-    browser: Annotated[bool, tyro.conf.arg(help="Open the page in a browser.")] = True
+    browser: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool],
+        tyro.conf.arg(help="Only serve the page, and open no browser.", help_behavior_hint=""),
+    ] = True
 
     def __call__(self) -> None:
         """Serve until Ctrl-C."""
