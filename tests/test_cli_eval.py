@@ -125,7 +125,7 @@ def test_eval_of_a_run_folder_judges_its_covariances(tmp_path: Path, capsys: pyt
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (["eval", "TRAJECTORY"], 2, "expected exactly one"),
+        (["eval", "TRAJECTORY"], 2, "expected one"),
         (["eval", "TRAJECTORY", "--reference", "a.csv", "--truth", "b.csv"], 2, "found 2 of"),
         (["eval", "TRAJECTORY", "--relations", "a.relations"], 2, "--log"),
         (["eval", "TRAJECTORY", "--truth", "b.csv", "--log", "a.clf"], 2, "--log is only needed"),
