@@ -1,5 +1,6 @@
 """A log from plain arrays, checked."""
 
+import math
 from pathlib import Path
 from typing import TypeVar
 
@@ -97,7 +98,8 @@ def _bearings(bearings: ArrayLike | None, field_of_view: float | None, n_beams: 
     if field_of_view is not None:
         view = float(checked_finite("field_of_view", field_of_view, ()))
         if not 0.0 < view <= WHOLE_TURN:
-            raise ScanError(f"found a field of view of {view} rad, expected more than 0 and at most 2π")
+            in_degrees = f": {view:g}° is {math.radians(view):.6g}" if view > WHOLE_TURN else ""
+            raise ScanError(f"found a field of view of {view:g} rad, expected more than 0 and at most 2π{in_degrees}")
         return np.linspace(-0.5 * view, 0.5 * view, n_beams)
     directions = checked_finite("bearings", bearings, (n_beams,))
     steps = np.diff(directions)

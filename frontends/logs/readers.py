@@ -1,5 +1,6 @@
 """The table of log formats, and reading a log whose format its content tells."""
 
+import codecs
 from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import signature
@@ -121,6 +122,8 @@ def recognise(path: Path) -> str:
         raise LogError(
             f"{path}: the {'compressed file is cut off before its first line' if log.cut_off else 'log is empty'}"
         )
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise LogError(f"{path}: found text in UTF-16, expected UTF-8: save it as that")
     if _is_archive(head):
         raise LogError(f"{path}: found an archive of files, expected one of them: unpack it first")
     for name, reader in READERS.items():

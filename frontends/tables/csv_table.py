@@ -21,11 +21,11 @@ from frontends.tables.layout import (
     FINITE,
     RANGE,
     SETTINGS,
-    STAMP,
     ScanTable,
     is_known,
     is_range,
     log_of,
+    may_be_table,
     meant,
     range_columns,
     table_of,
@@ -39,12 +39,11 @@ _PADDING = ",;\t "
 
 
 def is_csv(head: bytes) -> bool:
-    """Whether a file that begins with `head` is a CSV table of scans: its line of names holds a range."""
+    """Whether a file that begins with `head` is a CSV table of scans, by its line of names, misspelt or not."""
     for line in head.split(b"\n"):
         if line.strip() and not line.startswith(b"#"):
             text = line.decode("utf-8", "replace")
-            names = _names(text, _separator(text))
-            return STAMP in names or any(is_range(name) for name in names)
+            return may_be_table(_names(text, _separator(text)))
     return False
 
 

@@ -73,6 +73,12 @@ def is_range(column: str) -> bool:
     return column.startswith(RANGE) and is_number and number == str(int(number))
 
 
+def may_be_table(columns: Iterable[str]) -> bool:
+    """Whether columns are those of a table of scans: a stamp or a range is among them, perhaps misspelt."""
+    needed = (STAMP, f"{RANGE}0")
+    return any(name in needed or meant(name, needed) for name in {_DIGITS.sub("0", name) for name in columns})
+
+
 def meant(name: str, known: Iterable[str]) -> str | None:
     """The known name that somebody meant who wrote another one; None where none is like it, or it is known."""
     names = list(known)
@@ -92,7 +98,9 @@ def left_out(names: Iterable[str], known: Collection[str], kind: str, expected: 
         ScanError: one seems to be misspelt.
     """
     unknown = list(names)
-    first_of_kind = {_DIGITS.sub("0", name): name for name in reversed(unknown)}
+    first_of_kind: dict[str, str] = {}
+    for name in unknown:
+        first_of_kind.setdefault(_DIGITS.sub("0", name), name)
     for numbered, name in first_of_kind.items():
         like = meant(numbered, known)
         if like:
