@@ -6,6 +6,7 @@ from typing import Annotated
 
 import tyro
 
+from graph.counted import counted
 from iceg.cli.options import CorrectionsFile, GivenPath, Overwrite
 
 
@@ -43,6 +44,7 @@ class Resolve:
             with compile_note():
                 prepare_kernels()
                 from iceg.resolving import resolve
+                from iceg.slam.closures.closure import joined_scans
 
                 asked = read_all_corrections([] if self.corrections is None else [self.corrections])
                 result = resolve(self.directory, asked)
@@ -50,6 +52,8 @@ class Resolve:
         except KeyboardInterrupt:
             raise KeyboardInterrupt(what_was_kept(target, before)) from None
         tell_result_warnings(result)
-        print(f"{result!r} in {time.perf_counter() - started:.1f} s; nothing was matched anew")
+        closures = f"{len(joined_scans(result.closures))} of {len(result.closures)} loop closures tried hold"
+        seconds = time.perf_counter() - started
+        print(f"{counted(len(result.key_scans), 'key pose')} in {seconds:.1f} s, nothing matched anew; {closures}")
         print(f"Results are in {target}")
         tell_stale_files(target)
