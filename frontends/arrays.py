@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from frontends.logs.laser_mount import UNKNOWN
-from frontends.logs.plausibility import judge_odometry
+from frontends.logs.plausibility import judge_odometry, judge_stamps
 from frontends.logs.usable_range import mask_no_returns, usable_range, warn_of_no_returns
 from frontends.plain_numbers import plain_numbers
 from frontends.radians import not_in_radians
@@ -67,7 +67,9 @@ def log_from_arrays(
         T_odom_robot = _poses("odometry", odometry, n_scans)
         has_odometry, judged = judge_odometry(T_odom_robot, readings, times)
         warnings += [*judged, *([UNKNOWN] if has_odometry and T_robot_laser is None else [])]
-    if times is None:
+    if times is not None:
+        warnings += judge_stamps(times)
+    else:
         warnings.append("there are no stamps: scans are numbered 0, 1, 2 … s instead")
     geometry = ScanGeometry(
         bearings=directions,

@@ -55,6 +55,16 @@ def test_a_log_from_arrays() -> None:
     assert log.stamps.tolist() == [0.0, 1.0]
 
 
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, ""), (1e3, "milli"), (1e6, "micro"), (1e9, "nano")])
+def test_stamps_in_another_unit_are_told(tmp_path: Path, factor: float, unit: str) -> None:
+    ranges, stamps = np.linspace(1.0, 4.0, 60).reshape(20, 3), factor * (1e9 + 0.05 * np.arange(20))
+    log = Log.from_arrays(ranges, field_of_view=2.0, stamps=stamps)
+    told = [said.rpartition(" ")[2] for said in log.warnings if "apart by their stamps" in said]
+    assert told == ([f"{unit}seconds?"] if unit else [])
+    write_log(tmp_path / "log.csv", log)
+    assert read_log(tmp_path / "log.csv").warnings == log.warnings
+
+
 def test_beams_from_left_to_right_are_turned_about() -> None:
     log = Log.from_arrays([[1.0, 2.0, 3.0]], bearings=[0.5, 0.0, -0.5])
     assert log.ranges[0].tolist() == [3.0, 2.0, 1.0]
