@@ -139,6 +139,13 @@ def test_eval_of_a_run_folder_judges_its_covariances(tmp_path: Path, capsys: pyt
         ),
         (["info", "missing.clf"], 1, "missing.clf"),
         (["run", "missing.clf", "-o", "OUT"], 1, "missing.clf"),
+        (
+            ["run", "missing.clf", "-o", "OUT", "--closures", "nope.csv"],
+            1,
+            "nope.csv",
+        ),  # told before a long log is read
+        (["run", "missing.clf", "-o", "OUT", "--truth", "nope.csv"], 1, "nope.csv"),
+        (["convert", "missing.clf", "OUT"], 2, ".parquet, or --to"),
         (["plot", "missing-folder"], 1, "missing-folder"),
         (["run", "missing.clf", "-o", "BELOW_A_FILE"], 1, "truth.csv is a file, expected a folder"),
         (["bench", "--parts", "recall", "-o", "BELOW_A_FILE"], 1, "truth.csv is a file, expected a folder"),

@@ -151,6 +151,11 @@ def test_a_mistake_is_on_the_line_of_its_key(between: list[str], table: str) -> 
         parse_corrections("\n".join(lines), "c.toml")
 
 
+def test_a_csv_of_another_header_is_told_so_and_is_no_toml(tmp_path: Path) -> None:
+    with pytest.raises(IcegError, match=r"c\.csv:1: found the header 'a,b', expected 'scan_i,scan_j"):
+        read_corrections(write(tmp_path / "c.csv", "a,b\n1,2\n"))
+
+
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(CorrectionsError, match=r"nowhere\.toml"):
         read_corrections(tmp_path / "nowhere.toml")

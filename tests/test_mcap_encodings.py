@@ -61,6 +61,13 @@ SCANS = [scan(START + 0.1 * k, ranges(k)) for k in range(12)]
 MOVED = [odometry(START + 0.1 * k, (0.05 * k, 0.0, 0.0)) for k in range(12)]
 
 
+def test_a_file_that_ends_where_it_begins_is_damaged_in_words(tmp_path: Path) -> None:
+    path = tmp_path / "log.mcap"
+    path.write_bytes(MAGIC)
+    with pytest.raises(LogError, match=r"damaged, and no message could be read \(it is not laid out as a bag is\)"):
+        read_log(path)
+
+
 def test_scans_as_json_are_told_by_topic_and_encoding(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = [json.dumps({"ranges": ranges(k).tolist()}).encode() for k in range(12)]
     path = write_mcap(tmp_path / "log.mcap", "", [("/lidar", "LaserScan", "jsonschema", "json", said)])

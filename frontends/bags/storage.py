@@ -142,11 +142,12 @@ def _recovered(file: BagFile, why: str, types: Collection[str], see: See, tell: 
 
 
 def said_of_damage(error: Exception) -> str:
-    """What rosbags says of damage, in one line."""
-    said = " ".join(str(error).split())
+    """What rosbags says of damage, in one line; nothing of where it tripped over damage that it does not look for."""
     if isinstance(error, MemoryError):
         return "it states a size that does not fit into memory"
-    return f"{type(error).__name__}: {said[:200]}" if said else type(error).__name__
+    said = " ".join(str(error).split())[:200]
+    is_told = type(error).__module__.startswith("rosbags") and said
+    return said if is_told else "it is not laid out as a bag is"  # what trips over damage says nothing to a person
 
 
 def _container_of(path: Path) -> str | None:

@@ -129,7 +129,9 @@ def format_of(path: Path) -> str:
         if name.endswith(writer.suffixes):
             return log_format
     known = ", ".join(suffix for writer in WRITERS.values() for suffix in writer.suffixes)
-    raise LogError(f"{path}: the end of the name tells no format: expected one of {known}, or a format by its name")
+    raise LogError(
+        f"{path}: the end of the name tells no format: expected one of {known}, or --to (in Python log_format)"
+    )
 
 
 def _lost(name: str, log: Log) -> tuple[str, ...]:

@@ -33,7 +33,7 @@ def read_corrections(path: Path | str) -> Corrections:
     """
     path = Path(path)
     head = _head(path)
-    if not _is_table(head):
+    if not (_is_table(head) or path.suffix.lower() == ".csv"):
         return parse_corrections(read_text(path, "settings_bytes", CorrectionsError, "corrections"), str(path))
     if head == list(CLOSURE_COLUMNS):
         return Corrections(verdicts=_verdicts(path))
