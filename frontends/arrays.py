@@ -1,5 +1,6 @@
 """A log from plain arrays, checked."""
 
+import math
 from pathlib import Path
 from typing import TypeVar
 
@@ -7,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from frontends.logs.laser_mount import UNKNOWN
-from frontends.logs.plausibility import judge_odometry
+from frontends.logs.plausibility import judge_odometry, judge_stamps
 from frontends.logs.usable_range import mask_no_returns, usable_range, warn_of_no_returns
 from frontends.plain_numbers import plain_numbers
 from frontends.radians import not_in_radians
@@ -66,7 +67,9 @@ def log_from_arrays(
         T_odom_robot = _poses("odometry", odometry, n_scans)
         has_odometry, judged = judge_odometry(T_odom_robot, readings, times)
         warnings += [*judged, *([UNKNOWN] if has_odometry and T_robot_laser is None else [])]
-    if times is None:
+    if times is not None:
+        warnings += judge_stamps(times)
+    else:
         warnings.append("there are no stamps: scans are numbered 0, 1, 2 … s instead")
     geometry = ScanGeometry(
         bearings=directions,
@@ -97,7 +100,8 @@ def _bearings(bearings: ArrayLike | None, field_of_view: float | None, n_beams: 
     if field_of_view is not None:
         view = float(checked_finite("field_of_view", field_of_view, ()))
         if not 0.0 < view <= WHOLE_TURN:
-            raise ScanError(f"found a field of view of {view} rad, expected more than 0 and at most 2π")
+            in_degrees = f": {view:g}° is {math.radians(view):.6g}" if view > WHOLE_TURN else ""
+            raise ScanError(f"found a field of view of {view:g} rad, expected more than 0 and at most 2π{in_degrees}")
         return np.linspace(-0.5 * view, 0.5 * view, n_beams)
     directions = checked_finite("bearings", bearings, (n_beams,))
     steps = np.diff(directions)

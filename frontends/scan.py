@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from graph.counted import counted
 from graph.elementary import cos_sin
 from graph.errors import IcegError
 from graph.limits import LIMITS
@@ -270,7 +271,7 @@ class Log:
 
     def __repr__(self) -> str:
         odometry = "" if self.has_odometry else ", no odometry"
-        return f"Log({self.path.name}: {len(self)} scans of {self.geometry.n_beams} beams{odometry})"
+        return f"Log({self.path.name}: {counted(len(self), 'scan')} of {self.geometry.n_beams} beams{odometry})"
 
     def __len__(self) -> int:
         """Number of scans."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, fields, is_dataclass
 from math import pi
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args, get_origin
 
 from graph.config import PoseGraphConfig
 from graph.limits import LIMITS
@@ -120,19 +120,22 @@ class Config:
         if not 0 <= self.seed <= _MOST_SEED:
             raise ConfigError(f"seed: found {shown_number(self.seed)}, expected 0 or more, at most 2⁶³ - 1")
         check_odometry_setting(self.odometry, ConfigError, "odometry")
-        _check_magnitudes(self)
+        _check_values(self)
 
 
-def _check_magnitudes(settings: Any, prefix: str = "") -> None:  # noqa: ANN401
-    """Refuse numbers beyond all sense, stage by stage; what a stage knows better it has refused itself."""
+def _check_values(settings: Any, prefix: str = "") -> None:  # noqa: ANN401
+    """Refuse numbers beyond all sense and unknown choices, stage by stage, besides what a stage refuses itself."""
     try:
         check_magnitudes(settings, ConfigError)
     except ConfigError as err:
         raise ConfigError(f"{prefix.rstrip('.')}: {err}" if prefix else str(err)) from None
     for stage in fields(settings):
         value = getattr(settings, stage.name)
+        if get_origin(stage.type) is Literal and value not in get_args(stage.type):
+            expected = ", ".join(map(str, get_args(stage.type)))
+            raise ConfigError(f"{prefix}{stage.name}: found {str(value)[:40]!r}, expected one of {expected}")
         if is_dataclass(value):
-            _check_magnitudes(value, f"{prefix}{stage.name}.")
+            _check_values(value, f"{prefix}{stage.name}.")
 
 
 def read_config(path: Path | str) -> Config:

@@ -169,7 +169,7 @@ def conclude(
         grid=grid,
         walls=walls,
         closures=[*_closures(track, solution, config.loops.verification.place), *after.by_hand],
-        warnings=warnings,
+        run_warnings=warnings,
         summary=_summary(counts, findings, corrections, clock),
         findings=findings,
     )

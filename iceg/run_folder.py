@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.counted import counted
 from graph.errors import reason
 from graph.files import check_file, read_text
 from graph.limits import LIMITS, check_limit
@@ -63,8 +64,9 @@ class RunFolder:
     def __repr__(self) -> str:
         accepted = sum(closure.verdict is Verdict.ACCEPTED for closure in self.closures)
         return (
-            f"RunFolder({len(self.trajectory)} scans, {len(self.key_scans)} key poses, "
-            f"{accepted} of {len(self.closures)} closures accepted, {len(self.landmarks.settled())} landmarks)"
+            f"RunFolder({counted(len(self.trajectory), 'scan')}, {counted(len(self.key_scans), 'key pose')}, "
+            f"{accepted} of {counted(len(self.closures), 'closure')} accepted, "
+            f"{counted(len(self.landmarks.settled()), 'landmark')})"
         )
 
 

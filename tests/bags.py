@@ -21,6 +21,7 @@ SCAN, ODOMETRY, TF, POSE = (
     "geometry_msgs/msg/PoseStamped",
 )
 MULTI_ECHO = "sensor_msgs/msg/MultiEchoLaserScan"
+POSE_WITH_COVARIANCE = "geometry_msgs/msg/PoseWithCovarianceStamped"
 POINT_CLOUD = "sensor_msgs/msg/PointCloud2"
 IMU = "sensor_msgs/msg/Imu"
 STRING, OLD_TF, UNKNOWN = "std_msgs/msg/String", "tf/msg/tfMessage", "some_robot/msg/Bump"
@@ -146,6 +147,11 @@ def true_pose(stamp: float, pose: Sequence[float] | NDArray[np.float64], *, topi
     return Said(stamp, topic, POSE, {"header": (stamp, "world"), "pose": pose})
 
 
+def pose_with_covariance(stamp: float, pose: Sequence[float], *, topic: str, parent: str = "odom") -> Said:
+    """A PoseWithCovarianceStamped of a planar pose."""
+    return Said(stamp, topic, POSE_WITH_COVARIANCE, {"header": (stamp, parent), "pose": pose})
+
+
 def imu(stamp: float, rates: Sequence[float], *, topic: str = "/imu", recorded: float | None = None) -> Said:
     """An Imu message of turn rates about three axes."""
     return Said(stamp if recorded is None else recorded, topic, IMU, {"header": (stamp, "imu"), "rates": rates})
@@ -252,11 +258,14 @@ def make(types: Any, message: Said, *, is_ros1: bool) -> Any:
     pose = known["geometry_msgs/msg/Pose"](known["geometry_msgs/msg/Point"](x, y, 0.0), quaternion)
     if message.type == POSE:
         return known[POSE](header, pose)
+    covariant = known["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36))
+    if message.type == POSE_WITH_COVARIANCE:
+        return known[POSE_WITH_COVARIANCE](header, covariant)
     zero = known["geometry_msgs/msg/Twist"](vector(0.0, 0.0, 0.0), vector(0.0, 0.0, 0.0))
     return known[ODOMETRY](
         header,
         fields["child_frame_id"],
-        known["geometry_msgs/msg/PoseWithCovariance"](pose, np.zeros(36)),
+        covariant,
         known["geometry_msgs/msg/TwistWithCovariance"](zero, np.zeros(36)),
     )
 

@@ -10,6 +10,7 @@ import sqlite3
 import subprocess
 import sys
 import tarfile
+import tempfile
 import zipfile
 from collections.abc import Sequence
 from contextlib import closing
@@ -19,6 +20,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 import graph.limits
@@ -36,6 +39,7 @@ from tests.bags import (
     multi_echo,
     odometry,
     point_cloud,
+    pose_with_covariance,
     scan,
     storage_file,
     text,
@@ -176,6 +180,35 @@ def test_a_laser_that_hangs_upside_down(tmp_path: Path) -> None:
     np.testing.assert_allclose(ahead, 0.4 - np.array([1.5, 0.5, -0.5]), atol=1e-6)
     assert log.ranges[0].tolist() == [3.0, 2.0, 1.0]
     assert any("upside down" in warning for warning in log.warnings)
+
+
+@given(first=st.floats(-270.0, -15.0), view=st.floats(15.0, 360.0), n_beams=st.integers(11, 1081))
+def test_angles_in_degrees_are_told_as_such(first: float, view: float, n_beams: int) -> None:
+    step = view / (n_beams - 1)
+    with tempfile.TemporaryDirectory() as folder:
+        said = [scan(START + 0.1 * k, readings(k, n_beams), first=first, step=step) for k in range(3)]
+        with pytest.raises(
+            LogError, match=rf"/scan makes a scan: found {n_beams} beams from .* expected radians: these"
+        ):
+            read_log(write_bag(Path(folder), said))
+
+
+def test_poses_that_may_be_odometry_are_offered_and_taken_if_asked_for(tmp_path: Path) -> None:
+    said = moving_scans()
+    for k in range(N_SCANS):
+        pose = (0.1 * k, 0.0, 0.0)
+        said.append(pose_with_covariance(START + 0.1 * k, pose, topic="/robot_pose_ekf/odom_combined"))
+        said.append(pose_with_covariance(START + 0.1 * k, pose, topic="/amcl_pose", parent="map"))
+    said.append(pose_with_covariance(START, (0.0, 0.0, 0.0), topic="/initialpose"))
+    path = write_bag(tmp_path, said)
+    log = read_log(path)
+    hint = "--log.odometry-topic /robot_pose_ekf/odom_combined"
+    assert not log.has_odometry
+    assert log.choices["odometry"].endswith(f"/odom_combined (PoseWithCovarianceStamped) is, if asked for: {hint}")
+    assert [warning for warning in log.warnings if warning.startswith("there is no odometry:") and hint in warning]
+    assert "pose " not in log.choices["odometry"]
+    asked = read_log(path, odometry_topic="/robot_pose_ekf/odom_combined")
+    np.testing.assert_allclose(asked.odometry[:, 0], 0.1 * np.arange(N_SCANS), atol=1e-6)
 
 
 def test_beams_that_change_from_message_to_message(tmp_path: Path) -> None:

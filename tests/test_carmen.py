@@ -1,6 +1,8 @@
 """CARMEN logs: every message, every kind of damage, and what is derived from a log."""
 
 import math
+import tempfile
+from collections import Counter
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -103,6 +105,22 @@ def test_unknown_number_of_beams_spreads_over_the_half_circle_and_is_said(write:
     log = read_carmen(write(flaser(room(91))))
     assert_allclose(np.degrees(log.geometry.bearings), np.linspace(-90, 90, 91), atol=1e-9)
     assert "no scanner with 91 beams" in log.warnings[0]
+
+
+@given(st.lists(st.sampled_from(["FLASER", "ROBOTLASER1", "RLASER"]), min_size=1, max_size=12))
+def test_the_fullest_message_is_used_unless_another_one_is_twice_as_frequent(names: list[str]) -> None:
+    ranges = room(181)
+    lines = [robotlaser(ranges) if name == "ROBOTLASER1" else flaser(ranges, name=name) for name in names]
+    counts = Counter(names)
+    best = next(name for name in ("ROBOTLASER1", "FLASER", "RLASER") if 2 * counts[name] >= max(counts.values()))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "robot.clf"
+        path.write_text("\n".join(lines) + "\n")
+        log = read_carmen(path)
+    assert len(log) == counts[best]
+    assert log.message_counts == counts
+    if len(counts) > 1:
+        assert f"{best} is used" in log.warnings[0]
 
 
 def test_parameters_describe_an_unknown_scanner(write: Write) -> None:

@@ -125,7 +125,7 @@ def test_eval_of_a_run_folder_judges_its_covariances(tmp_path: Path, capsys: pyt
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (["eval", "TRAJECTORY"], 2, "expected exactly one"),
+        (["eval", "TRAJECTORY"], 2, "expected one"),
         (["eval", "TRAJECTORY", "--reference", "a.csv", "--truth", "b.csv"], 2, "found 2 of"),
         (["eval", "TRAJECTORY", "--relations", "a.relations"], 2, "--log"),
         (["eval", "TRAJECTORY", "--truth", "b.csv", "--log", "a.clf"], 2, "--log is only needed"),
@@ -139,6 +139,13 @@ def test_eval_of_a_run_folder_judges_its_covariances(tmp_path: Path, capsys: pyt
         ),
         (["info", "missing.clf"], 1, "missing.clf"),
         (["run", "missing.clf", "-o", "OUT"], 1, "missing.clf"),
+        (
+            ["run", "missing.clf", "-o", "OUT", "--closures", "nope.csv"],
+            1,
+            "nope.csv",
+        ),  # told before a long log is read
+        (["run", "missing.clf", "-o", "OUT", "--truth", "nope.csv"], 1, "nope.csv"),
+        (["convert", "missing.clf", "OUT"], 2, ".parquet, or --to"),
         (["plot", "missing-folder"], 1, "missing-folder"),
         (["run", "missing.clf", "-o", "BELOW_A_FILE"], 1, "truth.csv is a file, expected a folder"),
         (["bench", "--parts", "recall", "-o", "BELOW_A_FILE"], 1, "truth.csv is a file, expected a folder"),

@@ -53,6 +53,21 @@ def test_all_settings_are_told_on_request(name: str, capsys: pytest.CaptureFixtu
     assert f"'iceg {name} --help-all' shows {len(flags) - len(entry.common)} more settings" in " ".join(short.split())
 
 
+@pytest.mark.parametrize("name", COMMANDS)
+def test_switches_are_told_as_what_they_do(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    told = " ".join(helped(capsys, name, "--help-all").split())
+    assert "default: True" not in told
+    assert "default: False" not in told
+
+
+def test_a_setting_that_is_a_switch_is_on_or_off(capsys: pytest.CaptureFixture[str]) -> None:
+    told = re.sub(r"[\s│]+", " ", helped(capsys, "run", "--help-all"))
+    assert "--no-report Leave out report.html, the page that shows the run. --truth" in told
+    assert "--finish.enabled, --finish.no-enabled Off leaves the incremental solution. (default: on)" in told
+    assert "--graph.no-snapshot-before-closure" in told
+    assert "rebuilt from its records instead. (default: off)" in told
+
+
 def test_every_setting_has_a_sentence_of_its_own() -> None:
     def sentences(settings: object) -> list[str]:
         told = field_documentation(type(settings))
@@ -124,6 +139,7 @@ def test_bash_completes_commands_flags_choices_and_files(tmp_path: Path, capsys:
     assert completed(script, "e") == ["eval", "export"]
     assert completed(script, "run", "--grid.res") == ["--grid.resolution"]
     assert completed(script, "run", "--matcher", "q") == ["qwsm"]
+    assert completed(script, "view", "--no-") == ["--no-browser"]
     assert completed(script, "eval", "x", "--by", "s") == ["scan", "stamp"]
     (tmp_path / "a log.clf").touch()
     assert completed(script, "info", f"{tmp_path}/a") == [f"{tmp_path}/a log.clf"]

@@ -53,7 +53,7 @@ def by_odometry(
         covariances=np.broadcast_to(1e-4 * np.eye(3), (len(log), 3, 3)),
         landmarks=FeatureMap().record(),
         closures=[],
-        warnings=(),
+        run_warnings=(),
         summary={"scans_carried_by_odometry": 0, "lost_at_scans": [], "breaks": [], "warnings": [], "finish": []},
     )
 
@@ -73,6 +73,23 @@ def test_run_writes_its_folder_and_refuses_to_overwrite_it(
     assert main(words) == 1
     assert "not empty" in capsys.readouterr().err
     assert main([*words, "--overwrite"]) == 0
+
+
+def test_pictures_and_exports_of_earlier_results_are_told_and_kept(
+    tmp_path: Path, pipeline: Callable[[Pipeline], None], capsys: pytest.CaptureFixture[str]
+) -> None:
+    pipeline(by_odometry)
+    words = ["run", str(demo_log_path()), "-o", str(tmp_path), "--overwrite"]
+    assert main(words) == 0
+    assert "earlier results" not in capsys.readouterr().err
+    for name in ("uncertainty.png", "exported.tum", "map.png", "notes.txt"):
+        (tmp_path / name).write_text("mine")
+    (tmp_path / "mcap").mkdir()
+    assert main(words) == 0
+    told = f"warning: {tmp_path}: uncertainty.png, exported.tum, mcap are of earlier results: make anew with iceg plot"
+    assert told in capsys.readouterr().err
+    assert (tmp_path / "uncertainty.png").read_text() == (tmp_path / "notes.txt").read_text() == "mine"
+    assert not (tmp_path / "map.png").exists()
 
 
 def test_ctrl_c_while_libraries_are_loaded_is_no_import_error(

@@ -11,6 +11,16 @@ from iceg.cli.tools import PrintConfig
 from iceg.config import Config, format_config, parse_config
 
 
+@pytest.mark.parametrize("words", [["--loops.enabled", "False"], ["--loops.enabled=off"], ["--loops.enabled", "1"]])
+def test_a_switch_that_is_given_a_value_is_told_how_it_is_switched(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["run", "a.clf", "-o", "out", *words]) == 2
+    error = capsys.readouterr().err
+    assert "expected --loops.enabled for on or --loops.no-enabled for off" in error
+    assert error.count("\n") == 1
+
+
 def test_flags_override_the_file_which_overrides_the_defaults(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     file.write_text("seed = 5\n[grid]\nresolution = 0.2\nmode = 'binary'\n")

@@ -5,7 +5,7 @@ import subprocess
 import sys
 import tomllib
 import typing
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from graph.errors import IcegError
 from iceg.cli.settings_flags import setting_names
 from iceg.config import Config, ConfigError, format_config, parse_config, read_config
+from iceg.maps.config import GridConfig
 from iceg.settings_file import GONE, RENAMED, field_documentation
 
 
@@ -61,6 +62,19 @@ def configs(draw: st.DrawFn) -> Config:
         except (IcegError, ValueError):
             assume(False)
     return config
+
+
+@pytest.mark.parametrize(
+    ("make", "found"),
+    [
+        (lambda: Config(matcher="foo"), "matcher: found 'foo', expected one of ice, icp"),  # type: ignore[arg-type]
+        (lambda: Config(stamps="none"), "stamps: found 'none', expected one of recorded, repaired"),  # type: ignore[arg-type]
+        (lambda: Config(grid=GridConfig(mode="foo")), "grid.mode: found 'foo', expected one of"),  # type: ignore[arg-type]
+    ],
+)
+def test_a_choice_that_there_is_not_is_refused_in_python_too(make: Callable[[], Config], found: str) -> None:
+    with pytest.raises(ConfigError, match=found):
+        make()
 
 
 @given(configs())

@@ -151,6 +151,12 @@ def test_from_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     assert report["ice_n"] == 59
     assert report["ice_nees_mean"] == pytest.approx(cross_validation(factors, poses)["ice"].judged.mean, rel=1e-3)
     assert main(["eval", str(tmp_path), "--consistency", "--truth", "x.csv"]) == 2
+    (tmp_path / "trajectory.tum").write_text("0.0 0 0 0 0 0 0 1\n")
+    capsys.readouterr()
+    assert main(["eval", str(tmp_path / "trajectory.tum"), "--consistency"]) == 1
+    assert "give the folder of a run, or a g2o file" in capsys.readouterr().err
+    assert main(["eval", str(tmp_path)]) == 2
+    assert "found none of --truth, --reference, --relations and --consistency" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("edges", ["", "VERTEX_SE2 1 1 0 0\nEDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\n"])

@@ -135,6 +135,12 @@ def test_every_format_has_a_place_in_the_run_folder(log: Path, run: Path, capsys
         (["RUN", "--to", "tum", "-o", "FOLDER"], 1, "is a folder, expected a file for tum"),
         (["RUN", "--to", "csv", "-o", "FILE"], 1, "is a file, expected a folder for csv"),
         (["RUN", "--to", "csv", "-o", "RUN"], 1, "is the folder of the run"),
+        (
+            ["RUN", "--to", "carmen", "--log", "LOG", "-o", "LOG"],
+            1,
+            "holds the recorded log itself, expected another place",
+        ),
+        (["RUN", "--to", "g2o", "-o", "GRAPH"], 1, "graph.g2o: is a file of the results, expected another one"),
         (["RUN", "--to", "tum", "-o", "NOWHERE"], 1, "cannot be written"),
         (["missing", "--to", "tum"], 1, "missing: is no folder"),
         (["FOLDER", "--to", "g2o"], 1, "graph.g2o: cannot be read"),
@@ -150,6 +156,8 @@ def test_what_cannot_be_exported_is_one_clear_line(
         "WHOLE": str(iceg.demo_log_path()),
         "FOLDER": str(tmp_path / "folder"),
         "FILE": str(tmp_path / "file"),
+        "LOG": str(tmp_path / "file"),
+        "GRAPH": str(run / "graph.g2o"),
         "NOWHERE": str(tmp_path / "no" / "where"),
     }
     assert main(["export", *(places.get(word, word) for word in words)]) == code

@@ -230,7 +230,8 @@ def test_what_is_no_bag_of_the_run_is_refused(
         (short, tmp_path / "out", "expected the log of the run"),
         (cut, tmp_path / "out", "cut.bag: damaged ("),
         (iceg.demo_log_path(), tmp_path / "out", "found a log of the format carmen, expected a bag"),
-        (own, own, "holds the recorded bag itself"),
+        (own, own, "holds the recorded log itself"),
+        (own / "corrected.bag", own, "holds the recorded log itself"),
         (tmp_path / "missing.bag", tmp_path / "out", "missing.bag: cannot be read as a log: No such file or directory"),
     ):
         capsys.readouterr()

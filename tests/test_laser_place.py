@@ -115,7 +115,7 @@ def test_a_mapper_may_not_know_the_place_either(log: Log) -> None:
 
 def test_a_log_that_is_wrong_about_it_is_told_so(log: Log) -> None:
     beside = replace(log, geometry=replace(log.geometry, T_robot_laser=np.array([-0.1, 0.2, 0.0])))
-    (warning,) = (said for said in run(beside, _QUICK).warnings if said.kind == "laser place")
+    (warning,) = (said for said in run(beside, _QUICK).run_warnings if said.kind == "laser place")
     assert "sits 0.10 m behind the robot's centre and 0.20 m to its left, the log says" in warning.sentence
     assert "odometry says 0.16 m ahead of" in warning.sentence
-    assert all(said.kind != "laser place" for said in run(log, _QUICK).warnings)
+    assert all(said.kind != "laser place" for said in run(log, _QUICK).run_warnings)

@@ -3,6 +3,7 @@
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -121,6 +122,16 @@ def test_numbers_that_are_no_scan(ranges: list[float], field_of_view: float) -> 
         iceg.Scan.from_ranges(ranges, field_of_view=field_of_view)
 
 
+def test_the_warnings_of_a_result_are_one_list_of_which_the_logs_are_the_first(log: Log) -> None:
+    odd = replace(log.select(slice(1)), warnings=("the log is odd",))
+    result = iceg.run(odd, progress=False)
+    assert result.warnings == ("the log is odd", *(warning.sentence for warning in result.run_warnings))
+    assert list(result.warnings) == result.summary["warnings"]
+    assert repr(result) == (
+        "SlamResult(office.clf.gz: 1 scan, 1 key pose, 1 factor, 0 of 0 closures accepted, 0 landmarks, 1 warning)"
+    )
+
+
 def test_a_notebook_shows_what_is_there_in_a_line(shown: dict[str, Any], log: Log, tmp_path: Path) -> None:
     result = shown["first"]
     assert repr(log) == f"Log(office.clf.gz: {N_SCANS} scans of 181 beams)"
@@ -157,7 +168,7 @@ def test_a_run_takes_the_path_of_a_recording_and_reads_it_as_the_settings_say(lo
 def test_arrays_make_a_log_before_anything_else_is_imported() -> None:
     code = "import iceg; print(iceg.Log.from_arrays([[1.0, 2.0]], field_of_view=1.0))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.stdout == "Log(arrays: 1 scans of 2 beams, no odometry)\n", done.stderr
+    assert done.stdout == "Log(arrays: 1 scan of 2 beams, no odometry)\n", done.stderr
 
 
 def test_arguments_of_the_wrong_type_are_told_where_they_are_handed_over(log: Log, tmp_path: Path) -> None:

@@ -83,6 +83,7 @@ def test_formats_are_chosen_by_name_or_content(tmp_path: Path) -> None:
             b"time,x,y\n0,1,2\n",
             "found 'time,x,y', expected a log of one of the formats carmen, dpslam, usarsim,",
         ),
+        ("range_0,range_1\n1,2\n".encode("utf-16"), "found text in UTF-16, expected UTF-8"),
         (b"\x89PNG\r\n\x1a\n\x00", r"found '\x89PNG\r', expected a log"),
         (b"\x00\x1b[2J", r"found '\x00\x1b[2J', expected a log"),
     ],

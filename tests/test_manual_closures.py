@@ -112,9 +112,9 @@ def test_a_file_with_and_without_deviations(tmp_path: Path) -> None:
         (f"{HEADER}\n-1,2,0,0,0\n", r":2: found scans -1 and 2"),
         (f"{HEADER}\n1,2,0,0,-90\n", r":2: found a heading of -90 rad, expected radians \(-90° is -1\.5708\)"),
         (f"{HEADER}\n2,2,0,0,0\n", r":2: found scans 2 and 2"),
-        (f"{HEADER},sigma_m,sigma_rad\n1,2,0,0,0,0.1,0\n", r":2: found the deviations 0.1 m and 0.0 rad"),
-        (f"{HEADER},sigma_m,sigma_rad\n1,2,0,0,0,1e-200,1\n", r":2: found the deviations .* expected at least 1e-06"),
-        (f"{HEADER},sigma_m,sigma_rad\n1,2,0,0,0,1e5,1\n", r":2: found the deviations .* at most 10000 m and 10 rad"),
+        (f"{HEADER},sigma_m,sigma_rad\n1,2,0,0,0,0.1,0\n", r":2: sigma_rad: found 0, expected"),
+        (f"{HEADER},sigma_m,sigma_rad\n1,2,0,0,0,1e-200,1\n", r":2: sigma_m: found 1e-200, expected 1e-06"),
+        (f"{HEADER},sigma_m,sigma_rad\n1,2,0,0,0,1e5,1\n", r":2: sigma_m: found 100000, expected 1e-06 to 10000"),
     ],
 )
 def test_what_a_file_must_not_hold(tmp_path: Path, text: str, complaint: str) -> None:

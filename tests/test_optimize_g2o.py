@@ -102,6 +102,9 @@ def test_a_graph_that_cannot_be_solved_is_named(tmp_path: Path, capsys: pytest.C
     assert capsys.readouterr().err.startswith(f"iceg: {source}: 1 of 3 poses are connected to no prior")
     assert main(["optimize", str(source), "-o", str(target), "--kernel-width", "-1"]) == 2
     assert "found --kernel-width -1.0, expected a positive number" in capsys.readouterr().err
+    before = source.read_bytes()
+    assert main(["optimize", str(source), "-o", str(source)]) == 2
+    assert source.read_bytes() == before
 
 
 def test_vertices_that_hang_in_the_air_are_named_as_in_the_file() -> None:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import tempfile
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,9 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
 from pyarrow import parquet
 
@@ -51,6 +55,16 @@ def test_a_log_from_arrays() -> None:
     assert log.stamps.tolist() == [0.0, 1.0]
 
 
+@pytest.mark.parametrize(("factor", "unit"), [(1.0, ""), (1e3, "milli"), (1e6, "micro"), (1e9, "nano")])
+def test_stamps_in_another_unit_are_told(tmp_path: Path, factor: float, unit: str) -> None:
+    ranges, stamps = np.linspace(1.0, 4.0, 60).reshape(20, 3), factor * (1e9 + 0.05 * np.arange(20))
+    log = Log.from_arrays(ranges, field_of_view=2.0, stamps=stamps)
+    told = [said.rpartition(" ")[2] for said in log.warnings if "apart by their stamps" in said]
+    assert told == ([f"{unit}seconds?"] if unit else [])
+    write_log(tmp_path / "log.csv", log)
+    assert read_log(tmp_path / "log.csv").warnings == log.warnings
+
+
 def test_beams_from_left_to_right_are_turned_about() -> None:
     log = Log.from_arrays([[1.0, 2.0, 3.0]], bearings=[0.5, 0.0, -0.5])
     assert log.ranges[0].tolist() == [3.0, 2.0, 1.0]
@@ -82,7 +96,7 @@ RANGES = np.ones((3, 4))
         ({"ranges": np.ones((3, 1)), "field_of_view": 1.0}, r"ranges of shape \(3, 1\)"),
         ({"ranges": [["a", "b"]], "field_of_view": 1.0}, "no array of numbers"),
         ({}, "exactly one"),
-        ({"field_of_view": 7.0}, "field of view of 7.0 rad"),
+        ({"field_of_view": 7.0}, "field of view of 7 rad, expected more than 0 and at most 2π: 7° is 0.122173"),
         ({"bearings": [0.0, 1.0]}, r"bearings of shape \(2,\), expected \(4,\)"),
         ({"bearings": [0.0, 0.2, 0.1, 0.3]}, "neither increase nor decrease"),
         ({"bearings": [0.0, 0.1, 0.2, 2.0]}, "unevenly"),
@@ -196,7 +210,12 @@ def test_a_table_by_hand(tmp_path: Path) -> None:
             "heading of 180 rad, expected rad",
         ),
         ("# field_of_view_rad = 1\nrange_0,range_2\n1,2\n", "2 columns from range_0 to range_2"),
-        ("# field_of_view_rad = 1\nrange_0,range_1,speed\n1,2\n", ":2: found the column 'speed'"),
+        ("# field_of_view_rad = 1\nrange_0,range_1,Range_2\n1,2,3\n", ":2: found the column 'Range_2', did you mean"),
+        ("# field_of_view_rad = 1\nrange_0,range_1,range_1\n1,2,3\n", ":2: found the column 'range_1' twice"),
+        ("# field_of_view_rad = 1\nrange_0;range_1\n1,5;2\n", ":3: found '1,5', expected a number with a point"),
+        ("# field_of_view_rad = 1,5\nrange_0;range_1\n1;2\n", ":1: found '1,5', expected numbers for .* with a point"),
+        ("# a remark\nStamp_s,Range_0,Range_1\n0,1,2\n", ":2: found the column 'Stamp_s', did you mean 'stamp_s'"),
+        ("# a remark\ntime;r0;r1\n1;2;3\n", "found 'time;r0;r1', expected a log"),
         ("# field_of_view_rad = 1\nrange_0,range_1\n1,2\n1\n1,2\n", ":4: found 1 fields, expected 2"),
         ("# field_of_view_rad = 1\nrange_0,range_1\n1,2\n1,b\n1,2\n", ":4: found 'b', expected a number"),
         (
@@ -212,6 +231,28 @@ def test_tables_with_a_mistake(tmp_path: Path, content: str, found: str) -> None
     path.write_text(content)
     with pytest.raises(LogError, match=found):
         read_log(path)
+
+
+@given(
+    separator=st.sampled_from([",", ";", "\t"]),
+    ranges=npst.arrays(np.float32, (3, 4), elements=st.floats(0.125, 8.0, width=32), unique=True),
+    is_quoted=st.booleans(),
+    is_padded=st.booleans(),
+)
+def test_a_table_may_be_separated_by_commas_semicolons_or_tabs(
+    separator: str, ranges: NDArray[np.float32], is_quoted: bool, is_padded: bool
+) -> None:
+    names = ["stamp_s", *(f"range_{beam}" for beam in range(4))]
+    rows = [[repr(0.1 * k), *(reading.astype(str) for reading in row)] for k, row in enumerate(ranges)]
+    lines = [[f'"{name}"' for name in names] if is_quoted else names, *rows]
+    padding = 4 * separator if is_padded else ""  # as spreadsheets write short lines
+    settings = [f"# {said}{padding}" for said in ("field_of_view_rad = 2", "range_max_m = 9")]
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scans.csv"
+        path.write_text("\n".join([*settings, *map(separator.join, lines)]) + "\n")
+        log = read_log(path)
+    np.testing.assert_array_equal(log.ranges, ranges)
+    np.testing.assert_allclose(log.stamps, [0.0, 0.1, 0.2])
 
 
 def test_malformed_rows_may_be_passed_over(tmp_path: Path) -> None:
@@ -263,6 +304,39 @@ def test_a_misspelt_setting_of_a_csv_is_told_and_a_remark_is_none(tmp_path: Path
     log = read_log(path)
     assert log.warnings[0] == "line 2: found laser_x, which is left out: did you mean laser_x_m?"
     assert not any("speed" in warning for warning in log.warnings)
+
+
+def write_table(path: Path, columns: dict[str, list[float]]) -> Path:
+    """The same columns in whatever format the name tells, over a view of 2 rad."""
+    if path.suffix == ".parquet":
+        table = pa.table(columns).replace_schema_metadata({"iceg": json.dumps({"field_of_view_rad": [2.0]})})
+        parquet.write_table(table, path)
+    else:
+        rows = zip(*columns.values(), strict=True)
+        lines = ["# field_of_view_rad = 2", ",".join(columns), *(",".join(map(str, row)) for row in rows)]
+        path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("name", ["log.csv", "log.parquet"])
+def test_a_misspelt_column_is_refused_and_another_one_told(tmp_path: Path, name: str) -> None:
+    columns = {"range_0": [1.0, 2.0], "range_1": [2.0, 3.0]}
+    for wrong, right in {"odom_x": "odom_x_m", "Range_17": "range_0", "stamps": "stamp_s"}.items():
+        path = write_table(tmp_path / name, {**columns, wrong: [0.0, 1.0]})
+        with pytest.raises(LogError, match=f"found the column '{wrong}', did you mean '{right}'"):
+            read_log(path)
+    log = read_log(write_table(tmp_path / name, {"speed": [0.0, 1.0], **columns}))
+    np.testing.assert_array_equal(log.ranges, [[1.0, 2.0], [2.0, 3.0]])
+    assert log.warnings[0].startswith("found the columns 'speed', expected stamp_s, odom_…")
+
+
+def test_a_misspelt_setting_of_parquet_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "log.parquet"
+    table = pa.table({"range_0": [1.0], "range_1": [2.0]})
+    said = json.dumps({"field_of_view_rad": [2.0], "laser_x": [0.2]})
+    parquet.write_table(table.replace_schema_metadata({"iceg": said}), path)
+    with pytest.raises(LogError, match="found the setting 'laser_x', did you mean 'laser_x_m'"):
+        read_log(path)
 
 
 CONVERTED = ("log.clf", "log.usarsim", "log.bag", "log.db3", "log.mcap", "log.parquet", "log.csv", "log.npz")
@@ -321,13 +395,27 @@ def test_unknown_names_of_formats(tmp_path: Path) -> None:
         write_log(tmp_path / "log", moving_log(), log_format="xyz")
 
 
+def test_a_recording_that_is_there_is_replaced_only_if_asked(tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text("the only copy")
+    with pytest.raises(LogError, match=r"is there already.*overwrite=True"):
+        iceg.write_log(path, moving_log())
+    assert path.read_text() == "the only copy"
+    iceg.write_log(path, moving_log(), overwrite=True)
+    assert len(read_log(path)) == 20
+    with pytest.raises(LogError, match="is a folder"):
+        iceg.write_log(tmp_path, moving_log(), log_format="ros2", overwrite=True)
+
+
 def test_convert_on_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_log(tmp_path / "log.npz", moving_log())
     words = ["convert", str(tmp_path / "log.npz"), str(tmp_path / "log.clf")]
     assert main(words) == 0
     assert "cannot carry the true poses" in capsys.readouterr().err
-    assert main(words) == 2
+    assert main(words) == 1  # as `iceg run` into a folder of results
+    assert f"{words[2]}: is there already" in capsys.readouterr().err
     assert main([*words, "--overwrite"]) == 0
+    assert main(["convert", str(tmp_path / "none.clf"), str(tmp_path / "log.xyz")]) == 2
     assert main(["convert", str(tmp_path / "log.clf"), str(tmp_path / "bag"), "--to", "ros2"]) == 0
     assert (tmp_path / "bag" / "metadata.yaml").exists()
     assert len(read_log(tmp_path / "bag")) == 20

@@ -13,6 +13,7 @@ from frontends.logs import read_log
 from frontends.scan import Log, ScanGeometry
 from iceg import pipeline
 from iceg.demo import demo_log_path
+from iceg.show import progress
 from iceg.show.progress import ProgressBar, compile_note, real_time_factor
 from iceg.slam.progress import Progress, Stage
 
@@ -32,16 +33,23 @@ def shown(capsys: pytest.CaptureFixture[str]) -> list[str]:
 
 
 def share(line: str) -> int:
-    return int(line.partition("%|")[0].split()[-1])
+    return int(line.partition("%")[0].split()[-1])
 
 
-def test_the_bar_tells_stage_scans_speed_and_share_of_matches(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.fixture
+def terminal(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> pytest.CaptureFixture[str]:
+    """What is written to stderr, which is a terminal."""
+    monkeypatch.setattr(progress, "_is_in_file", lambda: False)
+    return capsys
+
+
+def test_the_bar_tells_stage_scans_speed_and_share_of_matches(terminal: pytest.CaptureFixture[str]) -> None:
     with ProgressBar(make_log(4)) as bar:
         for scans in range(1, 5):
             bar(Progress(scans=scans, tried=scans, accepted=scans - 1))
             bar._bar.refresh()
     assert bar.matching == Progress(scans=4, tried=4, accepted=3)
-    lines = shown(capsys)
+    lines = shown(terminal)
     matched, done = [line for line in lines if "made-up.clf, matching" in line][-1], lines[-1]
     assert "4/4 scans" in matched
     assert "x real time, 75 % matched" in matched
@@ -49,48 +57,66 @@ def test_the_bar_tells_stage_scans_speed_and_share_of_matches(capsys: pytest.Cap
     assert "made-up.clf, done: 100%" in done
 
 
-def test_waiting_for_kernels_is_told_and_is_no_progress(capsys: pytest.CaptureFixture[str]) -> None:
+def test_waiting_for_kernels_is_told_and_is_no_progress(terminal: pytest.CaptureFixture[str]) -> None:
     with ProgressBar(make_log(4)) as bar:
         bar(Progress(scans=4, tried=4, accepted=4))
         bar.compiling(41, 55)
         bar.compiling(42, 55)
         bar(Progress(scans=4, tried=4, accepted=4, stage="graph"))
-    lines = shown(capsys)
+    lines = shown(terminal)
     waited = [line for line in lines if "compiling" in line]
     assert "made-up.clf, compiling 42 of 55" in waited[-1]
     assert share(waited[0]) == share(waited[-1]) < share(lines[-1])
 
 
-def test_every_stage_is_named_and_the_bar_is_full_only_at_the_end(capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_stage_is_named_and_the_bar_is_full_only_at_the_end(terminal: pytest.CaptureFixture[str]) -> None:
     stages = [stage for stage in get_args(Stage) if stage != "filtering"]
     with ProgressBar(make_log(4)) as bar:
         for stage in stages:
             bar(Progress(scans=4, tried=4, accepted=4, stage=stage))
         for k, part in enumerate(("map", "report")):
             bar.writing(part, k, 2)
-        before = shown(capsys)
+        before = shown(terminal)
     for words in ("matching", "sweep", "graph", "finish", "covariances", "feature map", "grid", "writing report"):
         assert any(f"made-up.clf, {words}" in line for line in before)
     shares = [share(line) for line in before]
     assert shares == sorted(shares)
     assert shares[-1] < 100
-    assert share(shown(capsys)[-1]) == 100
+    assert share(shown(terminal)[-1]) == 100
 
 
-def test_a_second_pass_over_the_log_does_not_turn_the_bar_back(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_second_pass_over_the_log_does_not_turn_the_bar_back(terminal: pytest.CaptureFixture[str]) -> None:
     with ProgressBar(make_log(10)) as bar:
         for scans in (9, 1, 10):
             bar(Progress(scans=scans, tried=1, accepted=1))
             bar._bar.refresh()
-    shares = [share(line) for line in shown(capsys)]
+    shares = [share(line) for line in shown(terminal)]
     assert shares == sorted(shares)
 
 
-def test_a_run_cut_short_leaves_the_bar_where_it_was(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_cut_short_leaves_the_bar_where_it_was(terminal: pytest.CaptureFixture[str]) -> None:
     bar = ProgressBar(make_log(4))
     bar(Progress(scans=2, tried=1, accepted=1, stage="graph"))
     bar.__exit__(KeyboardInterrupt, KeyboardInterrupt(), None)
-    assert share(shown(capsys)[-1]) < 100
+    assert share(shown(terminal)[-1]) < 100
+
+
+def test_in_a_file_a_stage_is_a_line_and_nothing_is_drawn_over(capsys: pytest.CaptureFixture[str]) -> None:
+    stages: list[Stage] = ["matching", "graph", "finish"]
+    with ProgressBar(make_log(400)) as bar:
+        for stage in stages:
+            for scans in range(0, 401, 4):
+                bar(Progress(scans=scans, tried=scans, accepted=scans, stage=stage))
+        for k in range(50):
+            bar.compiling(k, 50)
+        for k, part in enumerate(("map", "report", "summary")):
+            bar.writing(part, k, 3)
+    told = capsys.readouterr().err
+    assert "\r" not in told
+    lines = told.splitlines()
+    words = [line.removeprefix("made-up.clf, ").partition(":")[0].split()[0] for line in lines]
+    assert words == ["starting", *stages, "compiling", "writing", "done"]
+    assert lines[-1].startswith("made-up.clf, done: 100%, 00:0")
 
 
 def test_a_run_tells_its_stages_in_their_order() -> None:
@@ -98,8 +124,8 @@ def test_a_run_tells_its_stages_in_their_order() -> None:
     whole = read_log(demo_log_path())
     short = replace(whole, ranges=whole.ranges[:60], odometry=whole.odometry[:60], stamps=whole.stamps[:60], truth=None)
     pipeline.run(short, None, told.append)
-    assert list(dict.fromkeys(progress.stage for progress in told)) == [*get_args(Stage)][:-1]
-    assert all(progress.scans == 60 for progress in told if progress.stage not in {"matching", "sweep"})
+    assert list(dict.fromkeys(each.stage for each in told)) == [*get_args(Stage)][:-1]
+    assert all(each.scans == 60 for each in told if each.stage not in {"matching", "sweep"})
 
 
 def test_real_time_factor() -> None:

@@ -92,7 +92,7 @@ def test_a_wrong_closure_is_named_and_bends_nothing(
     *others, by_hand = result.closures
     assert [c.verdict for c in others] == [c.verdict for c in as_found.closures]
     assert by_hand.verdict == "removed"
-    (sentence,) = (warning.sentence for warning in result.warnings if warning.kind == "corrections")
+    (sentence,) = (warning.sentence for warning in result.run_warnings if warning.kind == "corrections")
     assert sentence.startswith(f"c.toml:1: the closure by hand between scans {said.scan_i} and {said.scan_j}")
     assert "other closures contradict it" in sentence
     assert "standard deviations off; it takes no part unless it is pinned" in sentence
@@ -127,7 +127,7 @@ def test_a_pinned_one_is_believed_until_it_is_taken_back(
     off = between(said.T_i_j, between(result.trajectory[said.scan_i], result.trajectory[said.scan_j]))
     assert np.hypot(*off[:2]) < 0.5, "the map follows it"
     assert error(result, truth) > 3.0 * error(as_found, truth)
-    assert any("it is believed all the same, for it is pinned" in w.sentence for w in result.warnings)
+    assert any("it is believed all the same, for it is pinned" in w.sentence for w in result.run_warnings)
     # As the run's own guide it does no harm that taking it back does not mend.
     again = conclude(result.findings)
     np.testing.assert_array_equal(again.trajectory, as_found.trajectory)

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from frontends.bags.beams import StackedSweeps, stack
+from frontends.bags.beams import StackedSweeps, stack, why_no_scan
 from frontends.bags.errors import BagError
 from frontends.bags.frames import Frames
 from frontends.bags.gyro import choose_gyro
@@ -116,8 +116,7 @@ def _assemble(path: Path, records: Records, warnings: list[str], options: BagOpt
     mount = find_mount(chosen.base, chosen.laser.frame, chosen.frames)
     geometry, ranges, usable = _geometry(chosen.stacked, records.scans[chosen.laser], times, mount, options)
     odometry = chosen.odometry
-    T_odom_robot, has_odometry, judged, odometry_said = _odometry(odometry, chosen.base, chosen.frames, ranges, stamps)
-    odometry_said = "; ".join([odometry_said, *chosen.odometry_notes])
+    T_odom_robot, has_odometry, judged, odometry_said = _odometry(chosen, ranges, stamps)
     gyro = choose_gyro(records.imus, times, stamps, has_odometry=has_odometry)
     truth, truth_said = _truth(records, times, stamps, options.odometry_topic)
     sweep = -sweep if sweep is not None and mount.is_upside_down else sweep
@@ -167,7 +166,7 @@ def choose(records: Records, options: BagOptions) -> Choice:
     scans = records.scans[laser.laser]
     stacked = stack(scans)
     if stacked is None:
-        raise BagError(f"no message of {laser.laser.topic} has angles and beams that make a scan")
+        raise BagError(f"no message of {laser.laser.topic} makes a scan: {why_no_scan(scans)}")
     times = _times(scans, stacked)
     sweep = _sweep(scans, stacked, times)
     stamps = times.stamps + 0.5 * abs(sweep or 0.0)
@@ -236,17 +235,19 @@ def _geometry(
 
 
 def _odometry(
-    chosen: PosesOfScans | None, base: str, frames: Frames, ranges: NDArray[np.float32], stamps: NDArray[np.float64]
+    choice: Choice, ranges: NDArray[np.float32], stamps: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], bool, list[str], str]:
     """T_odom_robot of each scan, whether it says anything, warnings, and where it comes from."""
+    chosen, notes = choice.odometry, choice.odometry_notes
     if chosen is None:
-        return np.zeros((len(ranges), 3)), False, ["there is no odometry"], "none"
-    found = frames.between(chosen.child, base) if chosen.child else None
+        why = f": {'; '.join(notes)}" if notes else ""
+        return np.zeros((len(ranges), 3)), False, [f"there is no odometry{why}"], "; ".join(["none", *notes])
+    found = choice.frames.between(chosen.child, choice.base) if chosen.child else None
     poses = chosen.poses if found is None else compose(chosen.poses, found[0].planar)
     has_odometry, judged = judge_odometry(poses, ranges, stamps)
     if not has_odometry:
         return np.zeros_like(poses), False, judged, f"none: {chosen.reason} does not move"
-    return poses, True, judged, f"{chosen.reason}, of '{chosen.child or base}'"
+    return poses, True, judged, f"{chosen.reason}, of '{chosen.child or choice.base}'"
 
 
 def _truth(

@@ -13,6 +13,8 @@ from frontends.logs.beams import place_on_bearings
 
 _WHOLE_TURN = 2.0 * math.pi
 _MOST_BEAMS = 1_000_000
+_MOST_FIRST = 2.0 * _WHOLE_TURN
+"""A first beam farther round [rad] is stated in another unit, and where it points is unknown."""
 
 
 class Spread(NamedTuple):
@@ -69,6 +71,17 @@ def stack(scans: ScanRecords) -> StackedSweeps | None:
     return StackedSweeps(kept, ranges, bearings, usual.step < 0.0, _warnings(spreads, counted, usual))
 
 
+def why_no_scan(scans: ScanRecords) -> str:
+    """What to say of a laser none of whose messages makes a scan, by the most frequent of its settings."""
+    n_beams, first, last, step = Counter(_keys(scans)).most_common(1)[0][0]
+    if n_beams < 2:
+        return f"found {n_beams} readings, expected 2 or more"
+    found = f"found {n_beams} beams from {first:g} to {last:g} rad, {step:g} rad apart"
+    in_degrees = _spread(n_beams, math.radians(first), math.radians(last), math.radians(step)) is not None
+    expected = "radians: these look like degrees" if in_degrees else "more than 0 and at most 2π rad"
+    return f"{found}, expected {expected}"
+
+
 def _keys(scans: ScanRecords) -> list[tuple[int, float, float, float]]:
     return [
         (len(ranges), setting[0], setting[1], setting[2])
@@ -78,7 +91,7 @@ def _keys(scans: ScanRecords) -> list[tuple[int, float, float, float]]:
 
 def _spread(n_beams: int, first: float, last: float, step: float) -> Spread | None:
     """The spread that a message states: first bearing and step, else first and last bearing; None for nonsense."""
-    if not 2 <= n_beams <= _MOST_BEAMS or not math.isfinite(first):
+    if not 2 <= n_beams <= _MOST_BEAMS or not abs(first) <= _MOST_FIRST:  # neither is NaN
         return None
     if not _fits(step, n_beams):
         step = (last - first) / (n_beams - 1)

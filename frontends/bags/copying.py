@@ -13,7 +13,7 @@ from frontends.bags.errors import BagError
 from frontends.bags.message import Channel
 from frontends.bags.planar_messages import message_store
 from frontends.bags.rosbags_files import bag_reader
-from frontends.bags.storage import Bag, BagFile, said_of_damage
+from frontends.bags.storage import Bag, BagFile, is_foreign, said_of_damage
 
 NAMES = ("corrected.bag", "corrected.db3", "corrected.mcap", "metadata.yaml")
 """The files of which a copy may consist."""
@@ -98,12 +98,15 @@ def copy_bag(
         The file.
 
     Raises:
-        BagError: the bag is damaged, or of several containers.
+        BagError: the bag is damaged, of several containers, or MCAP that is no recording of ROS 2.
         OSError: the copy cannot be written.
     """
     containers = sorted({file.container for file in bag.files})
     if len(containers) > 1:
         raise BagError(f"{bag.path}: found files of {' and '.join(containers)}, expected one container")
+    foreign = next(filter(is_foreign, bag.files), None)
+    if foreign is not None:
+        raise BagError(f"{foreign.path}: found MCAP whose profile is not ros2, expected a bag of ROS to copy")
     store, container = types_of(bag), containers[0]
     pack = store.serialize_ros1 if container == "ros1" else store.serialize_cdr
     with _writer(folder, container) as writer:

@@ -1,4 +1,4 @@
-"""An MCAP file record by record, without its summary: what was cut off or damaged.
+"""An MCAP file record by record, without its summary: what was cut off or damaged, or is no recording of ROS 2.
 
 Source: the MCAP specification (mcap.dev/spec). A record is one byte of operation, eight of length and its content.
 """
@@ -12,7 +12,7 @@ from zlib import crc32
 from frontends.bags.compression import unpacked_beginning
 from frontends.bags.message import Channel, Message, See, Tell, type_name
 
-_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 3, 4, 5, 6, 15
+_HEADER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _DATA_END = 1, 3, 4, 5, 6, 15
 _MAGIC_BYTES = 8
 _RECORD = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
@@ -23,11 +23,38 @@ _ENCODINGS = ("cdr", "ros1")
 
 
 class _Book:
-    """Schemas and channels met so far."""
+    """Schemas and channels met so far, and the topics of those whose messages are none of ROS by their encoding."""
 
     def __init__(self) -> None:
         self.types: dict[int, str] = {}
         self.channels: dict[int, Channel] = {}
+        self.foreign: dict[str, set[str]] = {}
+
+    def told(self) -> Iterator[str]:
+        """What a person should know of encodings, a sentence each."""
+        for encoding, topics in self.foreign.items():
+            yield (
+                f"messages encoded as {encoding} are left out ({', '.join(sorted(topics))}), "
+                f"expected those of ROS, encoded as {' or '.join(_ENCODINGS)}"
+            )
+
+
+def is_of_ros2(path: Path) -> bool:
+    """Whether an MCAP file is a recording of ROS 2 by its header, or has no header that says otherwise.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    with path.open("rb") as file:
+        file.seek(_MAGIC_BYTES)
+        operation, content, is_whole = _record(file) or (0, b"", False)
+    if operation != _HEADER or not is_whole:
+        return True
+    try:
+        profile, _ = _text(content, 0)
+    except (struct.error, _SpoiledError):
+        return True
+    return profile == "ros2"
 
 
 def recover(path: Path, types: Collection[str], see: See, tell: Tell) -> Iterator[Message]:
@@ -54,6 +81,8 @@ def recover(path: Path, types: Collection[str], see: See, tell: Tell) -> Iterato
                 spoiled += 1
         else:
             tell(f"{path.name}: the file is cut off or damaged at byte {file.tell()}: nothing behind it is read")
+    for sentence in book.told():
+        tell(f"{path.name}: {sentence}")
     if spoiled:
         tell(f"{path.name}: {spoiled} chunks or records are damaged: what they hold is left out, or may be wrong")
 
@@ -76,7 +105,10 @@ def _messages(operation: int, content: bytes, book: _Book, types: Collection[str
     elif operation == _CHANNEL:
         topic, at = _text(content, 4)
         encoding, _ = _text(content, at)
-        name = book.types.get(_short(content, 2), "") if encoding in _ENCODINGS else f"one as {encoding}"
+        name = book.types.get(_short(content, 2), "")
+        if encoding not in _ENCODINGS:
+            book.foreign.setdefault(encoding, set()).add(topic)
+            name = f"{name or 'messages'} as {encoding}"
         book.channels[_short(content, 0)] = Channel(topic, name, is_cdr=encoding == "cdr")
     elif operation == _MESSAGE:
         number, _, logged, _ = _MESSAGE_HEAD.unpack_from(content)

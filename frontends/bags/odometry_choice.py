@@ -12,11 +12,13 @@ from frontends.bags.errors import BagError
 from frontends.bags.frames import Frames
 from frontends.bags.records import Laser, PoseSource, Records, Rows
 from frontends.bags.rigid import planar_poses
-from frontends.bags.sources import is_fixed_frame, is_odometry, is_odometry_frame, is_truth, last_word
+from frontends.bags.sources import is_estimate, is_fixed_frame, is_odometry, is_odometry_frame, is_truth, last_word
 from frontends.bags.times import ScanTimes, covered, pose_times
 from frontends.pose_samples import poses_at
 
 _MOVED = 1e-6  # m or rad
+_MOST_SCANS = 0.5
+"""A source that tells of fewer of the scans is not offered as odometry: it may be a goal, or a place to begin from."""
 _WHOLE = 0.9
 """A source that tells of so many of the scans tells of the whole recording."""
 
@@ -66,7 +68,7 @@ def choose_odometry(
     candidates = _candidates(records, frames, laser)
     found = [_at_scans(name, child, rows, times, stamps) for name, child, rows in candidates]
     if not found:
-        return None, _why_none(records)
+        return None, (*_why_none(records), *_may_be_asked_for(records, times, stamps))
     best = max(found, key=lambda source: (source.moves and source.share > 0.0, min(source.share, _WHOLE)))
     if not best.share:
         return None, (f"{best.reason} tells of no scan: its stamps lie elsewhere",)
@@ -144,6 +146,15 @@ def _rate(times: NDArray[np.float64]) -> str:
 
 def _kind(source: PoseSource) -> str:
     return source.type.rsplit("/", 1)[-1]
+
+
+def _may_be_asked_for(records: Records, times: ScanTimes, stamps: NDArray[np.float64]) -> Iterator[str]:
+    """Topics of poses whose type and name do not say what they are of, if they move while the laser scans."""
+    for source, rows in sorted(records.poses.items()):
+        if source.type != messages.ODOMETRY and not is_truth(source) and not is_estimate(source):
+            found = _at_scans(source.topic, source.child, rows, times, stamps)
+            if found.moves and found.share >= _MOST_SCANS:
+                yield f"{source.topic} ({_kind(source)}) is, if asked for: --log.odometry-topic {source.topic}"
 
 
 def _why_none(records: Records) -> tuple[str, ...]:

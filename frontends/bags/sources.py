@@ -19,14 +19,14 @@ def is_truth(source: PoseSource) -> bool:
     return _TRUTH.search(source.topic) is not None
 
 
+def is_estimate(source: PoseSource) -> bool:
+    """Whether a topic's name or frame says that another program made its poses of scans."""
+    return _ESTIMATE.search(source.topic) is not None or is_fixed_frame(source.parent)
+
+
 def is_odometry(source: PoseSource) -> bool:
     """Whether a topic may hold the robot's own odometry: neither the truth nor what another program made of scans."""
-    return (
-        source.type == messages.ODOMETRY
-        and not is_truth(source)
-        and _ESTIMATE.search(source.topic) is None
-        and last_word(source.parent) not in _FIXED_FRAMES
-    )
+    return source.type == messages.ODOMETRY and not is_truth(source) and not is_estimate(source)
 
 
 def is_odometry_frame(frame: str) -> bool:

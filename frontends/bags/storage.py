@@ -15,7 +15,7 @@ from typing import IO, NamedTuple, cast
 from frontends.bags import mcap_recovery, ros1_recovery, rosbags_files, sqlite_recovery
 from frontends.bags.errors import BagError
 from frontends.bags.magic import ZSTD, container
-from frontends.bags.message import Message, See, Tell
+from frontends.bags.message import Channel, Message, See, Tell
 from frontends.logs.text import OPENERS
 from graph.errors import reason
 from graph.files import check_file
@@ -82,6 +82,8 @@ class Bag:
         for file in self.files:
             if file in self.damaged:
                 yield from _recovered(file, self.damaged[file], types, see, tell)
+            elif is_foreign(file):
+                yield from mcap_recovery.recover(file.path, types, see, tell)
             else:
                 yield from _indexed(file, types, see)
 
@@ -102,6 +104,18 @@ def open_bag(path: Path) -> Iterator[Bag]:
         yield Bag(path=path, files=files, warnings=warnings)
 
 
+def is_foreign(file: BagFile) -> bool:
+    """Whether a file is MCAP but no recording of ROS 2, which has to be read record by record.
+
+    Raises:
+        BagError: it cannot be read at all.
+    """
+    try:
+        return file.container == "mcap" and not mcap_recovery.is_of_ros2(file.path)
+    except OSError as error:
+        raise BagError(f"{file.path}: cannot be read ({reason(error)})") from error
+
+
 def _indexed(file: BagFile, types: Collection[str], see: See) -> Iterator[Message]:
     try:
         yield from rosbags_files.read(file.path, file.container, types, see)
@@ -110,23 +124,30 @@ def _indexed(file: BagFile, types: Collection[str], see: See) -> Iterator[Messag
 
 
 def _recovered(file: BagFile, why: str, types: Collection[str], see: See, tell: Tell) -> Iterator[Message]:
-    n = 0
+    n = seen = 0
+
+    def count(channel: Channel, of_it: int) -> None:
+        nonlocal seen
+        seen += of_it
+        see(channel, of_it)
+
     try:
-        for n, message in enumerate(_RECOVERIES[file.container](file.path, types, see, tell), 1):  # noqa: B007
+        for n, message in enumerate(_RECOVERIES[file.container](file.path, types, count, tell), 1):  # noqa: B007
             yield message
     except OSError as error:
         raise BagError(f"{file.path}: cannot be read ({reason(error)})") from error
-    if not n:
+    if not seen:
         raise BagError(f"{file.path}: damaged, and no message could be read ({why})")
     tell(f"{file.path.name}: its index cannot be used ({why}): the {n} messages that can be reached are read in turn")
 
 
 def said_of_damage(error: Exception) -> str:
-    """What rosbags says of damage, in one line."""
-    said = " ".join(str(error).split())
+    """What rosbags says of damage, in one line; nothing of where it tripped over damage that it does not look for."""
     if isinstance(error, MemoryError):
         return "it states a size that does not fit into memory"
-    return f"{type(error).__name__}: {said[:200]}" if said else type(error).__name__
+    said = " ".join(str(error).split())[:200]
+    is_told = type(error).__module__.startswith("rosbags") and said
+    return said if is_told else "it is not laid out as a bag is"  # what trips over damage says nothing to a person
 
 
 def _container_of(path: Path) -> str | None:

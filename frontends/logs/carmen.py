@@ -24,6 +24,9 @@ __all__ = ["is_carmen", "read_carmen", "write_carmen"]
 _FRONT = ("ROBOTLASER1", "FLASER", "RAWLASER1")
 _REAR = ("ROBOTLASER2", "RLASER", "RAWLASER2")
 _LASERS = (*_FRONT, *_REAR, *(f"{family}{number}" for family in ("ROBOTLASER", "RAWLASER") for number in (3, 4, 0, 5)))
+_FEWEST = 0.5
+"""A message of which there are fewer than this share of that with most is not preferred for what it tells: where a log
+has two messages of each scan, some lines of one may be missing; a few strays are no recording."""
 _OTHERS = ("ODOM", "PARAM", "SYNC", "TRUEPOS", "NMEAGGA", "NMEARMC")
 
 
@@ -44,7 +47,8 @@ def read_carmen(
     """Read a CARMEN log, plain or compressed, block by block.
 
     Of several lasers' messages one is used, of the same scans' messages the fullest: for the front laser ROBOTLASER1,
-    else FLASER, else RAWLASER1, else whatever laser there is; `warnings` says so. Odometry is the robot pose of the
+    else FLASER, else RAWLASER1, else whatever laser there is, of which there are at least half as many as of that with
+    most; `warnings` says so. Odometry is the robot pose of the
     laser's own line; RAWLASER lines have none and take it from the ODOM lines around them in file order. The laser's
     place on the robot is the difference of the two poses of a line, where that is the same all through the log, else
     what PARAM says. Beams come from the message, else from their number: 180 run from −90° to +89°, 181 to +90°, 360
@@ -65,8 +69,12 @@ def read_carmen(
     """
     from frontends.logs.carmen_records import collect
 
-    path = Path(path)
-    records = collect(path, _candidates(laser), skip_bad_lines=skip_bad_lines)
+    path, candidates = Path(path), _candidates(laser)
+    records = collect(path, candidates, skip_bad_lines=skip_bad_lines)
+    most = max(records.counts[name] for name in candidates)
+    if records.counts[records.name] < _FEWEST * most:
+        frequent = tuple(name for name in candidates if records.counts[name] >= _FEWEST * most)
+        records = collect(path, frequent, skip_bad_lines=skip_bad_lines)
     return _assemble(path, records, rear=records.name in _REAR, range_min=range_min, range_max=range_max)
 
 

@@ -23,6 +23,9 @@ _TURN, _WIDE_TURN = 0.1, 1.0
 _WIDE, _MOST_WIDE = 0.15, 0.5
 """Share of the turns that are wide: at most 0.06 in recorded logs, from 0.2 on in the same logs in degrees; and the
 share that tells where there are no stamps, and scans may lie far apart."""
+_SLOWEST = 20.0
+"""Lasers scan several times a second, and recorders keep a scan in ten at least: scans that lie so far apart [s] in the
+median are stamped in another unit, milliseconds if not finer."""
 _LEAST_TURNS = 10
 """Fewest turns that tell."""
 
@@ -44,10 +47,24 @@ def choose_stamps(both: NDArray[np.float64]) -> tuple[NDArray[np.float64], list[
         warnings.append(f"the stamps have only {distinct} values for {len(own)} scans: the logger's stamps are taken")
     elif len(own) > 1 and distinct == 1:
         warnings.append(f"all stamps are {own[0]:g} s: times and speeds mean nothing, file order is the order of time")
+    warnings += judge_stamps(stamps)
     back = int(np.count_nonzero(np.diff(stamps) < 0))
     if back:
         warnings.append(f"the stamps step back {back} times: file order is taken as the order of time")
     return np.ascontiguousarray(stamps), warnings
+
+
+def judge_stamps(stamps: NDArray[np.float64]) -> list[str]:
+    """What to say of stamps that seem to be in another unit than seconds.
+
+    Args:
+        stamps: (n,) as recorded [s].
+    """
+    step = float(np.median(np.abs(np.diff(stamps)))) if len(stamps) > 1 else 0.0
+    if step < _SLOWEST:
+        return []
+    unit = "nanoseconds" if step > 1e6 * _SLOWEST else "microseconds" if step > 1e3 * _SLOWEST else "milliseconds"
+    return [f"the scans lie {step:.3g} s apart by their stamps: seconds expected, are they in {unit}?"]
 
 
 def check_steps(path: Path, odometry: NDArray[np.float64]) -> None:

@@ -1,5 +1,6 @@
 """The table of log formats, and reading a log whose format its content tells."""
 
+import codecs
 from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import signature
@@ -121,12 +122,15 @@ def recognise(path: Path) -> str:
         raise LogError(
             f"{path}: the {'compressed file is cut off before its first line' if log.cut_off else 'log is empty'}"
         )
+    if head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise LogError(f"{path}: found text in UTF-16, expected UTF-8: save it as that")
     if _is_archive(head):
         raise LogError(f"{path}: found an archive of files, expected one of them: unpack it first")
     for name, reader in READERS.items():
         if reader.recognises(head):
             return name
-    first = head.lstrip().partition(b"\n")[0]
+    lines = [line for line in head.split(b"\n") if line.strip()]
+    first = next((line for line in lines if not line.lstrip().startswith(b"#")), lines[0]).lstrip()
     raise LogError(
         f"{path}: found '{str(first[:60])[2:-1]}', expected a log of one of the formats {', '.join(READERS)};"
         " other data come in as a table (CSV, Parquet, NPZ: docs/formats.md) or as arrays (iceg.Log.from_arrays)"

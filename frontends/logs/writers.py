@@ -72,39 +72,66 @@ WRITERS: dict[str, Writer] = {
 """Every format that can be written, by its name."""
 
 
-def write_log(path: Path | str, log: Log, *, log_format: str | None = None) -> tuple[str, ...]:
+def write_log(path: Path | str, log: Log, *, log_format: str | None = None, overwrite: bool = False) -> tuple[str, ...]:
     """Write a log.
 
     Args:
-        path: the file, or for bags of ROS 2 a folder; replaced as a whole when all is written.
+        path: the file, or for bags of ROS 2 a folder that is not there yet.
         log: what to write.
         log_format: a name out of `WRITERS`; None to tell it by the end of the name.
+        overwrite: whether a file that is there may be replaced, as a whole when all is written.
 
     Returns:
         What the format could not carry, a sentence each.
 
     Raises:
-        LogError: the format is unknown, cannot carry the beams, or the file cannot be written.
+        LogError: the format is unknown, cannot carry the beams, or the file is there already or cannot be written.
         TypeError: an argument of another type.
     """
     if isinstance(path, Log):
         raise TypeError("path: found Log first, expected write_log(path, log)")
     expect(log, Log, "log", "iceg.Log, as iceg.read_log(path) gives")
     path = Path(path)
-    name = log_format or _format_of(path)
+    name = log_format or format_of(path)
     if name not in WRITERS:
         raise LogError(f"no log format is called '{name}': expected one of {', '.join(WRITERS)}")
+    check_free(path, overwrite=overwrite)
     WRITERS[name].write(path, log)
     return _lost(name, log)
 
 
-def _format_of(path: Path) -> str:
+def check_free(path: Path, *, overwrite: bool) -> None:
+    """Refuse to write a log in the place of something else: it may be the only recording.
+
+    Args:
+        path: where it is to go.
+        overwrite: whether a file may be replaced.
+
+    Raises:
+        LogError: a folder is there, or a file that may not be replaced.
+    """
+    if path.is_dir():
+        raise LogError(f"{path}: is a folder, expected a name that is free")
+    if not overwrite and path.exists():
+        raise LogError(
+            f"{path}: is there already; choose another name, or replace it with --overwrite (in Python overwrite=True)"
+        )
+
+
+def format_of(path: Path) -> str:
+    """The format out of `WRITERS` that the end of a name asks for.
+
+    Raises:
+        LogError: it tells none.
+    """
     name = path.name.removesuffix(".gz").lower()
     for log_format, writer in WRITERS.items():
         if name.endswith(writer.suffixes):
             return log_format
     known = ", ".join(suffix for writer in WRITERS.values() for suffix in writer.suffixes)
-    raise LogError(f"{path}: the end of the name tells no format: expected one of {known}, or a format by its name")
+    raise LogError(
+        f"{path}: the end of the name tells no format: expected one of {known}, or --to (in Python log_format)"
+    )
 
 
 def _lost(name: str, log: Log) -> tuple[str, ...]:

@@ -1,8 +1,12 @@
-"""Tables of scans as CSV, plain or compressed: `# name = numbers` for what holds for all, a line of names, the rows."""
+"""Tables of scans as CSV, plain or compressed: `# name = numbers` for what holds for all, a line of names, the rows.
+
+Fields are separated by commas, semicolons or tabs, as the line of names has them; decimals have a point.
+"""
 
 import math
+from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,30 +16,34 @@ from frontends.logs.errors import LogError, MalformedLineError
 from frontends.logs.line_loop import LineTroubles, read_lines
 from frontends.logs.text import Line
 from frontends.logs.text_output import write_text_log
-from frontends.scan import Log
+from frontends.scan import Log, ScanError
 from frontends.tables.layout import (
     FINITE,
     RANGE,
     SETTINGS,
-    STAMP,
     ScanTable,
     is_known,
     is_range,
     log_of,
+    may_be_table,
     meant,
     range_columns,
     table_of,
+    unknown_columns,
 )
 
 _MOST_SHOWN = 40
+_SEPARATORS = (",", ";", "\t")
+_PADDING = ",;\t "
+"""What spreadsheets put behind a line that has fewer fields than others."""
 
 
 def is_csv(head: bytes) -> bool:
-    """Whether a file that begins with `head` is a CSV table of scans: its line of names holds a range."""
+    """Whether a file that begins with `head` is a CSV table of scans, by its line of names, misspelt or not."""
     for line in head.split(b"\n"):
         if line.strip() and not line.startswith(b"#"):
-            names = line.decode("utf-8", "replace").split(",")
-            return STAMP in names or any(is_range(name.strip()) for name in names)
+            text = line.decode("utf-8", "replace")
+            return may_be_table(_names(text, _separator(text)))
     return False
 
 
@@ -62,25 +70,24 @@ def read_csv(
     path = Path(path)
     check_laser(path, laser)
     settings: dict[str, list[float]] = {}
-    names: list[str] = []
-    finite: list[int] = []
+    columns: _Columns | None = None
     rows: list[list[float]] = []
     troubles = LineTroubles()
 
     def read(line: Line) -> None:
-        text = line.text.decode("utf-8", "replace").strip()
+        nonlocal columns
+        text = line.text.decode("utf-8", "replace").strip(" \r")
         if text.startswith("#"):
             _read_setting(line.number, text, settings, troubles)
-        elif not names and text:
-            names.extend(_names(text))
-            finite.extend(place for place, name in enumerate(names) if name in FINITE)
-        elif text:
-            rows.append(_row(text, names, finite))
+        elif text and columns is None:
+            columns = _columns(path, line.number, text, troubles)
+        elif text and columns is not None:
+            rows.append(_row(text, columns))
 
     read_lines(path, read, troubles, skip_bad_lines=skip_bad_lines)
-    if not rows:
+    if columns is None or not rows:
         raise LogError(f"{path}: no scan, expected a line of names and a row for each scan")
-    log = log_of(path, _table(path, settings, names, np.array(rows)), range_min, range_max)
+    log = log_of(path, _table(path, settings, columns, np.array(rows)), range_min, range_max)
     return replace(log, skipped_lines=troubles.skipped, warnings=(*troubles.told(), *log.warnings))
 
 
@@ -103,8 +110,27 @@ def write_csv(path: Path | str, log: Log) -> None:
     write_text_log(Path(path), _text(table_of(log)))
 
 
+@dataclass(frozen=True, kw_only=True)
+class _Columns:
+    """What the line of names says.
+
+    Attributes:
+        separator: between fields.
+        n: of fields in each row.
+        places: of the columns that are part of the layout.
+        names: of these.
+        finite: of these, the places of those that hold a finite number in each row.
+    """
+
+    separator: str
+    n: int
+    places: list[int]
+    names: list[str]
+    finite: list[int]
+
+
 def _read_setting(number: int, text: str, settings: dict[str, list[float]], troubles: LineTroubles) -> None:
-    name, equals, value = text.lstrip("# ").partition("=")
+    name, equals, value = text.lstrip("# ").rstrip(_PADDING).partition("=")
     if not equals or name.strip() not in SETTINGS:  # a comment
         like = meant(name.strip(), SETTINGS) if equals else None
         if like:
@@ -113,41 +139,68 @@ def _read_setting(number: int, text: str, settings: dict[str, list[float]], trou
     try:
         settings[name.strip()] = [float(number) for number in value.split()]
     except ValueError:
-        raise MalformedLineError(f"'{value.strip()[:_MOST_SHOWN]}'", f"numbers for {name.strip()}") from None
+        expected = f"numbers for {name.strip()}{_with_a_point(value)}"
+        raise MalformedLineError(f"'{value.strip()[:_MOST_SHOWN]}'", expected) from None
 
 
-def _names(text: str) -> list[str]:
-    names = [name.strip() for name in text.split(",")]
-    unknown = [name for name in names if not is_known(name)]
-    if unknown:
-        raise MalformedLineError(
-            f"the column '{unknown[0][:_MOST_SHOWN]}'", f"stamp_s, odom_…, truth_…, gyro_… and {RANGE}…"
-        )
-    if len(set(names)) < len(names):
-        raise MalformedLineError("a column twice", "each column once")
-    return names
+def _separator(names: str) -> str:
+    """What stands between the fields of a table with this line of names, which holds none of them itself."""
+    return max(_SEPARATORS, key=names.count)
 
 
-def _row(text: str, names: list[str], finite: list[int]) -> list[float]:
-    fields = text.split(",")
-    if len(fields) != len(names):
-        raise MalformedLineError(f"{len(fields)} fields", f"{len(names)}, as many as names")
+def _names(text: str, separator: str) -> list[str]:
+    return [name.strip().strip('"') for name in text.split(separator)]
+
+
+def _columns(path: Path, number: int, text: str, troubles: LineTroubles) -> _Columns:
+    """Read the line of names, without which no row can be read.
+
+    Raises:
+        LogError: a name is misspelt, or stands there twice.
+    """
+    separator = _separator(text)
+    names = _names(text, separator)
+    places = [place for place, name in enumerate(names) if is_known(name)]
+    known = [names[place] for place in places]
+    twice = next((name for name, n in Counter(known).items() if n > 1), None)
+    if twice is not None:
+        raise LogError(f"{path}:{number}: found the column '{twice}' twice, expected each once")
+    try:
+        troubles.warnings += unknown_columns(names)
+    except ScanError as error:
+        raise LogError(f"{path}:{number}: {error}") from error
+    finite = [place for place, name in enumerate(known) if name in FINITE]
+    return _Columns(separator=separator, n=len(names), places=places, names=known, finite=finite)
+
+
+def _row(text: str, columns: _Columns) -> list[float]:
+    fields = text.split(columns.separator)
+    if len(fields) != columns.n:
+        raise MalformedLineError(f"{len(fields)} fields", f"{columns.n}, as many as names")
+    if len(columns.places) < columns.n:
+        fields = [fields[place] for place in columns.places]
     try:
         row = [float(field) if field.strip() else np.nan for field in fields]
     except ValueError as error:
-        raise MalformedLineError(str(error).rpartition(": ")[2][:_MOST_SHOWN], "a number") from None
-    for place in finite:
+        found = str(error).rpartition(": ")[2]
+        raise MalformedLineError(found[:_MOST_SHOWN], f"a number{_with_a_point(found)}") from None
+    for place in columns.finite:
         if not math.isfinite(row[place]):
-            raise MalformedLineError(f"'{fields[place].strip()}' for {names[place]}", "a finite number")
+            raise MalformedLineError(f"'{fields[place].strip()}' for {columns.names[place]}", "a finite number")
     return row
 
 
-def _table(path: Path, settings: dict[str, list[float]], names: list[str], rows: NDArray[np.float64]) -> ScanTable:
-    at = {name: place for place, name in enumerate(names)}
+def _with_a_point(found: str) -> str:
+    """What to say of numbers that have a comma in the place of a point."""
+    return " with a point before the decimals, not a comma" if "," in found else ""
+
+
+def _table(path: Path, settings: dict[str, list[float]], columns: _Columns, rows: NDArray[np.float64]) -> ScanTable:
+    at = {name: place for place, name in enumerate(columns.names)}
     with np.errstate(over="ignore"):  # what no float32 can hold is no return
-        ranges = rows[:, [at[name] for name in range_columns(path, names)]].astype(np.float32)
-    columns = {name: rows[:, place] for name, place in at.items() if not is_range(name)}
-    return ScanTable(settings=settings, columns=columns, ranges=ranges)
+        ranges = rows[:, [at[name] for name in range_columns(path, columns.names)]].astype(np.float32)
+    others = {name: rows[:, place] for name, place in at.items() if not is_range(name)}
+    return ScanTable(settings=settings, columns=others, ranges=ranges)
 
 
 def _text(table: ScanTable) -> Iterator[str]:

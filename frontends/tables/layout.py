@@ -8,7 +8,8 @@ the beams' directions must be there.
 """
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+import re
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -32,6 +33,9 @@ _MOUNT = ("laser_x_m", "laser_y_m", "laser_theta_rad")
 _SWEEP = "sweep_s"
 SETTINGS = (_BEARINGS, _FIRST, _STEP, _VIEW, *_LIMITS, *_MOUNT, _SWEEP)
 """What holds for all scans."""
+_DIGITS = re.compile(r"\d+")
+_COLUMNS = (STAMP, *ODOMETRY, *TRUTH, *GYRO, *SETTINGS, f"{RANGE}0")
+"""What a misspelt column may be meant as; the beam's number makes it no other."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,11 +57,13 @@ _MOST_DIGITS = 9
 """Of the number of a beam."""
 _LIKE = 0.75
 """How like a known name one must be to be meant by it (`difflib`: 1 for the same): `laser_x` and `timestamps` are."""
+_MOST_SHOWN, _MOST_NAMES = 40, 8
+"""Letters of a name, and names, that a message shows."""
 
 
 def is_known(column: str) -> bool:
     """Whether a column is part of the layout."""
-    return column in {STAMP, *ODOMETRY, *TRUTH, *GYRO, *SETTINGS} or is_range(column)
+    return column in _COLUMNS or is_range(column)
 
 
 def is_range(column: str) -> bool:
@@ -67,10 +73,51 @@ def is_range(column: str) -> bool:
     return column.startswith(RANGE) and is_number and number == str(int(number))
 
 
+def may_be_table(columns: Iterable[str]) -> bool:
+    """Whether columns are those of a table of scans: a stamp or a range is among them, perhaps misspelt."""
+    needed = (STAMP, f"{RANGE}0")
+    return any(name in needed or meant(name, needed) for name in {_DIGITS.sub("0", name) for name in columns})
+
+
 def meant(name: str, known: Iterable[str]) -> str | None:
     """The known name that somebody meant who wrote another one; None where none is like it, or it is known."""
     names = list(known)
     return None if name in names else next(iter(get_close_matches(name, names, n=1, cutoff=_LIKE)), None)
+
+
+def left_out(names: Iterable[str], known: Collection[str], kind: str, expected: str) -> list[str]:
+    """What to say of names that are no part of a layout: what they hold is not read.
+
+    Args:
+        names: those that are none of it.
+        known: its own.
+        kind: what bears names, "arrays" or "columns".
+        expected: what a person should know of its own names.
+
+    Raises:
+        ScanError: one seems to be misspelt.
+    """
+    unknown = list(names)
+    first_of_kind: dict[str, str] = {}
+    for name in unknown:
+        first_of_kind.setdefault(_DIGITS.sub("0", name), name)
+    for numbered, name in first_of_kind.items():
+        like = meant(numbered, known)
+        if like:
+            raise ScanError(f"found the {kind.removesuffix('s')} {name[:_MOST_SHOWN]!r}, did you mean '{like}'?")
+    shown = ", ".join(repr(name[:_MOST_SHOWN]) for name in unknown[:_MOST_NAMES])
+    more = f" and {len(unknown) - _MOST_NAMES} more" if len(unknown) > _MOST_NAMES else ""
+    return [f"found the {kind} {shown}{more}, expected {expected}: left out"] if unknown else []
+
+
+def unknown_columns(columns: Iterable[str]) -> list[str]:
+    """What to say of columns that are no part of the layout.
+
+    Raises:
+        ScanError: one seems to be misspelt.
+    """
+    unknown = (name for name in columns if not is_known(name))
+    return left_out(unknown, _COLUMNS, "columns", f"{STAMP}, odom_…, truth_…, gyro_… and {RANGE}…")
 
 
 def range_columns(path: Path, columns: Sequence[str]) -> list[str]:

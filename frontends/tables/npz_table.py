@@ -15,7 +15,7 @@ from frontends.logs.errors import LogError
 from frontends.plain_numbers import plain_numbers
 from frontends.scan import Log, ScanError
 from frontends.tables.csv_table import check_laser
-from frontends.tables.layout import GYRO, ODOMETRY, SETTINGS, STAMP, TRUTH, ScanTable, log_of, meant, table_of
+from frontends.tables.layout import GYRO, ODOMETRY, SETTINGS, STAMP, TRUTH, ScanTable, left_out, log_of, table_of
 from graph.atomic import replacing
 from graph.errors import reason
 from graph.files import check_file
@@ -66,7 +66,8 @@ def read_npz(
     try:
         _check_sizes(path)
         with np.load(path, allow_pickle=False) as file:
-            unknown = _unknown(path, file.files)
+            others = [name for name in file.files if name not in _NAMES]
+            unknown = left_out(others, _NAMES, "arrays", ", ".join(_NAMES))
             arrays = {name: plain_numbers(name, file[name], np.float64) for name in file.files if name in _NAMES}
     except LimitError as error:
         raise LogError(str(error)) from error
@@ -143,21 +144,6 @@ def _check_shape(path: Path, name: str, shape: tuple[int, ...]) -> None:
         check_limit(math.prod(shape), "beams", found)
     else:
         check_limit(math.prod(shape) / 3, "scans", found)
-
-
-def _unknown(path: Path, names: list[str]) -> list[str]:
-    """What to say of arrays that are no part of the layout.
-
-    Raises:
-        LogError: one seems to be misspelt.
-    """
-    unknown = [name for name in names if name not in _NAMES]
-    for name in unknown:
-        like = meant(name, _NAMES)
-        if like:
-            raise LogError(f"{path}: found the array '{name}', did you mean '{like}'?")
-    expected = f"expected {', '.join(_NAMES)}: left out"
-    return [f"found the arrays {', '.join(map(repr, unknown))}, {expected}"] if unknown else []
 
 
 def _table(path: Path, arrays: dict[str, NDArray[np.float64]]) -> ScanTable:

@@ -1,6 +1,7 @@
 """Tables of scans as Parquet: the columns of the layout, and what holds for all in the schema's metadata."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -11,7 +12,18 @@ from frontends.logs.errors import LogError
 from frontends.plain_numbers import plain_numbers
 from frontends.scan import Log, ScanError
 from frontends.tables.csv_table import check_laser
-from frontends.tables.layout import RANGE, SETTINGS, ScanTable, is_known, is_range, log_of, range_columns, table_of
+from frontends.tables.layout import (
+    RANGE,
+    SETTINGS,
+    ScanTable,
+    is_known,
+    is_range,
+    left_out,
+    log_of,
+    range_columns,
+    table_of,
+    unknown_columns,
+)
 from graph.atomic import replacing
 from graph.errors import reason
 from graph.files import check_file
@@ -50,6 +62,10 @@ def read_parquet(
         table = parquet.read_table(path)
         said = json.loads((table.schema.metadata or {}).get(_METADATA, b"{}"))
         settings = {str(name): [float(value) for value in values] for name, values in said.items()}
+        unknown = [
+            *unknown_columns(table.column_names),
+            *left_out(settings.keys() - set(SETTINGS), SETTINGS, "settings", ", ".join(SETTINGS)),
+        ]
         names = [name for name in table.column_names if is_known(name)]
         columns = {name: plain_numbers(name, table[name].to_numpy(), np.float64) for name in names}
     except LimitError as error:
@@ -59,7 +75,7 @@ def read_parquet(
     except (OSError, ValueError, TypeError, AttributeError) as error:  # pyarrow's own are ValueErrors
         raise LogError(f"{path}: cannot be read as a table of numbers ({' '.join(str(error).split())})") from error
     beams = range_columns(path, names)
-    return log_of(
+    log = log_of(
         path,
         ScanTable(
             settings={name: values for name, values in settings.items() if name in SETTINGS},
@@ -69,6 +85,7 @@ def read_parquet(
         range_min,
         range_max,
     )
+    return replace(log, warnings=(*unknown, *log.warnings))
 
 
 def write_parquet(path: Path | str, log: Log) -> None:

@@ -17,9 +17,10 @@ class Compare:
     output: Annotated[
         Path, tyro.conf.arg(aliases=["-o"], metavar="FILE", help="The page, replaced if it is there.")
     ] = Path("compare.html")
-    json: Annotated[tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="One JSON object instead of a table.")] = (
-        False
-    )
+    json: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool],
+        tyro.conf.arg(help="One JSON object instead of a table.", help_behavior_hint=""),
+    ] = False
 
     def __call__(self) -> None:
         """Read both, compare, print and write the page."""

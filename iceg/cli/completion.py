@@ -90,7 +90,7 @@ def _flags(entry: Entry) -> dict[str, tuple[str, ...]]:
     hints = typing.get_type_hints(entry.kind)
     annotated = typing.get_type_hints(entry.kind, include_extras=True)
     flags = {
-        f"--{field.name.replace('_', '-')}": _choices(hints[field.name])
+        f"--{'no-' if field.default is True else ''}{field.name.replace('_', '-')}": _choices(hints[field.name])
         for field in dataclasses.fields(entry.kind)
         if field.name != "settings" and not _is_positional(annotated[field.name])
     }

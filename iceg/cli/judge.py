@@ -87,7 +87,10 @@ class Eval:
     ] = None
     consistency: Annotated[
         tyro.conf.FlagCreatePairsOff[bool],
-        tyro.conf.arg(help="Judge each factor of a run's graph by all the others: needs no reference."),
+        tyro.conf.arg(
+            help="Judge each factor of a graph, that of a run's folder or a g2o file, by all the others.",
+            help_behavior_hint="",
+        ),
     ] = False
     json: Json = False
 
@@ -111,11 +114,10 @@ class Eval:
     def _checked(self) -> Path | None:
         """The file of true poses, if that is what is asked for."""
         given = [path for path in (self.relations, self.reference, self.truth) if path is not None]
-        if len(given) + self.consistency != 1:
-            raise UsageError(
-                f"found {len(given) + self.consistency} of --relations, --reference, --truth and --consistency,"
-                " expected exactly one"
-            )
+        n_given = len(given) + self.consistency
+        if n_given != 1:
+            found = n_given or "none"
+            raise UsageError(f"found {found} of --truth, --reference, --relations and --consistency, expected one")
         if self.log is not None and (self.relations is None or _is_csv(self.relations)):
             raise UsageError("--log is only needed with relations by stamp")
         truth = self.truth or self.reference

@@ -45,7 +45,8 @@ Overwrite = Annotated[
 
 
 Report = Annotated[
-    tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Leave out report.html, the page that shows the run.")
+    tyro.conf.FlagCreatePairsOff[bool],
+    tyro.conf.arg(help="Leave out report.html, the page that shows the run.", help_behavior_hint=""),
 ]
 
 

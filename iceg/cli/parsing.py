@@ -12,11 +12,13 @@ from typing import Annotated, Any, NoReturn
 import tyro
 
 from iceg.cli.commands import COMMANDS, Command, Entry
-from iceg.cli.settings_flags import flags_of, listed_flags_of, named_settings, setting_names, with_flags
+from iceg.cli.settings_flags import flags_of, listed_flags_of, named_settings, setting_names, setting_type, with_flags
+from iceg.cli.usage_error import UsageError
 from iceg.settings_file import RENAMED, ConfigError, read_settings
 
 _HELP, _HELP_ALL = ("-h", "--help"), "--help-all"
 _USAGE = 2
+_SWITCHED = ("true", "false", "on", "off", "yes", "no", "0", "1")
 
 
 def parse(words: Sequence[str]) -> Command:
@@ -52,6 +54,7 @@ def _parsed(entry: Entry, words: Sequence[str], name: str) -> Command:
         more = f" 'iceg {name} --help-all' shows {len(everything) - len(entry.common)} more settings."
         _tell(entry, name, listed_flags_of(settings, entry.common), more)
     _refuse_renamed(words, entry.prefix)
+    _refuse_values_of_switches(words, entry)
     # To ask about each of the settings takes longer than to read the log.
     named = named_settings(words, entry.settings, entry.prefix, _own_flags(entry.kind))
     names = everything if named is None else named
@@ -74,6 +77,29 @@ def _refuse_renamed(words: Sequence[str], prefix: str) -> None:
         now = RENAMED.get(flag.removeprefix("--").removeprefix(prefix).replace("-", "_")) if flag[:2] == "--" else None
         if now is not None:
             raise ConfigError(f"'{flag}' is now '--{prefix}{now.replace('_', '-')}'")
+
+
+def _refuse_values_of_switches(words: Sequence[str], entry: Entry) -> None:
+    """Say how a setting is switched that somebody gives a value.
+
+    Raises:
+        UsageError: a flag that is a switch is followed by a word for on or off.
+    """
+    for word, following in zip_longest(words, words[1:], fillvalue=""):
+        flag, equals, value = word.partition("=")
+        value = value if equals else following
+        if flag.startswith("--") and value.lower() in _SWITCHED:
+            name = flag.removeprefix(f"--{entry.prefix}").replace("-", "_")
+            if entry.settings is not None and name in _switches(entry.settings):
+                stage, dot, last = flag.removeprefix("--").rpartition(".")
+                raise UsageError(
+                    f"found {flag} with '{value}', expected {flag} for on or --{stage}{dot}no-{last} for off"
+                )
+
+
+def _switches(settings: type) -> set[str]:
+    """The dotted names of settings that are on or off."""
+    return {name for name in setting_names(settings) if setting_type(settings, name) is bool}
 
 
 def _tell(entry: Entry, name: str, flags: object, more: str = "") -> NoReturn:

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import tyro
 
+from graph.counted import counted
 from iceg.cli.options import CorrectionsFile, GivenPath, Overwrite
 
 
@@ -30,7 +31,7 @@ class Resolve:
         """Read, conclude, write."""
         import time
 
-        from iceg.cli.run_log import tell_result_warnings, what_was_kept, written_at
+        from iceg.cli.run_log import tell_result_warnings, tell_stale_files, what_was_kept, written_at
         from iceg.corrections.reading import read_all_corrections
         from iceg.results import check_directory, write_results
         from iceg.show.progress import compile_note, prepare_kernels
@@ -43,6 +44,7 @@ class Resolve:
             with compile_note():
                 prepare_kernels()
                 from iceg.resolving import resolve
+                from iceg.slam.closures.closure import joined_scans
 
                 asked = read_all_corrections([] if self.corrections is None else [self.corrections])
                 result = resolve(self.directory, asked)
@@ -50,5 +52,8 @@ class Resolve:
         except KeyboardInterrupt:
             raise KeyboardInterrupt(what_was_kept(target, before)) from None
         tell_result_warnings(result)
-        print(f"{result!r} in {time.perf_counter() - started:.1f} s; nothing was matched anew")
+        closures = f"{len(joined_scans(result.closures))} of {len(result.closures)} loop closures tried hold"
+        seconds = time.perf_counter() - started
+        print(f"{counted(len(result.key_scans), 'key pose')} in {seconds:.1f} s, nothing matched anew; {closures}")
         print(f"Results are in {target}")
+        tell_stale_files(target)

@@ -11,7 +11,7 @@ import tyro
 from frontends.dp_slam.config import DpSlamConfig
 from iceg.cli.judge import tell_judgement
 from iceg.cli.options import ConfigFile, CorrectionsFile, GivenPath, Json, Overwrite, Report, SkipBadLines
-from iceg.cli.run_log import run_log, tell_warnings, what_was_kept, written_at
+from iceg.cli.run_log import run_log, tell_stale_files, tell_warnings, what_was_kept, written_at
 from iceg.cli.telling import Telling
 from iceg.config import Config
 
@@ -146,3 +146,4 @@ def _run_dp_slam(asked: DpSlam, telling: Telling) -> None:
     telling.keep(scans=len(log), seconds=result.summary["seconds"], results=str(directory))
     telling.say(f"{len(log)} scans in {result.summary['seconds']:.1f} s, {config.particles} particles at most")
     telling.say(f"Results are in {directory}: map.png, map.pgm, map.yaml, trajectory.tum, config.toml and summary.json")
+    tell_stale_files(directory)

@@ -7,12 +7,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from graph.counted import counted
 from iceg.cli.telling import Telling
 from iceg.config import Config
 from iceg.slam.run_warning import RunWarning, in_short
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from frontends.scan import Log
+    from iceg.corrections.corrections import Corrections
     from iceg.kernels.ahead import KernelsAhead
     from iceg.run_result.slam_result import SlamResult
     from iceg.slam.progress import Progress, ProgressCallback
@@ -58,14 +63,16 @@ def run_log(
     check_directory(directory, overwrite=overwrite)
     before = written_at(directory)
     started = time.perf_counter()
+    asked, beside = _read_corrections(corrections, closures)  # before the log, which may be long
+    true_poses = None if truth is None else _read_truth(truth)
     try:
         with compiling_ahead() as kernels:
             log = _read_while_compiling(path, config, kernels, skip_bad_lines=skip_bad_lines)
-            if truth is not None:
-                log = _with_truth(log, truth)
+            if truth is not None and true_poses is not None:
+                log = _with_truth(log, true_poses, truth)
             with compile_note(), ProgressBar(log) as progress:
                 told = kernels.before_each_stage(progress, progress.compiling)
-                result, beside = _corrected_run(log, config, told, closures, corrections)
+                result = _corrected_run(log, config, told, asked)
                 write_results(
                     result, directory, overwrite=overwrite, report=report, beside=beside, progress=progress.writing
                 )
@@ -79,6 +86,7 @@ def run_log(
         files = f"{page}map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more"
         telling.say(f"Results are in {directory}: {files}")
         _tell_older_corrections(directory, is_given=beside is not None)
+        tell_stale_files(directory)
         telling.keep(results=str(directory))
 
 
@@ -97,41 +105,66 @@ def _read_while_compiling(path: Path, config: Config, kernels: "KernelsAhead", *
     return log
 
 
-def _corrected_run(
-    log: "Log", config: Config, progress: "ProgressCallback | None", closures: Path | None, corrections: Path | None
-) -> "tuple[SlamResult, dict[str, str] | None]":
-    """The result, and the corrections as they are kept beside it, if they are all that was corrected."""
-    from graph.errors import GraphError
+def _read_corrections(
+    corrections: Path | None, closures: Path | None
+) -> "tuple[Corrections | None, dict[str, str] | None]":
+    """What is corrected, and the text of it as it is kept beside the results, if that is all that was corrected."""
+    given = [path for path in (corrections, closures) if path is not None]
+    if not given:
+        return None, None
     from iceg.corrections.reading import read_all_corrections, text_of_corrections
-    from iceg.pipeline import run
     from iceg.view.session import CORRECTIONS
 
-    asked = read_all_corrections(path for path in (corrections, closures) if path)
-    asked.check(len(log))
+    asked = read_all_corrections(given)
+    text = text_of_corrections(corrections) if corrections is not None and closures is None else None
+    return asked, None if text is None else {CORRECTIONS: text}
+
+
+def _read_truth(path: Path) -> "NDArray[np.float64]":
+    from iceg.evaluation.trajectory import read_truth_csv
+
+    return read_truth_csv(path)
+
+
+def _with_truth(log: "Log", truth: "NDArray[np.float64]", path: Path) -> "Log":
+    from iceg.evaluation.trajectory import check_one_row_per_scan
+
+    check_one_row_per_scan(log.odometry, truth, path)
+    return dataclasses.replace(log, truth=truth)
+
+
+def _corrected_run(
+    log: "Log", config: Config, progress: "ProgressCallback | None", corrections: "Corrections | None"
+) -> "SlamResult":
+    from graph.errors import GraphError
+    from iceg.pipeline import run
+
+    if corrections is not None:
+        corrections.check(len(log))
     try:
-        result = run(log, config, progress, corrections=asked)
+        return run(log, config, progress, corrections=corrections)
     except GraphError as err:
         raise GraphError(f"{log.path}: {err}") from err
-    text = text_of_corrections(corrections) if corrections and not closures else None
-    return result, None if text is None else {CORRECTIONS: text}
 
 
 def tell_result_warnings(result: "SlamResult") -> None:
     """Print what a run warns of."""
-    _warn(in_short([*_tracking_warnings(result), *result.warnings], "warnings and lost_at_scans in summary.json"))
-
-
-def _with_truth(log: "Log", path: Path) -> "Log":
-    from iceg.evaluation.trajectory import check_one_row_per_scan, read_truth_csv
-
-    truth = read_truth_csv(path)
-    check_one_row_per_scan(log.odometry, truth, path)
-    return dataclasses.replace(log, truth=truth)
+    _warn(in_short([*_tracking_warnings(result), *result.run_warnings], "warnings and lost_at_scans in summary.json"))
 
 
 def tell_warnings(log: "Log") -> None:
     """Print what reading a log has found."""
     _warn(log.warnings)
+
+
+def tell_stale_files(directory: Path) -> None:
+    """Print which pictures and exports in a folder are of earlier results."""
+    from iceg.derived_files import stale_files
+
+    names = stale_files(directory)
+    if names:
+        are = f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} of earlier results"
+        _warn([f"{directory}: {are}: make anew with iceg plot or iceg export, or remove"])
 
 
 def written_at(directory: Path) -> int | None:
@@ -160,11 +193,11 @@ def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, te
     n_landmarks, n_closures = len(result.landmarks.settled()), len(joined_scans(result.closures))
     factor = real_time_factor(result.log.stamps, seconds)
     speed = f", {factor:.0f}x real time" if factor else ""
-    telling.say(f"{_counted(len(result.log), 'scan')} in {seconds:.1f} s{speed}, everything included")
+    telling.say(f"{counted(len(result.log), 'scan')} in {seconds:.1f} s{speed}, everything included")
     share = progress.accepted / progress.tried if progress.tried else None
     matched = "" if share is None else f", {100 * share:.1f} % of the matches accepted"
-    landmarks = f"{_counted(n_landmarks, 'landmark')} ({len(result.landmarks)} with those seen rarely or expired)"
-    telling.say(f"{_counted(len(result.key_scans), 'key pose')}, {landmarks}{matched}")
+    landmarks = f"{counted(n_landmarks, 'landmark')} ({len(result.landmarks)} with those seen rarely or expired)"
+    telling.say(f"{counted(len(result.key_scans), 'key pose')}, {landmarks}{matched}")
     closures = (
         f"{n_closures} of {len(result.closures)} loop closures tried hold" if result.closures else "no loop closed"
     )
@@ -182,10 +215,6 @@ def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, te
         closures_tried=len(result.closures),
         warnings=result.summary["warnings"],
     )
-
-
-def _counted(n: int, what: str) -> str:
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
 def _moved(result: "SlamResult") -> str:

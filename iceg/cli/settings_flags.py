@@ -166,6 +166,8 @@ def _flag(hint: Any, text: str, value: Any) -> Any:  # noqa: ANN401
     """The type of one flag, with what its help says."""
     plain, is_angle, is_optional = _unwrapped(hint)
     text = text[:1].upper() + text[1:]
+    if plain is bool:
+        return Annotated[hint, tyro.conf.arg(help=text, help_behavior_hint=f"(default: {'on' if value else 'off'})")]
     hint_of_default = "" if value is None else None
     if is_angle:
         spec: PrimitiveConstructorSpec[Any] = PrimitiveConstructorSpec(

@@ -27,7 +27,10 @@ Groups = Annotated[
 ]
 Long = Annotated[
     tyro.conf.FlagCreatePairsOff[bool],
-    tyro.conf.arg(help="Regression table: every cell there is, instead of a sample that takes some ten minutes."),
+    tyro.conf.arg(
+        help="Regression table: every cell there is, instead of a sample that takes some ten minutes.",
+        help_behavior_hint="",
+    ),
 ]
 Seeds = Annotated[
     str | None,
@@ -89,7 +92,9 @@ class Bench:
             help_behavior_hint="",
         ),
     ] = None
-    overwrite: Annotated[tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="FILE: make all runs again.")] = False
+    overwrite: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="FILE: make all runs again.", help_behavior_hint="")
+    ] = False
     data: Annotated[
         Path | None,
         tyro.conf.arg(
@@ -227,11 +232,17 @@ class Ablation:
     ] = None
     faults: Annotated[
         tyro.conf.FlagCreatePairsOff[bool],
-        tyro.conf.arg(help="Instead: what each fault of robot, laser and recorder does to a run (docs/robustness.md)."),
+        tyro.conf.arg(
+            help="Instead: what each fault of robot, laser and recorder does to a run (docs/robustness.md).",
+            help_behavior_hint="",
+        ),
     ] = False
     rules: Annotated[
         tyro.conf.FlagCreatePairsOff[bool],
-        tyro.conf.arg(help="Instead: what each rule and gate is worth, by a regression table without (regression.md)."),
+        tyro.conf.arg(
+            help="Instead: what each rule and gate is worth, by a regression table without (regression.md).",
+            help_behavior_hint="",
+        ),
     ] = False
     scales: Annotated[
         tuple[str, ...] | None,

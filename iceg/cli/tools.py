@@ -92,24 +92,30 @@ class Convert:
     def __call__(self) -> None:
         """Read, write, and say what could not be carried."""
         from frontends.logs import read_log
-        from frontends.logs.writers import write_log
+        from frontends.logs.writers import check_free, write_log
         from iceg.show.progress import reading_bar
 
-        if self.output.exists() and (not self.overwrite or self.output.is_dir()):
-            what = "a folder" if self.output.is_dir() else "a file, which --overwrite would replace"
-            raise UsageError(f"{self.output} is there already: it is {what}")
+        log_format = self._format()
+        check_free(self.output, overwrite=self.overwrite)
         with reading_bar(self.log) as progress:
             log = read_log(
                 self.log, skip_bad_lines=self.skip_bad_lines, progress=progress, **dataclasses.asdict(self.settings)
             )
-        for warning in (*log.warnings, *write_log(self.output, log, log_format=self._format())):
+        lost = write_log(self.output, log, log_format=log_format, overwrite=self.overwrite)
+        for warning in (*log.warnings, *lost):
             print(f"warning: {warning}", file=sys.stderr)
         with Telling(as_json=self.json) as telling:
             telling.say(f"{len(log)} scans are in {self.output}")
             telling.keep(scans=len(log))
 
-    def _format(self) -> str | None:
-        return None if self.to == "by-name" else self.to
+    def _format(self) -> str:
+        from frontends.logs.errors import LogError
+        from frontends.logs.writers import format_of
+
+        try:
+            return format_of(self.output) if self.to == "by-name" else self.to
+        except LogError as err:
+            raise UsageError(str(err)) from err
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,13 +132,16 @@ class Optimize:
     ] = "given"
     kernel_width: Annotated[float, tyro.conf.arg(help="Where it begins to fade.")] = 5.0
     gnc: Annotated[
-        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Decide by graduated non-convexity which closures hold.")
+        tyro.conf.FlagCreatePairsOff[bool],
+        tyro.conf.arg(help="Decide by graduated non-convexity which closures hold.", help_behavior_hint=""),
     ] = False
     pcm: Annotated[
-        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Drop closures that disagree with most others first.")
+        tyro.conf.FlagCreatePairsOff[bool],
+        tyro.conf.arg(help="Drop closures that disagree with most others first.", help_behavior_hint=""),
     ] = False
     incremental: Annotated[
-        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Grow the graph pose by pose before solving it at once.")
+        tyro.conf.FlagCreatePairsOff[bool],
+        tyro.conf.arg(help="Grow the graph pose by pose before solving it at once.", help_behavior_hint=""),
     ] = False
     json: Json = False
 
@@ -144,6 +153,8 @@ class Optimize:
 
         if not 0.0 < self.kernel_width < math.inf:
             raise UsageError(f"found --kernel-width {self.kernel_width}, expected a positive number")
+        if self.output.resolve() == self.graph.resolve():
+            raise UsageError(f"found {self.graph} as the graph and as --output, expected another file")
         options = OptimizeOptions(
             kernel=self.kernel,
             kernel_width=self.kernel_width,

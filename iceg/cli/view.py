@@ -13,11 +13,15 @@ class View:
 
     directory: Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="DIR", help="Folder of a run.")]
     port: Annotated[int, tyro.conf.arg(help="To listen on, on this machine only; 0 for any that is free.")] = 0
-    browser: Annotated[bool, tyro.conf.arg(help="Open the page in a browser.")] = True
+    browser: Annotated[
+        tyro.conf.FlagCreatePairsOff[bool],
+        tyro.conf.arg(help="Only serve the page, and open no browser.", help_behavior_hint=""),
+    ] = True
 
     def __call__(self) -> None:
         """Serve until Ctrl-C."""
         from iceg.cli.options import UsageError
+        from iceg.cli.run_log import tell_stale_files
         from iceg.results import check_directory
         from iceg.show.progress import compile_note, prepare_kernels
 
@@ -43,6 +47,7 @@ class View:
                 session.wait()
         saved = self.directory / CORRECTIONS
         print(f"\nThe corrections are in {saved}" if saved.exists() else "\nNothing was corrected")
+        tell_stale_files(self.directory)
 
 
 def _open(address: str) -> None:

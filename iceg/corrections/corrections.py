@@ -71,10 +71,7 @@ class Distrusted:
     where: str = "an interval distrusted"
 
     def __post_init__(self) -> None:
-        if not _LEAST_FACTOR <= self.factor <= _MOST_FACTOR:
-            raise CorrectionsError(
-                f"{self.where}: factor: found {self.factor:g}, expected {_LEAST_FACTOR:g} to {_MOST_FACTOR:g}"
-            )
+        check_factor(self.factor, self.where)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,12 +81,16 @@ class Cut:
     Attributes:
         keep: only these intervals take part; all scans if there are none.
         drop: intervals that take no part.
-        where: file and line it is from, for messages.
+        where: file and line it is from, for messages …
+        where_kept: … those of what is kept …
+        where_dropped: … and those of what is dropped.
     """
 
     keep: tuple[Interval, ...] = ()
     drop: tuple[Interval, ...] = ()
     where: str = "a cut"
+    where_kept: str = "a cut"
+    where_dropped: str = "a cut"
 
     def kept(self, n_scans: int) -> KeptScans:
         """Which of so many recorded scans are left.
@@ -289,7 +290,8 @@ class Corrections:
             yield from ((each.where, scan) for scan in (*each.one, *each.other))
         for interval in self.distrusted:
             yield from ((interval.where, scan) for scan in interval.scans)
-        yield from ((self.cut.where, last) for _, last in (*self.cut.keep, *self.cut.drop))
+        yield from ((self.cut.where_kept, last) for _, last in self.cut.keep)
+        yield from ((self.cut.where_dropped, last) for _, last in self.cut.drop)
 
     def _single_scans(self) -> Iterator[tuple[str, int]]:
         """Those that must take part."""
@@ -301,6 +303,16 @@ class Corrections:
                 yield from ((each.where, scan) for scan in (each.one[0], each.other[0]))
         if self.frame.origin_scan is not None:
             yield self.frame.where, self.frame.origin_scan
+
+
+def check_factor(factor: float, where: str) -> None:
+    """Make sure that a factor on standard deviations is one.
+
+    Raises:
+        CorrectionsError: it is not, with where it is from.
+    """
+    if not _LEAST_FACTOR <= factor <= _MOST_FACTOR:
+        raise CorrectionsError(f"{where}: factor: found {factor:g}, expected {_LEAST_FACTOR:g} to {_MOST_FACTOR:g}")
 
 
 def _closure_record(closure: ManualClosure) -> dict[str, Any]:

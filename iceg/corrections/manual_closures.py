@@ -52,15 +52,30 @@ class ManualClosure:
             raise ManualClosureError(
                 f"{self.where}: found scans {self.scan_i} and {self.scan_j}, expected two different ones counted from 0"
             )
-        is_metre_sound = _LEAST_SIGMA <= self.sigma_m <= _MOST_SIGMA_M
-        if not (is_metre_sound and _LEAST_SIGMA <= self.sigma_rad <= _MOST_SIGMA_RAD):
-            raise ManualClosureError(
-                f"{self.where}: found the deviations {self.sigma_m} m and {self.sigma_rad} rad, expected at least "
-                f"{_LEAST_SIGMA:g} each, at most {_MOST_SIGMA_M:g} m and {_MOST_SIGMA_RAD:g} rad"
-            )
+        check_deviations(self.sigma_m, self.sigma_rad, self.where, self.where)
         misread = None if self.T_i_j is None else not_in_radians(float(self.T_i_j[2]))
         if misread:
             raise ManualClosureError(f"{self.where}: {misread}")
+
+
+def check_deviations(sigma_m: float, sigma_rad: float, where_m: str, where_rad: str) -> None:
+    """Make sure that the standard deviations of a closure are ones that somebody may know it to.
+
+    Args:
+        sigma_m: of x and y [m].
+        sigma_rad: of the heading [rad].
+        where_m: where the first is from, for messages.
+        where_rad: where the second is from.
+
+    Raises:
+        ManualClosureError: one of them is too small or too large.
+    """
+    for name, sigma, most, where in (
+        ("sigma_m", sigma_m, _MOST_SIGMA_M, where_m),
+        ("sigma_rad", sigma_rad, _MOST_SIGMA_RAD, where_rad),
+    ):
+        if not _LEAST_SIGMA <= sigma <= most:
+            raise ManualClosureError(f"{where}: {name}: found {sigma:g}, expected {_LEAST_SIGMA:g} to {most:g}")
 
 
 def read_manual_closures(path: Path | str) -> list[ManualClosure]:

@@ -33,7 +33,7 @@ def read_corrections(path: Path | str) -> Corrections:
     """
     path = Path(path)
     head = _head(path)
-    if not _is_table(head):
+    if not (_is_table(head) or path.suffix.lower() == ".csv"):
         return parse_corrections(read_text(path, "settings_bytes", CorrectionsError, "corrections"), str(path))
     if head == list(CLOSURE_COLUMNS):
         return Corrections(verdicts=_verdicts(path))
@@ -92,7 +92,7 @@ def parse_corrections(text: str, where: str) -> Corrections:
             raise CorrectionsError(f"{where}:{at}: found '{name[:60]}', expected one of {', '.join(known)}")
     several = {name: _several(tables.get(name, []), name, text, where) for name in ENTRIES}
     single = {
-        name: _built(kind, tables[name], f"{where}:{line_of(text, name)}", text, (name, 0))
+        name: _built(kind, tables[name], text, where, (name, 0))
         for name, kind in SINGLE_ENTRIES.items()
         if name in tables
     }
@@ -109,23 +109,23 @@ def _several(entries: object, name: str, text: str, where: str) -> tuple[Any, ..
     if not isinstance(entries, list):
         at = line_of(text, name)
         raise CorrectionsError(f"{where}:{at}: {name}: found {shown_value(entries)}, expected tables [[{name}]]")
-    return tuple(
-        _built(ENTRIES[name], entry, f"{where}:{line_of(text, name, number)}", text, (name, number))
-        for number, entry in enumerate(entries)
-    )
+    return tuple(_built(ENTRIES[name], entry, text, where, (name, number)) for number, entry in enumerate(entries))
 
 
-def _built(kind: Any, entry: object, where: str, text: str, place: tuple[str, int]) -> Any:  # noqa: ANN401
+def _built(kind: Any, entry: object, text: str, source: str, place: tuple[str, int]) -> Any:  # noqa: ANN401
     """One table as what it asks for; errors name the line of the key that is at fault."""
+
+    def at(key: str | None = None) -> str:
+        return f"{source}:{line_of(text, *place, key)}"
+
     if not isinstance(entry, Mapping):
-        raise CorrectionsError(f"{where}: {place[0]}: found {shown_value(entry)}, expected a table")
+        raise CorrectionsError(f"{at()}: {place[0]}: found {shown_value(entry)}, expected a table")
     try:
-        return build_settings(kind, entry, where="").built(where)
+        asked = build_settings(kind, entry, where="")
     except ConfigError as err:
         culprit = _CULPRIT.match(str(err))
-        source = where.rpartition(":")[0]
-        at = line_of(text, *place, None if culprit is None else culprit[1])
-        raise CorrectionsError(f"{source}:{at}{err}") from err
+        raise CorrectionsError(f"{at(None if culprit is None else culprit[1])}{err}") from err
+    return asked.built(at)
 
 
 def _verdicts(path: Path) -> tuple[GivenVerdict, ...]:

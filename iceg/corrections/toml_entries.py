@@ -1,16 +1,22 @@
-"""What the tables of `corrections.toml` may hold, each checked and turned into what it asks for."""
+"""What the tables of `corrections.toml` may hold, each checked and turned into what it asks for.
 
+A table is asked to build it with a function that tells file and line of one of its keys, of the table itself without.
+"""
+
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from frontends.radians import not_in_radians
 from graph.limits import LIMITS
-from iceg.corrections.corrections import CorrectionsError, Cut, Distrusted, Forbidden, MapFrame, Pinned
-from iceg.corrections.manual_closures import SIGMA_M, SIGMA_RAD, ManualClosure
+from iceg.corrections.corrections import CorrectionsError, Cut, Distrusted, Forbidden, MapFrame, Pinned, check_factor
+from iceg.corrections.manual_closures import SIGMA_M, SIGMA_RAD, ManualClosure, check_deviations
 from iceg.slam.kept_scans import Interval
 
 Pair = tuple[int, int]
+At = Callable[..., str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,15 +26,15 @@ class ForbidEntry:
     scans: Pair | None = None
     between: tuple[Interval, Interval] | None = None
 
-    def built(self, where: str) -> Forbidden:
+    def built(self, at: At) -> Forbidden:
         """What it asks for."""
         if (self.scans is None) == (self.between is None):
-            raise CorrectionsError(f"{where}: expected either scans = [i, j] or between = [[a, b], [c, d]]")
+            raise CorrectionsError(f"{at()}: expected either scans = [i, j] or between = [[a, b], [c, d]]")
         if self.between is not None:
-            one, other = (_interval(interval, f"{where}: between") for interval in self.between)
-            return Forbidden(one=one, other=other, where=where)
-        i, j = _pair(self.scans, where)
-        return Forbidden(one=(i, i), other=(j, j), is_single=True, where=where)
+            one, other = (_interval(interval, at, "between") for interval in self.between)
+            return Forbidden(one=one, other=other, where=at("between"))
+        i, j = _pair(self.scans, at)
+        return Forbidden(one=(i, i), other=(j, j), is_single=True, where=at("scans"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,12 +47,12 @@ class AddEntry:
     sigma_rad: float = SIGMA_RAD
     pin: bool = False
 
-    def built(self, where: str) -> ManualClosure:
+    def built(self, at: At) -> ManualClosure:
         """What it asks for."""
-        i, j = _pair(self.scans, where)
-        most = (LIMITS.coordinate, LIMITS.coordinate, LIMITS.heading)
-        if self.pose is not None and not all(abs(number) <= top for number, top in zip(self.pose, most, strict=True)):
-            raise CorrectionsError(f"{where}: pose: found {list(self.pose)}, expected [x m, y m, heading rad]")
+        i, j = _pair(self.scans, at)
+        if self.pose is not None:
+            _check_pose(self.pose, at("pose"))
+        check_deviations(self.sigma_m, self.sigma_rad, at("sigma_m"), at("sigma_rad"))
         return ManualClosure(
             scan_i=i,
             scan_j=j,
@@ -54,7 +60,7 @@ class AddEntry:
             sigma_m=self.sigma_m,
             sigma_rad=self.sigma_rad,
             pinned=self.pin,
-            where=where,
+            where=at("scans"),
         )
 
 
@@ -64,10 +70,10 @@ class PinEntry:
 
     scans: Pair | None = None
 
-    def built(self, where: str) -> Pinned:
+    def built(self, at: At) -> Pinned:
         """What it asks for."""
-        i, j = _pair(self.scans, where)
-        return Pinned(scan_i=i, scan_j=j, where=where)
+        i, j = _pair(self.scans, at)
+        return Pinned(scan_i=i, scan_j=j, where=at("scans"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,11 +83,12 @@ class DistrustEntry:
     scans: Interval | None = None
     factor: float = 10.0
 
-    def built(self, where: str) -> Distrusted:
+    def built(self, at: At) -> Distrusted:
         """What it asks for."""
         if self.scans is None:
-            raise CorrectionsError(f"{where}: found no scans, expected scans = [first, last]")
-        return Distrusted(scans=_interval(self.scans, f"{where}: scans"), factor=self.factor, where=where)
+            raise CorrectionsError(f"{at()}: found no scans, expected scans = [first, last]")
+        check_factor(self.factor, at("factor"))
+        return Distrusted(scans=_interval(self.scans, at, "scans"), factor=self.factor, where=at("scans"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,10 +98,11 @@ class CutEntry:
     keep: tuple[Interval, ...] = ()
     drop: tuple[Interval, ...] = ()
 
-    def built(self, where: str) -> Cut:
+    def built(self, at: At) -> Cut:
         """What it asks for."""
-        keep = tuple(_interval(interval, f"{where}: keep") for interval in self.keep)
-        return Cut(keep=keep, drop=tuple(_interval(interval, f"{where}: drop") for interval in self.drop), where=where)
+        keep = tuple(_interval(interval, at, "keep") for interval in self.keep)
+        drop = tuple(_interval(interval, at, "drop") for interval in self.drop)
+        return Cut(keep=keep, drop=drop, where=at(), where_kept=at("keep"), where_dropped=at("drop"))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -106,12 +114,19 @@ class MapEntry:
     origin: tuple[float, float] | None = None
     origin_scan: int | None = None
 
-    def built(self, where: str) -> MapFrame:
+    def built(self, at: At) -> MapFrame:
         """What it asks for."""
-        numbers = (self.turn_degrees, *(self.origin or ()))
-        if any(abs(number) > LIMITS.coordinate for number in numbers) or (self.origin_scan or 0) < 0:
-            raise CorrectionsError(f"{where}: found a number that no map needs: {vars(self)}")
-        return MapFrame(**vars(self), where=where)
+        for key, numbers in (("turn_degrees", (self.turn_degrees,)), ("origin", self.origin or ())):
+            for number in numbers:
+                if abs(number) > LIMITS.coordinate:
+                    raise CorrectionsError(
+                        f"{at(key)}: {key}: found {number:g}, expected numbers of at most {LIMITS.coordinate:g}"
+                    )
+        if self.origin_scan is None:
+            return MapFrame(**vars(self), where=at())
+        if self.origin_scan < 0:
+            raise CorrectionsError(f"{at('origin_scan')}: origin_scan: found {self.origin_scan}, expected 0 or more")
+        return MapFrame(**vars(self), where=at("origin_scan"))
 
 
 ENTRIES: dict[str, Any] = {
@@ -125,15 +140,24 @@ SINGLE_ENTRIES: dict[str, Any] = {"cut": CutEntry, "map": MapEntry}
 """Those of which there may be one."""
 
 
-def _pair(scans: Pair | None, where: str) -> Pair:
+def _pair(scans: Pair | None, at: At) -> Pair:
     if scans is None:
-        raise CorrectionsError(f"{where}: found no scans, expected scans = [i, j]")
+        raise CorrectionsError(f"{at()}: found no scans, expected scans = [i, j]")
     if min(scans) < 0 or scans[0] == scans[1]:
-        raise CorrectionsError(f"{where}: scans: found {list(scans)}, expected two different ones counted from 0")
+        raise CorrectionsError(f"{at('scans')}: scans: found {list(scans)}, expected two different ones counted from 0")
     return scans
 
 
-def _interval(scans: Interval, where: str) -> Interval:
+def _check_pose(pose: tuple[float, float, float], where: str) -> None:
+    most = (LIMITS.coordinate, LIMITS.coordinate, LIMITS.heading)
+    if not all(abs(number) <= top for number, top in zip(pose, most, strict=True)):
+        raise CorrectionsError(f"{where}: pose: found {list(pose)}, expected [x m, y m, heading rad]")
+    misread = not_in_radians(pose[2])
+    if misread:
+        raise CorrectionsError(f"{where}: pose: {misread}")
+
+
+def _interval(scans: Interval, at: At, key: str) -> Interval:
     if not 0 <= scans[0] <= scans[1]:
-        raise CorrectionsError(f"{where}: found {list(scans)}, expected [first, last] of scans counted from 0")
+        raise CorrectionsError(f"{at(key)}: {key}: found {list(scans)}, expected [first, last] of scans counted from 0")
     return scans

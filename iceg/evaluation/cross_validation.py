@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from graph import dense
 from graph.batch import check_determined, optimize
+from graph.errors import GraphError
 from graph.factors import Factor, FactorKind
 from graph.g2o import read_g2o
 from graph.problem import Problem
@@ -135,7 +136,10 @@ def cross_validation_report(folder: Path | str) -> dict[str, float]:
     folder = Path(folder)
     path = folder / "graph.g2o" if folder.is_dir() else folder
     with whole_results(folder):
-        graph = read_g2o(path)
+        try:
+            graph = read_g2o(path)
+        except GraphError as err:
+            raise GraphError(f"{err}; consistency is that of a graph: give the folder of a run, or a g2o file") from err
     optimum = optimize(graph.factors, graph.poses).poses
     report: dict[str, float] = {}
     for kind, found in cross_validation(graph.factors, optimum).items():

@@ -52,8 +52,8 @@ def write_corrected_bag(directory: Path, path: Path, options: ExportOptions) -> 
         raise ExportError(
             f"{options.log}: found a log of the format {form}, expected a bag; --to carmen corrects others"
         )
-    if options.log.resolve() in (path.resolve(), *(path.resolve() / name for name in copying.NAMES)):
-        raise ExportError(f"{path}: holds the recorded bag itself, expected another place for its copy")
+    if options.log.resolve() in (path.resolve() / name for name in copying.NAMES):
+        raise ExportError(f"{path}: holds the recorded log itself, expected another place for its copy")
     found, log = read_run_folder(directory), read_log_of_run(directory, options.log)
     bag_options = _bag_options(read_config(directory / "config.toml").log)
     with open_bag(options.log) as bag:

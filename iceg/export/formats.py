@@ -6,7 +6,7 @@ from importlib import import_module
 from pathlib import Path
 
 from iceg.export.options import ExportError, ExportOptions
-from iceg.results import ResultsError
+from iceg.results import RESULT_FILES, ResultsError
 
 Writer = Callable[[Path, Path, ExportOptions], None]
 """Writes what the run in a folder has to a file or folder."""
@@ -54,7 +54,8 @@ def export_results(
     Args:
         directory: of the run.
         to: one of `FORMATS`.
-        path: the file, or the folder of several, replaced if it is there; in the run's folder when left out.
+        path: the file, or the folder of several, replaced if it is there; in the run's folder when left out. Not what
+            is exported: the recorded log, or a file of the results.
         options: what some formats need.
 
     Returns:
@@ -73,9 +74,24 @@ def export_results(
     if target.exists() and target.is_dir() != form.is_folder:
         found, expected = ("a folder", "a file") if target.is_dir() else ("a file", "a folder")
         raise ExportError(f"{target}: is {found}, expected {expected} for {to}")
-    if target.resolve() == directory.resolve():
-        raise ExportError(f"{target}: is the folder of the run, expected another one for {to}")
+    options = options or ExportOptions()
+    _check_is_another(target, directory, options.log, to)
     module, _, function = form.writer.partition(".")
     writer: Writer = getattr(import_module(f"iceg.export.{module}"), function)
-    writer(directory, target, options or ExportOptions())
+    writer(directory, target, options)
     return target
+
+
+def _check_is_another(target: Path, directory: Path, log: Path | None, to: str) -> None:
+    """Refuse to write over what is exported.
+
+    Raises:
+        ExportError: the target is the folder of the run, a file of its results or the recorded log.
+    """
+    place = target.resolve()
+    if place == directory.resolve():
+        raise ExportError(f"{target}: is the folder of the run, expected another one for {to}")
+    if log is not None and place == log.resolve():
+        raise ExportError(f"{target}: holds the recorded log itself, expected another place for {to}")
+    if place.parent == directory.resolve() and place.name in RESULT_FILES:
+        raise ExportError(f"{target}: is a file of the results, expected another one for {to}")

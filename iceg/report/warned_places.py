@@ -11,7 +11,9 @@ def warnings_payload(result: "SlamResult") -> list[dict[str, Any]]:
     found: list[dict[str, Any]] = [
         {"kind": "log", "sentence": sentence, "scan": None} for sentence in result.log.warnings
     ]
-    found += [{"kind": warning.kind, "sentence": warning.sentence, "scan": warning.scan} for warning in result.warnings]
+    found += [
+        {"kind": warning.kind, "sentence": warning.sentence, "scan": warning.scan} for warning in result.run_warnings
+    ]
     told = {warning["scan"] for warning in found}
     found += [
         {"kind": "lost", "sentence": f"Tracking was lost at scan {scan}.", "scan": int(scan)}

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from frontends.scan import Log
+from graph.counted import counted
 from graph.pose_graph import PoseGraph
 from iceg.config import Config
 from iceg.maps.feature_map import Landmarks
@@ -43,7 +44,7 @@ class SlamResult:
         grid: the occupancy grid.
         walls: short straight pieces of wall, none where poses and map were not refined together.
         closures: every loop closure tried.
-        warnings: what may be wrong with it, besides what is about the log.
+        run_warnings: what the run has found to be wrong, besides what is about the log, with kind and place.
         summary: counts, warnings, seconds per stage and calibration.
         findings: what the run found before it concluded, scans that were cut since included: `resolve` concludes anew
             from it.
@@ -61,16 +62,22 @@ class SlamResult:
     grid: OccupancyGrid
     walls: WallPieces
     closures: list[Closure]
-    warnings: tuple[RunWarning, ...]
+    run_warnings: tuple[RunWarning, ...]
     summary: RunSummary
     findings: Findings
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """All that may be wrong with it, a sentence each: first what is about the log, then what the run has found."""
+        return tuple(self.summary["warnings"])
 
     def __repr__(self) -> str:
         accepted = sum(closure.verdict is Verdict.ACCEPTED for closure in self.closures)
         return (
-            f"SlamResult({self.log.path.name}: {len(self.trajectory)} scans, {len(self.key_scans)} key poses, "
-            f"{len(self.graph.factors)} factors, {accepted} of {len(self.closures)} closures accepted, "
-            f"{len(self.landmarks.settled())} landmarks, {len(self.summary['warnings'])} warnings)"
+            f"SlamResult({self.log.path.name}: {counted(len(self.trajectory), 'scan')}, "
+            f"{counted(len(self.key_scans), 'key pose')}, {counted(len(self.graph.factors), 'factor')}, "
+            f"{accepted} of {counted(len(self.closures), 'closure')} accepted, "
+            f"{counted(len(self.landmarks.settled()), 'landmark')}, {counted(len(self.warnings), 'warning')})"
         )
 
     def sighting(self, x: float, y: float) -> Sighting:

@@ -1,4 +1,4 @@
-"""What a run says while it runs: how far it is, in a terminal or a notebook."""
+"""What a run says while it runs: how far it is, as a bar in a terminal or a notebook, as few lines elsewhere."""
 
 import sys
 import time
@@ -20,7 +20,7 @@ _BAR = "{desc}: {percentage:3.0f}%|{bar:20}| {elapsed} gone{postfix}"
 _READING = "{desc}: {percentage:3.0f}%|{bar:20}| {n_fmt}/{total_fmt} messages, {elapsed} gone"
 _COMPILING = "{desc}: {percentage:3.0f}%|{bar:20}| {n_fmt} of {total_fmt}, {elapsed} gone"
 _SHORT_READ_S = 1.0
-_INTERVAL_ON_TERMINAL_S, _INTERVAL_IN_FILE_S = 0.1, 5.0
+_INTERVAL_ON_TERMINAL_S, _INTERVAL_IN_FILE_S = 0.1, 30.0
 _SHOWN_EVERY_S = 0.05
 """A stage tells thousands of times a second where it stands."""
 _SHARES: dict[Stage, float] = {
@@ -45,10 +45,25 @@ class _Bar(tqdm):  # type: ignore[type-arg]
     monitor_interval = 0
 
 
+class _Lines(_Bar):
+    """A line wherever a bar would be drawn anew, for files, which nobody can draw over."""
+
+    def display(self, msg: str | None = None, pos: int | None = None) -> None:
+        """Write a line; nothing is there to be cleared later."""
+        del pos
+        text = str(self) if msg is None else msg
+        if text:
+            self.fp.write(f"{text}\n")
+            self.fp.flush()
+
+    def clear(self, *_: object, **__: object) -> None:
+        """Lines stay."""
+
+
 class ProgressBar:
     """A bar on stderr for a whole run: stage, scans, real-time factor, share of accepted matches. A context manager.
 
-    It is full only when the block has ended well.
+    It is full only when the block has ended well. Where stderr is no terminal, a line tells of each new stage.
 
     Attributes:
         matching: where the matching of scans came to.
@@ -59,6 +74,7 @@ class ProgressBar:
         self._log = log
         self._started = time.perf_counter()
         self._shown: tuple[Stage | None, float] = (None, self._started)
+        self._told = "starting"
         self._bar = _bar(desc=f"{log.path.name}, starting", total=100.0, bar_format=_BAR)
 
     def __enter__(self) -> Self:
@@ -97,7 +113,8 @@ class ProgressBar:
 
     def _show(self, stage: str, share: float, postfix: str) -> None:
         description = f"{self._log.path.name}, {stage}"
-        is_new = not self._bar.desc.startswith(description)
+        is_new = _first_word(stage) != _first_word(self._told) if _is_in_file() else stage != self._told
+        self._told = stage
         self._bar.set_description_str(description, refresh=False)
         self._bar.set_postfix_str(postfix, refresh=False)
         self._bar.update(max(share - self._bar.n, 0.0))
@@ -114,21 +131,37 @@ class ProgressBar:
         return ", ".join(filter(None, (f"{scans}/{len(self._log)} scans", speed, matched)))
 
 
+def _first_word(stage: str) -> str:
+    """What the steps of one stage share: `writing map` and `writing report` are the same in a file."""
+    return stage.partition(" ")[0]
+
+
 def _place(stage: Stage) -> int:
     return list(_SHARES).index(stage)
 
 
 def _bar(**described: Any) -> Any:  # noqa: ANN401
-    """A bar on stderr, or one of the notebook's own."""
+    """A bar on stderr, one of the notebook's own, or lines in a file."""
     kind: Any = _Bar
-    if "ipykernel" in sys.modules:
+    if _is_in_notebook():
         with warnings.catch_warnings():  # without ipywidgets it says so, and draws its bar with letters
             warnings.simplefilter("ignore", TqdmWarning)
             from tqdm import auto
         kind = auto.tqdm
         described["bar_format"] = described["bar_format"].replace("{bar:20}", "{bar}")
-    interval = _INTERVAL_ON_TERMINAL_S if sys.stderr.isatty() else _INTERVAL_IN_FILE_S
-    return kind(mininterval=interval, file=sys.stderr, **described)
+    if _is_in_file():
+        words = described.pop("bar_format").replace("|{bar:20}|", ",")
+        return _Lines(mininterval=_INTERVAL_IN_FILE_S, file=sys.stderr, leave=False, bar_format=words, **described)
+    return kind(mininterval=_INTERVAL_ON_TERMINAL_S, file=sys.stderr, **described)
+
+
+def _is_in_notebook() -> bool:
+    return "ipykernel" in sys.modules
+
+
+def _is_in_file() -> bool:
+    """Whether what is written to stderr stays as it is, line by line."""
+    return not _is_in_notebook() and not sys.stderr.isatty()
 
 
 @contextmanager

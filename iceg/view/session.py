@@ -114,7 +114,7 @@ class Session:
     def _conclude(self, text: str) -> None:
         result = pipeline.resolve(self._findings, parse_corrections(text, CORRECTIONS))
         write_results(result, self.directory, overwrite=True, beside={CORRECTIONS: text})
-        self._sentences = [warning.sentence for warning in result.warnings if warning.kind == _ABOUT_CLOSURES]
+        self._sentences = [warning.sentence for warning in result.run_warnings if warning.kind == _ABOUT_CLOSURES]
 
 
 def _joined(text: str, block: str) -> str:

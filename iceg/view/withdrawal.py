@@ -26,7 +26,7 @@ def without_added(text: str, scans: tuple[int, int], where: str) -> str:
     if not gone:
         raise CorrectionsError(f"{where}: found no closure by hand between scans {scans[0]} and {scans[1]}")
     lines = text.splitlines(keepends=True)
-    for first in sorted((_line(closure) for closure in gone), reverse=True):
+    for first in sorted((_header_of(closure, lines) for closure in gone), reverse=True):
         end = next((at for at in range(first + 1, len(lines)) if _HEADER.match(lines[at])), len(lines))
         del lines[first:end]
     left = "".join(lines)
@@ -42,6 +42,7 @@ def _joins(closure: ManualClosure, scans: tuple[int, int]) -> bool:
     return {closure.scan_i, closure.scan_j} == set(scans)
 
 
-def _line(closure: ManualClosure) -> int:
-    """Of its table, counted from 0."""
-    return int(closure.where.rpartition(":")[2]) - 1
+def _header_of(closure: ManualClosure, lines: list[str]) -> int:
+    """The line, counted from 0, that its table begins with; its own where there is none."""
+    own = int(closure.where.rpartition(":")[2]) - 1
+    return next((at for at in range(own, -1, -1) if _HEADER.match(lines[at])), own)

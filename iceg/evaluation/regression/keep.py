@@ -80,7 +80,8 @@ class Keep:
         tyro.conf.arg(metavar="DIR ...", help="Each with a regression.csv, of which the first counts, or a rules.csv."),
     ]
     as_baseline: Annotated[
-        tyro.conf.FlagCreatePairsOff[bool], tyro.conf.arg(help="Later versions are compared with this one.")
+        tyro.conf.FlagCreatePairsOff[bool],
+        tyro.conf.arg(help="Later versions are compared with this one.", help_behavior_hint=""),
     ] = False
     page: Annotated[Path, tyro.conf.arg(metavar="FILE", help="The page.")] = Path("docs/regression.md")
 
