@@ -28,6 +28,7 @@ from iceg.slam.odometry.gyro import learn_gyro
 from iceg.slam.odometry.key_motions import key_motions
 from iceg.slam.passes import Tracker
 from iceg.slam.progress import ProgressCallback
+from iceg.slam.recording.companions import without_companions
 from iceg.slam.recording.held_readings import with_odometry_between_readings
 from iceg.slam.recording.own_body import without_own_body
 from iceg.slam.recording.repeated_scans import without_frozen_scans
@@ -70,6 +71,7 @@ def find(
         config = widened(given, sqrt(noise.typical))
         matcher = matcher_of(config, noise, stages)
         log = with_odometry_between_readings(without_frozen_scans(log), config.front_end.standstill)
+        log = without_companions(log, config.front_end.companions)
         followed, tracker = Tracker(matcher=matcher, config=config, progress=progress).guided(log)
     with clock.stage("sweep"):
         followed, sweep = tracker.with_sweep(followed)

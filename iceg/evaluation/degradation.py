@@ -18,6 +18,7 @@ _JUMPS = 3
 _CLOCK_JUMP = 3600.0  # s
 _BODY = 0.2  # m, half of its width
 _POSTS, _POST_RANGE, _POST_HALF = 4, 0.28, np.radians(3.0)  # m, rad
+_LEG = 0.07  # m, half of its width
 _GRAZED = 0.3
 """Share of its scans in which a beam that grazes a post returns from it."""
 _VISIT = (25, 150)  # scans
@@ -158,6 +159,20 @@ def hands(log: Log) -> Degraded:
     scans = ranges[middle : middle + _scans_in(log, _BLIND_SECONDS)]
     for beams in (slice(0, n_beams // 4), slice(n_beams - n_beams // 4, n_beams)):
         scans[:, beams] = _rng().uniform(0.08, 0.13, scans[:, beams].shape)
+    return _with_ranges(log, ranges)
+
+
+def companion(log: Log) -> Degraded:
+    """Somebody walks ahead of the robot all the way, some 1.2 m from its laser, a leg before the other."""
+    scan = np.arange(len(log))
+    sway, gait = cos_sin(scan / 40.0)[1], cos_sin(scan / 4.0)[1]
+    ranges, bearings = log.ranges.copy(), log.geometry.bearings
+    for side in (-1.0, 1.0):
+        x, y = 1.2 + 0.2 * sway + 0.25 * side * gait, 0.3 + 0.2 * cos_sin(scan / 25.0)[0] + 0.12 * side
+        far = np.sqrt(x * x + y * y)
+        off = np.abs(bearings - arctan2(y, x)[:, None])
+        hidden = off < (_LEG / far)[:, None]
+        ranges = np.where(hidden, np.fmin(ranges, (far - _LEG)[:, None].astype(np.float32)), ranges)
     return _with_ranges(log, ranges)
 
 
@@ -369,6 +384,7 @@ DEGRADATIONS: Mapping[str, Degradation] = MappingProxyType(
         "posts": posts,
         "cover": cover,
         "hands": hands,
+        "companion": companion,
         "cover + no odometry": partial(together, faults=(cover, odometry_missing)),
     }
 )

@@ -16,6 +16,7 @@ from iceg.slam.closure_config import (
     VerificationConfig,
     ViewChangeConfig,
 )
+from iceg.slam.companion_config import CompanionConfig
 from iceg.slam.joint_config import JointRefinementConfig
 from iceg.slam.own_body_config import OwnBodyConfig
 from iceg.slam.sweep_config import SweepConfig
@@ -52,6 +53,8 @@ class FrontEndConfig(SlamSettings):
     key_scans: KeyScanConfig = field(default_factory=KeyScanConfig)
     own_body: OwnBodyConfig = field(default_factory=OwnBodyConfig)
     """Which returns come from the robot itself."""
+    companions: CompanionConfig = field(default_factory=CompanionConfig)
+    """Who goes along with the robot."""
     sight: SightConfig = field(default_factory=SightConfig)
     """What a scan must see."""
     standstill: StandstillConfig = field(default_factory=StandstillConfig)

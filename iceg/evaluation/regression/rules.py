@@ -217,6 +217,9 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="returns of the robot itself, and of hands around its laser, are left out",
             without={"iceg.finding:without_own_body": _first},
         ),
+        "companions": Rule(
+            what="whoever goes along with the robot is left out", without={"iceg.finding:without_companions": _first}
+        ),
         "frozen scans": Rule(
             what="scans that repeat bit by bit show nothing", without={"iceg.finding:without_frozen_scans": _first}
         ),
