@@ -130,7 +130,8 @@ def _outcome(cell: Cell, recording: Recording, degraded: Degraded, clean: Clean 
     result = _run(degraded.log, cell, config)
     spent = time.process_time() - started
     trajectory = degraded.log.odometry if result is None else result.trajectory
-    judge, usual, known = recording.judge, 0.0, frozenset(degraded.log.warnings)
+    judge, usual = recording.judge, 0.0
+    known = frozenset((degraded.log if result is None else result.log).warnings)
     if cell.fault != NO_FAULT and clean is not None:
         judge, usual, known = clean.judge(degraded.scans), clean.error, known | clean.warnings
     return Outcome(

@@ -66,7 +66,7 @@ def is_said(summary: Mapping[str, Any], known: frozenset[str] = frozenset()) -> 
 
     Args:
         summary: of the run, as in `summary.json`.
-        known: warnings that say nothing about the result: those the reader gave, and for a log with a fault those of
-            the run without it.
+        known: warnings that say nothing about the result: those about the recording, and for a log with a fault those
+            of the run without it.
     """
     return bool(summary["lost_at_scans"] or summary["breaks"] or not known.issuperset(summary["warnings"]))
