@@ -33,10 +33,13 @@ from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.odometry.motions import motions_of
+from iceg.slam.own_body_config import OwnBodyConfig
 from iceg.slam.solution import Solution
 from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
 
+_KEEPS_ALL = FrontEndConfig(own_body=OwnBodyConfig(nearest=0.0))
+"""Outliers right before the laser are left in."""
 _QUICK = Config(grid=GridConfig(resolution=0.2), finish=FinishConfig(enabled=False))
 
 
@@ -161,7 +164,10 @@ def test_a_log_in_order_has_no_breaks(log: Log, n_scans: int) -> None:
 def test_where_odometry_told_the_way_closures_across_a_loss_stay(log: Log, truth: NDArray[np.float64]) -> None:
     """One scan a metre, many outliers: nothing matches behind a corner, but the robot was never carried."""
     sparse = every_metre(log)
-    result = run(noisy(sparse.log, deviation=0.02, outliers=0.2).log, Config(grid=GridConfig(resolution=0.2)))
+    result = run(
+        noisy(sparse.log, deviation=0.02, outliers=0.2).log,
+        replace(_QUICK, finish=FinishConfig(), front_end=_KEEPS_ALL),
+    )
     assert result.summary["lost_at_scans"]
     assert all(found["outcome"] == "credible" for found in result.summary["breaks"])
     assert trajectory_errors(result.trajectory, truth[sparse.scans]).ate_rmse < 0.05
@@ -173,7 +179,7 @@ def test_a_loss_that_only_a_majority_bridges_is_told(log: Log, monkeypatch: pyte
     monkeypatch.setattr(HypothesisVerifier, "of_estimate", lambda *_: torn)
     sparse = noisy(every_metre(log).log, deviation=0.02, outliers=0.2).log
     goes_on = LoopClosureConfig(view=ViewChangeConfig(carried_chance=1e-9))  # every view
-    result = run(sparse, replace(_QUICK, loops=goes_on))
+    result = run(sparse, replace(_QUICK, loops=goes_on, front_end=_KEEPS_ALL))
     assert {found["outcome"] for found in result.summary["breaks"]} == {"credible"}
     assert any("4 scans agree with dead reckoning by odometry" in said for said in result.summary["warnings"])
 

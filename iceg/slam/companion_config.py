@@ -15,9 +15,9 @@ class CompanionConfig(SlamSettings, prefix="companions: "):
     reach: float = between(3.5, 0.1, 100.0)
     """Whoever goes along is no farther from the laser [m]."""
     width: float = between(0.8, 0.01, 100.0)
-    """An object that may be a person, or a leg, is no wider [m] …"""
+    """An object that may be a person, or a leg, is no wider [m]."""
     gap: float = between(0.3, 0.01, 100.0)
-    """… and what is seen beside it is farther away by more than this [m]."""
+    """What is seen beside such an object is farther away by more than this [m]."""
     step: float = between(0.7, 0.05, 100.0)
     """Scans are compared after so much path by odometry [m]: by then what stands has moved, seen from the robot."""
     stays: float = positive(0.5)
@@ -25,9 +25,11 @@ class CompanionConfig(SlamSettings, prefix="companions: "):
     stands: float = positive(0.25)
     """Something stands that is seen no farther from where odometry foretells it [m]."""
     unexplained: float = between(0.8, 0.5, 1.0 - 1e-9)
-    """Share of the steps at which nothing is seen where somebody would be who had stopped, if they go along …"""
+    """Share of the steps at which somebody who goes along is seen where they were, and nothing where they would be if
+    they stood."""
     hidden: float = between(0.1, *RATES)
-    """… and if it is something that stands, hidden there, with another object where this one was."""
+    """Share of the steps at which that is so of something that stands: it is hidden, and another object is where it
+    was."""
     false_alarm: float = between(1e-4, *RATES)
     """How probable it may be that something that stands is taken for somebody who goes along."""
     zone: float = positive(0.7)

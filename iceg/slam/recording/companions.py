@@ -18,6 +18,8 @@ from graph.elementary import cos_sin
 from graph.se2 import between, compose, transform_points
 from iceg.slam.companion_config import CompanionConfig
 
+_LEAST_RETURNS = 2
+"""A return by itself is no object but an outlier: some lasers have many, everywhere."""
 _LEAST_STEP = 0.8
 """A step tells by which an object that stands has moved at least this share of the usual step, seen from the robot."""
 
@@ -154,7 +156,7 @@ def _objects(ranges: Float32s, geometry: ScanGeometry, config: CompanionConfig) 
     x, y = (within * c).ravel(), (within * s).ravel()
     is_narrow = (x[first] - x[last]) ** 2 + (y[first] - y[last]) ** 2 < config.width**2
     scan, column = np.divmod(first, len(beams))
-    chosen = ends_free & is_narrow & (column < n_beams)
+    chosen = ends_free & is_narrow & (column < n_beams) & (last - first >= _LEAST_RETURNS - 1)
     first, last = first[chosen], last[chosen]
     n_points = last - first + 1
     sums = [np.concatenate([[0.0], np.cumsum(values)]) for values in (x, y)]
