@@ -48,12 +48,12 @@ def read_carmen(
 
     Of several lasers' messages one is used, of the same scans' messages the fullest: for the front laser ROBOTLASER1,
     else FLASER, else RAWLASER1, else whatever laser there is, of which there are at least half as many as of that with
-    most; `warnings` says so. Odometry is the robot pose of the
-    laser's own line; RAWLASER lines have none and take it from the ODOM lines around them in file order. The laser's
-    place on the robot is the difference of the two poses of a line, where that is the same all through the log, else
-    what PARAM says. Beams come from the message, else from their number: 180 run from −90° to +89°, 181 to +90°, 360
-    and 361 likewise in half degrees; any other number spreads over 180°. Scans whose beams differ from the most
-    frequent set-up are placed on its bearings. `usable_range` tells how no-return readings are recognised.
+    most; `warnings` says so. Odometry is the robot pose of the laser's own line; RAWLASER lines have none and take it
+    from the ODOM lines around them in file order. The laser's place on the robot is the difference of the two poses of
+    a line, where that is the same all through the log, else what PARAM says. Beams come from the message, else from
+    their number: 180 run from −90° to +89°, 181 to +90°, 360 and 361 likewise in half degrees; any other number spreads
+    over 180°. Scans whose beams differ from the most frequent set-up are placed on its bearings. `usable_range` tells
+    how no-return readings are recognised.
 
     Messages of other kinds are counted and ignored. A last line that was cut off is a warning.
 

@@ -131,7 +131,7 @@ def _distances2(a: Floats, b: Floats) -> Floats:
 
 
 def _objects(ranges: Float32s, geometry: ScanGeometry, config: CompanionConfig) -> _Objects:
-    """The narrow objects nearby in (n, n_beams) scans that what is beside them is farther away from.
+    """The narrow objects nearby in (n, n_beams) scans beside which all that is seen is farther away.
 
     A laser that sees all around has no first beam: what lies across the seam is seen by its last beams and its first.
     """
@@ -146,17 +146,17 @@ def _objects(ranges: Float32s, geometry: ScanGeometry, config: CompanionConfig) 
     with np.errstate(invalid="ignore"):
         begins = is_near & ~((right < config.reach) & (np.abs(far - right) <= config.gap))
         ends = is_near & ~((left < config.reach) & (np.abs(far - left) <= config.gap))
-        is_free = (begins & (right > far + config.gap), ends & (left > far + config.gap))
+        is_free_right, is_free_left = right > far + config.gap, left > far + config.gap
     if geometry.is_full_circle:
         begins[:, 0] |= is_near[:, 0]  # of which the other half is found at the seam
     first, last = np.flatnonzero(begins), np.flatnonzero(ends)
-    ends_free = is_free[0].ravel()[first] & is_free[1].ravel()[last]
+    is_free = is_free_right.ravel()[first] & is_free_left.ravel()[last]
     c, s = cos_sin(geometry.bearings[beams])
     within = np.where(is_near, far, 0.0)
     x, y = (within * c).ravel(), (within * s).ravel()
     is_narrow = (x[first] - x[last]) ** 2 + (y[first] - y[last]) ** 2 < config.width**2
     scan, column = np.divmod(first, len(beams))
-    chosen = ends_free & is_narrow & (column < n_beams) & (last - first >= _LEAST_RETURNS - 1)
+    chosen = is_free & is_narrow & (column < n_beams) & (last - first >= _LEAST_RETURNS - 1)
     first, last = first[chosen], last[chosen]
     n_points = last - first + 1
     sums = [np.concatenate([[0.0], np.cumsum(values)]) for values in (x, y)]

@@ -10,10 +10,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 
 from frontends.scan import Log, ScanGeometry
+from graph.arrays import Bools, Float32s, Floats, Ints
 from iceg.slam.own_body_config import OwnBodyConfig
 
 _SCANS = 1000
@@ -37,7 +37,7 @@ def without_own_body(log: Log, config: OwnBodyConfig) -> Log:
     return replace(log, ranges=ranges, warnings=(*log.warnings, *_warnings(limits, held, config)))
 
 
-def intervals_in_hands(ranges: NDArray[np.float32], config: OwnBodyConfig) -> list[tuple[int, int]]:
+def intervals_in_hands(ranges: Float32s, config: OwnBodyConfig) -> list[tuple[int, int]]:
     """Where somebody holds the robot, hands around its laser, and moves it.
 
     Args:
@@ -60,17 +60,17 @@ def intervals_in_hands(ranges: NDArray[np.float32], config: OwnBodyConfig) -> li
     return found
 
 
-def beyond(ranges: NDArray[np.float32], limits: NDArray[np.float64]) -> NDArray[np.float32]:
+def beyond(ranges: Float32s, limits: Floats) -> Float32s:
     """(n, n_beams) ranges without those nearer than (n_beams,) limits [m]."""
     return np.where(ranges < limits, np.float32(np.nan), ranges)
 
 
-def own_limits(ranges: NDArray[np.float32], geometry: ScanGeometry, config: OwnBodyConfig) -> NDArray[np.float64]:
+def own_limits(ranges: Float32s, geometry: ScanGeometry, config: OwnBodyConfig) -> Floats:
     """(n_beams,) how far away at least what is seen must be that is not the robot [m], see `own_body`."""
     return np.maximum(own_body(ranges, geometry, config), config.nearest)
 
 
-def own_body(ranges: NDArray[np.float32], geometry: ScanGeometry, config: OwnBodyConfig) -> NDArray[np.float64]:
+def own_body(ranges: Float32s, geometry: ScanGeometry, config: OwnBodyConfig) -> Floats:
     """How far the robot itself reaches in each beam.
 
     Args:
@@ -105,14 +105,14 @@ def own_body(ranges: NDArray[np.float32], geometry: ScanGeometry, config: OwnBod
     return np.asarray(maximum_filter1d(body, 2 * half + 1, mode="wrap" if geometry.is_full_circle else "constant"))
 
 
-def _nearest(ranges: NDArray[np.float32]) -> NDArray[np.float32]:
+def _nearest(ranges: Float32s) -> Float32s:
     """(k,) the lower quartile of what is finite in each column of (n, k): no return comes from before the robot."""
     n_finite = np.isfinite(ranges).sum(axis=0)
-    nearest: NDArray[np.float32] = np.sort(ranges, axis=0)[(n_finite - 1) // 4, np.arange(ranges.shape[1])]
+    nearest: Float32s = np.sort(ranges, axis=0)[(n_finite - 1) // 4, np.arange(ranges.shape[1])]
     return nearest
 
 
-def _stays(ranges: NDArray[np.float32], nearest: NDArray[np.float32], config: OwnBodyConfig) -> NDArray[np.bool_]:
+def _stays(ranges: Float32s, nearest: Float32s, config: OwnBodyConfig) -> Bools:
     """(k,) whether much of what (n, k) beams return comes from (k,) ranges, and hardly anything from before them."""
     within = ranges <= nearest + config.scatter
     n_own = (within & (ranges >= nearest - config.scatter)).sum(axis=0)
@@ -120,7 +120,7 @@ def _stays(ranges: NDArray[np.float32], nearest: NDArray[np.float32], config: Ow
     return np.asarray((n_own >= config.seen * n_seen) & (n_own >= config.agreement * within.sum(axis=0)) & (n_own > 0))
 
 
-def _different(ranges: NDArray[np.float32], change: float) -> NDArray[np.int64]:
+def _different(ranges: Float32s, change: float) -> Ints:
     """Scans each of which is taken elsewhere than the one before: half of what both see has changed.
 
     Args:
@@ -144,7 +144,7 @@ def _different(ranges: NDArray[np.float32], change: float) -> NDArray[np.int64]:
     return np.array(places, dtype=np.int64)
 
 
-def _parts(is_own: NDArray[np.bool_], most: int, is_full_circle: bool) -> Iterator[NDArray[np.int64]]:
+def _parts(is_own: Bools, most: int, is_full_circle: bool) -> Iterator[Ints]:
     """Beams of each part of the robot in the order of their bearings, with no more than so many beams between two."""
     beams = np.flatnonzero(is_own)
     if not len(beams):
@@ -156,9 +156,9 @@ def _parts(is_own: NDArray[np.bool_], most: int, is_full_circle: bool) -> Iterat
 
 
 def _ends_with_leaps(
-    ranges: NDArray[np.float32],
-    found: NDArray[np.float64],
-    part: NDArray[np.int64],
+    ranges: Float32s,
+    found: Floats,
+    part: Ints,
     half: int,
     geometry: ScanGeometry,
     config: OwnBodyConfig,
@@ -190,7 +190,7 @@ def _ends_with_leaps(
     return told
 
 
-def _warnings(limits: NDArray[np.float64], held: Sequence[tuple[int, int]], config: OwnBodyConfig) -> Iterator[str]:
+def _warnings(limits: Floats, held: Sequence[tuple[int, int]], config: OwnBodyConfig) -> Iterator[str]:
     beams = np.flatnonzero(limits > config.nearest)
     if len(beams):
         yield (
