@@ -15,8 +15,10 @@ from matplotlib.figure import Figure
 from matplotlib.image import imread
 from numpy.typing import NDArray
 
+from frontends.logs import read_log
 from frontends.scan import Scan, ScanGeometry
 from iceg import plot
+from iceg.demo import demo_log_path
 from iceg.ice.features import Features
 from iceg.maps.feature_map import Landmarks
 from iceg.maps.grid import OccupancyGrid
@@ -297,3 +299,10 @@ def test_a_long_narrow_map_leaves_room_for_its_legend(tmp_path: Path) -> None:
     height, width = imread(tmp_path / "map.png").shape[:2]
     assert width >= 1000
     assert height > width
+
+
+def test_arguments_of_another_type_are_told(tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match="layers: found str, expected"):
+        save_map_png(tmp_path / "map.png", "result")  # type: ignore[arg-type]
+    with pytest.raises(TypeError, match="range_max: found str, expected a number"):
+        read_log(demo_log_path(), range_max="10")

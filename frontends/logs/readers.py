@@ -4,11 +4,13 @@ import codecs
 from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import signature
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
 from frontends.bags.bag import read_bag
 from frontends.bags.magic import container, is_bag
+from frontends.checked_arguments import expect
 from frontends.logs.carmen import is_carmen, read_carmen
 from frontends.logs.dpslam import is_dpslam, read_dpslam
 from frontends.logs.errors import LogError
@@ -74,6 +76,7 @@ def read_log(
 
     Raises:
         LogError: the file cannot be read, its format is unknown, or has no such option.
+        TypeError: `range_max` is no number.
     """
     path = Path(path)
     if log_format == "auto":
@@ -85,6 +88,7 @@ def read_log(
     unknown = sorted(given.keys() - signature(read).parameters.keys())
     if unknown:
         raise LogError(f"{path}: a log of the format {log_format} has no option {', '.join(unknown)}")
+    expect(given.get("range_max", 0.0), Real, "range_max", "a number [m]")
     if "progress" in signature(read).parameters:
         given["progress"] = progress
     return placed(read(path, **given), laser_x, laser_y, laser_heading)

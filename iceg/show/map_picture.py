@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from frontends.checked_arguments import expect
 from graph.atomic import write_atomically
 from iceg.show.canvas import SMOOTHING, draw_marker
 from iceg.show.map_image import (
@@ -69,7 +70,11 @@ def save_map_png(
         min_seen: landmarks seen less often are left out, as are those that have expired.
         long_side: of the map, in pixels, about: a cell gets a whole number of pixels where there is room for one.
         title: a line beside the scale bar; name of the log and side of a cell when left out.
+
+    Raises:
+        TypeError: the layers are of another type, such as a result itself.
     """
+    expect(layers, MapLayers, "layers", "iceg.MapLayers, as result.layers")
     path = Path(path)
     layers = layers.settled(min_seen)
     box = known_box(layers.grid, layers.trajectory)
