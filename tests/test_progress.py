@@ -1,7 +1,9 @@
 """What a run says while it runs."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from typing import get_args
 
 import numpy as np
@@ -117,6 +119,14 @@ def test_in_a_file_a_stage_is_a_line_and_nothing_is_drawn_over(capsys: pytest.Ca
     words = [line.removeprefix("made-up.clf, ").partition(":")[0].split()[0] for line in lines]
     assert words == ["starting", *stages, "compiling", "writing", "done"]
     assert lines[-1].startswith("made-up.clf, done: 100%, 00:0")
+
+
+def test_who_starts_kernels_elsewhere_is_in_no_notebook(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ipykernel", ModuleType("ipykernel"))
+    assert not progress._is_in_notebook()
+    shell = SimpleNamespace(config={"IPKernelApp": {}})
+    monkeypatch.setitem(sys.modules, "IPython", SimpleNamespace(get_ipython=lambda: shell))
+    assert progress._is_in_notebook()
 
 
 def test_a_run_tells_its_stages_in_their_order() -> None:

@@ -156,7 +156,10 @@ def _bar(**described: Any) -> Any:  # noqa: ANN401
 
 
 def _is_in_notebook() -> bool:
-    return "ipykernel" in sys.modules
+    """Whether a notebook's kernel runs this; who only starts kernels elsewhere has ipykernel imported, too."""
+    ipython = sys.modules.get("IPython")
+    shell = ipython.get_ipython() if ipython is not None else None
+    return shell is not None and "IPKernelApp" in shell.config
 
 
 def _is_in_file() -> bool:
