@@ -32,6 +32,7 @@ from graph.se2 import between, logmap
 from iceg.evaluation.bench.tables import Row, format_markdown, write_csv
 from iceg.evaluation.consistency import nees
 from iceg.evaluation.errors import EvaluationError
+from iceg.evaluation.regression.cells import Cell
 from iceg.evaluation.regression.paired import chance
 from iceg.evaluation.regression.random_cells import random_cells
 from iceg.evaluation.regression.recordings import recording_of
@@ -86,9 +87,8 @@ def log_densities(factors: Sequence[Factor], truth: NDArray[np.float64]) -> NDAr
     return np.asarray(-0.5 * squared - log(diagonals).sum(axis=-1) - 1.5 * float(log(np.float64(2.0 * pi))))
 
 
-def likelihood_of(source: str) -> Likelihood:
+def likelihood_of(cell: Cell) -> Likelihood:
     """Run a random scene and judge its factors."""
-    (cell,) = random_cells(source)
     recording = recording_of(cell, None)
     if recording.truth is None:
         raise EvaluationError(f"{cell.source}: the truth is not known exactly, by which factors are judged")
@@ -163,6 +163,8 @@ class JudgeFactors:
     """Of the scenes, such as 26000-26099."""
     odometry: tuple[Quality, ...] = ()
     """Only scenes whose robot has wheels of these qualities."""
+    laser: str | None = None
+    """The laser that all robots have; each the one it draws when left out."""
     baseline: Path | None = None
     """A table of the same scenes by another version."""
     workers: int = 2
@@ -172,15 +174,15 @@ class JudgeFactors:
         """Run, write, compare.
 
         Raises:
-            IcegError: no such scenes, no such table, or fewer processes than one.
+            IcegError: no such scenes, laser or table, or fewer processes than one.
         """
         if self.workers < 1:
             raise EvaluationError(f"found {self.workers} workers, expected one at least")
         baseline = None if self.baseline is None else read_likelihoods(self.baseline)
-        seeds = [cell.source.partition(":")[2] for cell in random_cells(self.seeds, self.odometry)]
+        cells = random_cells(self.seeds, self.odometry, self.laser)
         context = multiprocessing.get_context("spawn")
         with one_core_each(), ProcessPoolExecutor(self.workers, mp_context=context) as pool:
-            found = list(tqdm(pool.map(likelihood_of, seeds), total=len(seeds), unit=" scenes"))
+            found = list(tqdm(pool.map(likelihood_of, cells), total=len(cells), unit=" scenes"))
         write_csv([one.row() for one in found], self.output)
         if baseline is not None:
             sys.stdout.write(format_markdown(compared(baseline, found)) + "\n")
