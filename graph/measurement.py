@@ -16,6 +16,20 @@ class MeasurementError(IcegError):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Held:
+    """By how much wall a match is held where its position is held least, and most.
+
+    Attributes:
+        directions: (2, 3) in the tangent space at the measurement: x, y of length 1, and the turn that goes along
+            [rad/m]; held least first.
+        lengths: (2,) how much wall faces along each [m].
+    """
+
+    directions: NDArray[np.float64]
+    lengths: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RelativePose:
     """Pose of `cur` in the frame of `ref`, as one matching factor of the graph.
 
@@ -28,6 +42,7 @@ class RelativePose:
         overlap: share of the usable beams that fall on known reference, in [0, 1].
         weak_directions: (k, 3) unit vectors of the tangent space along which the match is unobservable
             (a corridor's long axis); k = 0 when everything is observed.
+        held: what holds the position; None from a matcher that does not tell.
     """
 
     T_ref_cur: NDArray[np.float64]
@@ -36,6 +51,7 @@ class RelativePose:
     inliers: int
     overlap: float
     weak_directions: NDArray[np.float64]
+    held: Held | None = None
 
     def __post_init__(self) -> None:
         if self.T_ref_cur.shape != (3,) or not all(map(isfinite, self.T_ref_cur.tolist())):

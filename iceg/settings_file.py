@@ -45,6 +45,8 @@ GONE = {
     "front_end.standstill.min_moves": "see front_end.standstill.held_prior",
     "front_end.standstill.seldom_share": "see front_end.standstill.held_prior",
     "front_end.tracking.polished": "guesses come from a pass before, where turns are all that is known",
+    "ice.covariance.doubtful_length": "see ice.false_match.length",
+    "ice.covariance.similar_per_metre": "see ice.false_match.similar_per_metre",
     "loops.failures.widened_distance2": "odometry is widened as far as loops.failures.false_alarm asks",
     "loops.max_deviations": "closures are believed as far as the path explains them, see loops.path_probability",
     "loops.revisit_drift": "without loops.enabled no loop is closed",

@@ -47,11 +47,6 @@ class ScriptedMatcher(ScanByScan):
         del reference, scan, T_ref_cur
         return 1e8 * np.eye(2)
 
-    def match_unguided(
-        self, reference: Any, scan: Scan, T_ref_guess: NDArray[np.float64], covariance_guess: NDArray[np.float64]
-    ) -> RelativePose | NoMatch:
-        return self.match(reference, scan, T_ref_guess, covariance_guess)
-
     def judged(self, reference: Any) -> LocalMap:
         raise NotImplementedError
 

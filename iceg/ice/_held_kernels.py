@@ -1,10 +1,4 @@
-"""Compiled loops that tell how much wall holds a match, and how far off it may be where that is little.
-
-A chair leg, the edge of a door or a person's back holds a match along a corridor as well as a wall across it would, by
-the scores: a few points, each as sure as any. But so little may belong to something else, and then the scan lies where
-something similar was within reach of the guess. What tells the two apart is length: of simulated matches held by more
-than .4 m of wall one in a thousand is off by more than .1 m and 5 σ, of those held by less one in twenty.
-"""
+"""Compiled loops that tell how much wall holds a match: a post holds it along a corridor, and so does a wall across."""
 
 from math import sqrt
 
@@ -71,33 +65,3 @@ def _held(levers: F64, own_levers: F64, lengths: F64, directions: F64, held: F64
     directions[1, 0], directions[1, 1], directions[1, 2] = -y, x, ty * x - tx * y
     for k in range(2):
         directions[k, 2] = min(max(directions[k, 2], -_MOST_TURN), _MOST_TURN)
-
-
-@compiled
-def _add_chance(
-    directions: F64, held: F64, guess: F64, doubtful: float, per_metre: float, covariance: F64, added: F64
-) -> None:
-    """Add what a match may be off where little holds it.
-
-    The odds that it is held by the right thing are (held / doubtful)⁴. If it is not, its squared error is that of the
-    guess times how many similar things lie within the guess's reach.
-
-    Args:
-        directions: see `_held` …
-        held: … as this [m].
-        guess: (3, 3) covariance of where the search began, tangent space of the robot.
-        doubtful: what is held by so much is as probably held by something else [m].
-        per_metre: similar things within reach, for each metre of the guess's standard deviation [1/m].
-        covariance: (3, 3) of the match, changed in place.
-        added: (2,) output: variance along each direction [m²].
-    """
-    for k in range(2):
-        variance = 0.0
-        for a in range(2):
-            for b in range(2):
-                variance += directions[k, a] * guess[a, b] * directions[k, b]
-        share = max(0.0, held[k]) / doubtful
-        added[k] = per_metre * variance * sqrt(max(0.0, variance)) / (1.0 + share**4)
-        for a in range(3):
-            for b in range(3):
-                covariance[a, b] += added[k] * directions[k, a] * directions[k, b]

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.compiled import compiled
-from iceg.ice._held_kernels import _add_chance, _held, _lengths
+from iceg.ice._held_kernels import _held, _lengths
 from iceg.ice._refinement_kernels import partner
 from iceg.ice._score_grid_kernels import score_grid
 from iceg.ice._telling_kernels import beyond_end
@@ -43,8 +43,6 @@ class Reading(NamedTuple):
         max_step: … and largest.
         edge_mass: with more weight than this on the edge of the largest grid a direction is unobservable.
         weak_sigma: standard deviation it is given [m or rad].
-        doubtful_length: see `_held_kernels._add_chance` [m], …
-        similar_per_metre: … as this [1/m].
     """
 
     n_picks: int
@@ -58,8 +56,6 @@ class Reading(NamedTuple):
     max_step: float
     edge_mass: float
     weak_sigma: float
-    doubtful_length: float
-    similar_per_metre: float
 
 
 class Weighed(NamedTuple):
@@ -72,8 +68,8 @@ class Weighed(NamedTuple):
         weights: (side, side, side) normalised scores on the grid.
         weak: (3,) which axes are unobservable.
         ratios: (3,) see `_unevenness` and `_pretence`; 1 where unobservable.
-        slides: (2, 3) directions of the position and the turns that go along, see `_held_kernels._held`, …
-        is_sliding: (2,) … and which are as good as unobservable, since too little holds them.
+        directions: (2, 3) of the position and the turns that go along, see `_held_kernels._held`, …
+        held: (2,) … and by how much wall they are held [m].
     """
 
     covariance: F64
@@ -82,8 +78,8 @@ class Weighed(NamedTuple):
     weights: F64
     weak: Bool
     ratios: F64
-    slides: F64
-    is_sliding: Bool
+    directions: F64
+    held: F64
 
     @classmethod
     def empty(cls, side: int) -> "Weighed":
@@ -96,7 +92,7 @@ class Weighed(NamedTuple):
             np.empty(3, np.bool_),
             np.empty(3),
             np.empty((2, 3)),
-            np.empty(2, np.bool_),
+            np.empty(2),
         )
 
 
@@ -335,13 +331,12 @@ def _moments(costs: F64, best: float, per_cost: float, steps: F64, second: F64, 
 
 
 @compiled
-def score_covariance(scored: Scored, pose: F64, guess: F64, reading: Reading, out: Weighed) -> None:
+def score_covariance(scored: Scored, pose: F64, reading: Reading, out: Weighed) -> None:
     """Second moment of the scores around an optimum, on a grid along the principal axes of its Hessian.
 
     Args:
         scored: the points and the reference.
         pose: (3,) the optimum.
-        guess: (3, 3) covariance of where the search began, tangent space of the robot; 0 where it was measured.
         reading: how the scores are taken and read.
         out: output.
     """
@@ -374,27 +369,12 @@ def score_covariance(scored: Scored, pose: F64, guess: F64, reading: Reading, ou
         for b in range(3):
             second[a, b] *= sqrt(out.ratios[a] * out.ratios[b])
     _turned(out.axes, second, out.covariance)
-    _add_slides(scored.points, found, guess, reach * reach, reading, out)
+    lengths = np.empty(len(scored.points))
+    _lengths(scored.points, lengths)
+    _held(found.levers[_LAGS:], found.own_levers[_LAGS:], lengths, out.directions, out.held)
     for a in range(3):
         for b in range(a):
             out.covariance[b, a] = out.covariance[a, b]
-
-
-@compiled
-def _add_slides(points: F64, found: Residuals, guess: F64, most: float, reading: Reading, out: Weighed) -> None:
-    """What a match may be off where little holds it, unless a direction is unobservable by the scores already.
-
-    Nothing, if its guess was measured: then its covariance is zero here.
-    """
-    out.is_sliding[:] = False
-    if out.weak[0] or out.weak[1] or out.weak[2] or (guess[0, 0] == 0.0 and guess[1, 1] == 0.0):
-        return
-    lengths, held, added = np.empty(len(points)), np.empty(2), np.empty(2)
-    _lengths(points, lengths)
-    _held(found.levers[_LAGS:], found.own_levers[_LAGS:], lengths, out.slides, held)
-    _add_chance(out.slides, held, guess, reading.doubtful_length, reading.similar_per_metre, out.covariance, added)
-    for k in range(2):
-        out.is_sliding[k] = added[k] > most
 
 
 @compiled

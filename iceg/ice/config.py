@@ -5,7 +5,7 @@ from math import pi
 from typing import Literal
 
 from graph.errors import IcegError
-from graph.ranges import CheckedSettings, between, positive
+from graph.ranges import RATES, CheckedSettings, between, positive
 from graph.units import Radians
 
 Fitness = Literal["points", "probabilistic", "paper"]
@@ -210,13 +210,27 @@ class CovarianceConfig(_IceSettings):
     weak_sigma: float = positive(1.0, most=100.0)
     """Standard deviation given to a direction the match cannot observe [m, rad]: gates and closures compute with it,
     the path takes nothing from there."""
-    doubtful_length: float = positive(0.2)
-    """Where nothing has measured the guess of a match, so much wall that holds it along some direction is as probably
-    something else [m]: a door's edge, a chair or a person. Of twice as much that is one in seventeen, and so on with
-    the fourth power."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FalseMatchConfig(_IceSettings):
+    """How probably something else holds a match than what holds the map there, see `iceg.ice.false_matches`."""
+
+    probability: float = between(0.1, *RATES)
+    """A match that next to no wall holds is false with this probability, before it is asked where it was expected."""
+    length: float = positive(0.2)
+    """What so much wall holds is half as probably false [m]; a door's edge, a chair or a person is less. Of twice as
+    much that is one in seventeen, and so on with the fourth power."""
+    distance: float = positive(0.15)
+    """How far off a false match is [m], one standard deviation: what is similar, within reach of the guess."""
+    slip: float = between(0.01, *RATES)
+    """Wheels slip between two key scans with this probability, by as much as a false match is off or by far more
+    (Cauchy): a match that odometry contradicts need not be false."""
     similar_per_metre: float = 20.0
-    """So many similar things lie within reach for each metre of the guess's standard deviation [1/m]: where something
-    else holds a match, its squared error is so many times the cube of that deviation."""
+    """Where nothing has measured the guess, so many similar things lie within reach for each metre of its standard
+    deviation [1/m]: the squared error of a match that something else holds is so many times the cube of that."""
+    unobserved: float = positive(0.3)
+    """A direction that something else may hold so far off, by standard deviation, is not observed [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -229,5 +243,6 @@ class IceConfig:
     refinement: RefinementConfig = field(default_factory=RefinementConfig)
     local_map: LocalMapConfig = field(default_factory=LocalMapConfig)
     covariance: CovarianceConfig = field(default_factory=CovarianceConfig)
+    false_match: FalseMatchConfig = field(default_factory=FalseMatchConfig)
     use_features: bool = True
     """Off leaves only the guess as hypothesis (the ablation of ICE)."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from graph.measurement import Held
 from iceg.ice import _score_kernels as kernels
 from iceg.ice._score_kernels import Reading, Weighed
 from iceg.ice.config import CovarianceConfig, RefinementConfig
@@ -35,8 +36,8 @@ class ScoreCovariance:
 
     Attributes:
         covariance: (3, 3) tangent space of the robot at the optimum, order x, y, θ.
-        weak_directions: (k, 3) unit vectors along which the scores do not fall off inside the window, or which so
-            little holds that they tell nothing.
+        weak_directions: (k, 3) unit vectors along which the scores do not fall off inside the window.
+        held: by how much wall the position is held.
         weights: (5, 5, 5) normalised scores on the grid, axis i along `axes[:, i]`.
         axes: (3, 3) columns: principal directions of the grid in the tangent space.
         steps: (3,) spacing along each axis [m or rad].
@@ -44,6 +45,7 @@ class ScoreCovariance:
 
     covariance: NDArray[np.float64]
     weak_directions: NDArray[np.float64]
+    held: Held
     weights: NDArray[np.float64]
     axes: NDArray[np.float64]
     steps: NDArray[np.float64]
@@ -55,7 +57,6 @@ def score_covariance(
     refined: Refined,
     refinement: RefinementConfig,
     config: CovarianceConfig,
-    guess: NDArray[np.float64] | None = None,
 ) -> ScoreCovariance:
     """Weigh a grid of poses around the optimum by its scores; Σ = K/s − uuᵀ/s².
 
@@ -68,17 +69,12 @@ def score_covariance(
     residuals are noise, and many points average it away; correlated ones tell of a reference that is not quite right,
     and many points repeat the same error.
 
-    A direction that little holds may be held by something else: how far that leads astray depends on how far off a
-    guess was that nothing has measured (`_held_kernels`).
-
     Args:
         scan_points: points of the new scan.
         local_map: the reference.
         refined: the optimum.
         refinement: width of the Cauchy score, and which points tell something.
         config: noise level, share of independent points, window.
-        guess: (3, 3) covariance of where the search began, tangent space of the robot; None where something has
-            measured that, as odometry.
 
     Returns:
         The covariance with its weak directions.
@@ -96,17 +92,13 @@ def score_covariance(
         max_step=config.max_step,
         edge_mass=_EDGE_MASS,
         weak_sigma=config.weak_sigma,
-        doubtful_length=config.doubtful_length,
-        similar_per_metre=config.similar_per_metre,
     )
     found = Weighed.empty(_SIDE)
-    began = np.zeros((3, 3)) if guess is None else np.ascontiguousarray(guess)
-    kernels.score_covariance(scored, refined.T_ref_cur, began, reading, found)
-    slides = found.slides[found.is_sliding]
-    slides /= np.sqrt((slides**2).sum(axis=1, keepdims=True))
+    kernels.score_covariance(scored, refined.T_ref_cur, reading, found)
     return ScoreCovariance(
         covariance=found.covariance,
-        weak_directions=np.concatenate([found.axes[:, found.weak].T, slides]),
+        weak_directions=found.axes[:, found.weak].T,
+        held=Held(directions=found.directions, lengths=found.held),
         weights=found.weights,
         axes=found.axes,
         steps=found.steps,

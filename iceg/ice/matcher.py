@@ -16,6 +16,7 @@ from graph.se2 import between
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.config import IceConfig
 from iceg.ice.covariance import score_covariance
+from iceg.ice.false_matches import allowing_for_chance
 from iceg.ice.features import FeatureRows, Features, feature_rows, packed
 from iceg.ice.fitness import Ranking, rank_by_features, rank_by_points
 from iceg.ice.hypotheses import SearchWindow, distinct, pair_hypotheses, search_window, widened
@@ -232,17 +233,6 @@ class IceMatcher:
         refined = self._find(reference, scan, T_ref_guess, covariance_guess)
         return refined if isinstance(refined, NoMatch) else self._measured(reference, scan, refined)
 
-    def match_unguided(
-        self,
-        reference: LocalMap,
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> RelativePose | NoMatch:
-        """As `match`, from a guess that nothing has measured: what holds next to nothing may have led it astray."""
-        refined = self._find(reference, scan, T_ref_guess, covariance_guess)
-        return refined if isinstance(refined, NoMatch) else self._measured(reference, scan, refined, covariance_guess)
-
     def match_near(self, reference: LocalMap, scan: Scan, T_ref_guess: NDArray[np.float64]) -> RelativePose | NoMatch:
         """The match nearest to a (3,) guess that is right but for centimetres: along what is weak it stays there."""
         scan_points = self._points(scan)
@@ -256,14 +246,10 @@ class IceMatcher:
     def _too_few(self, n_points: int) -> NoMatch:
         return NoMatch(reason=f"only {n_points} beams returned, a match needs {self.config.refinement.min_points}")
 
-    def _measured(
-        self, reference: LocalMap, scan: Scan, refined: Refined, covariance_guess: NDArray[np.float64] | None = None
-    ) -> RelativePose:
-        """A pose with its covariance and what speaks for it; that of a guess that led there, if it may have misled."""
+    def _measured(self, reference: LocalMap, scan: Scan, refined: Refined) -> RelativePose:
+        """A pose with its covariance and what speaks for it."""
         scan_points = self._points(scan)
-        scores = score_covariance(
-            scan_points, reference, refined, self.config.refinement, self.config.covariance, covariance_guess
-        )
+        scores = score_covariance(scan_points, reference, refined, self.config.refinement, self.config.covariance)
         return RelativePose(
             T_ref_cur=refined.T_ref_cur,
             covariance=scores.covariance,
@@ -271,7 +257,19 @@ class IceMatcher:
             inliers=refined.inliers,
             overlap=refined.used / len(scan_points),
             weak_directions=scores.weak_directions,
+            held=scores.held,
         )
+
+    def allowing_for_chance(
+        self,
+        match: RelativePose,
+        T_ref_expected: NDArray[np.float64],
+        covariance: NDArray[np.float64],
+        *,
+        is_measured: bool,
+    ) -> RelativePose:
+        """A match that something else may hold is less sure, see `iceg.ice.false_matches`."""
+        return allowing_for_chance(match, T_ref_expected, covariance, self.config.false_match, is_measured=is_measured)
 
     def agreement(self, reference: LocalMap, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
         """Compare a scan with a local map at a given (3,) pose, in both directions."""

@@ -70,12 +70,6 @@ class CompletedMatcher:
         """The matcher's own."""
         return self._matcher.match(reference.matched, scan, T_ref_guess, covariance_guess)
 
-    def match_unguided(
-        self, reference: JudgedReference, scan: Scan, T_ref_guess: Floats, covariance_guess: Floats
-    ) -> RelativePose | NoMatch:
-        """The matcher's own: only it knows what holds its matches."""
-        return self.match(reference, scan, T_ref_guess, covariance_guess)
-
     def track(
         self, reference: JudgedReference, scan: Scan, T_ref_guess: Floats, covariance_guess: Floats
     ) -> Floats | NoMatch:

@@ -49,12 +49,6 @@ class MapMatcher(Matcher, Protocol):
         """(2, 2) how well a scan measures its position at a (3,) pose, in the robot's frame [1/m²], not its heading."""
         ...
 
-    def match_unguided(
-        self, reference: Prepared, scan: Scan, T_ref_guess: Floats, covariance_guess: Floats
-    ) -> RelativePose | NoMatch:
-        """As `match`, from a guess that nothing has measured: what holds next to nothing may have led it astray."""
-        ...
-
     def match_near(self, reference: Prepared, scan: Scan, T_ref_guess: Floats) -> RelativePose | NoMatch:
         """The match nearest to a (3,) guess that is right but for centimetres: along what is weak it stays there."""
         ...

@@ -89,8 +89,8 @@ def _with_loops(**settings: Any) -> Change:  # noqa: ANN401
 
 
 def _believing_little(config: Config) -> Config:
-    covariance = replace(config.ice.covariance, similar_per_metre=0.0)
-    return replace(config, ice=replace(config.ice, covariance=covariance))
+    false_match = replace(config.ice.false_match, similar_per_metre=0.0, probability=RATES[0])
+    return replace(config, ice=replace(config.ice, false_match=false_match))
 
 
 def _among_nobody(config: Config) -> Config:
@@ -165,7 +165,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="scans that see nothing are not matched", without={f"{_SLAM}.tracking.front_end:is_blind": _no}
         ),
         "held by chance": Rule(
-            what="a direction that next to no wall holds is known no better than the guess allows",
+            what="what next to no wall holds may be held by something else",
             config=_believing_little,
         ),
         "velocity filter": Rule(

@@ -285,20 +285,25 @@ class FrontEnd:
         if self.is_blind:
             return COVERED
         reference = self._matched.reference
-        matched = self._matcher.match if self._knows_motion else self._matcher.match_unguided
-        match = matched(reference, scan, self._T_track_robot, self.motion.covariance)
+        match = self._matcher.match(reference, scan, self._T_track_robot, self.motion.covariance)
         if isinstance(match, NoMatch):
             return match
+        expected = self._expected()
         instead = self._check.judge(
             reference,
             scan,
             self._T_track_robot,
             match.T_ref_cur,
             match.covariance,
-            self._expected(),
+            expected,
             is_degenerate=len(match.weak_directions) > 1,
         )
-        return match if instead is None else instead
+        believed = match if instead is None else instead
+        if isinstance(believed, NoMatch):
+            return believed
+        return self._matcher.judge.allowing_for_chance(
+            believed, expected.T_track_robot, expected.motion.covariance, is_measured=expected.is_known
+        )
 
     def _fuse(self, match: RelativePose, T_track_key: Floats) -> Floats:
         """Where the match is weaker than odometry since the key scan, odometry speaks, and only there.
