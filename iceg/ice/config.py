@@ -216,7 +216,7 @@ class CovarianceConfig(_IceSettings):
 class FalseMatchConfig(_IceSettings):
     """How probably something else holds a match than what holds the map there, see `iceg.ice.false_matches`."""
 
-    probability: float = between(0.1, *RATES)
+    probability: float = between(0.03, *RATES)
     """A match that next to no wall holds is false with this probability, before it is asked where it was expected."""
     length: float = positive(0.2)
     """What so much wall holds is half as probably false [m]; a door's edge, a chair or a person is less. Of twice as

@@ -289,6 +289,8 @@ class FrontEnd:
         if isinstance(match, NoMatch):
             return match
         expected = self._expected()
+        if not expected.is_known:
+            match = self._allowing_for_chance(match, expected)
         instead = self._check.judge(
             reference,
             scan,
@@ -299,10 +301,15 @@ class FrontEnd:
             is_degenerate=len(match.weak_directions) > 1,
         )
         believed = match if instead is None else instead
-        if isinstance(believed, NoMatch):
+        if isinstance(believed, NoMatch) or not expected.is_known:
             return believed
+        # What odometry says of a match comes after the verdict, which asks odometry, too.
+        return self._allowing_for_chance(believed, expected)
+
+    def _allowing_for_chance(self, match: RelativePose, expected: Expectation) -> RelativePose:
+        """A match that something else may hold is less sure."""
         return self._matcher.judge.allowing_for_chance(
-            believed, expected.T_track_robot, expected.motion.covariance, is_measured=expected.is_known
+            match, expected.T_track_robot, expected.motion.covariance, is_measured=expected.is_known
         )
 
     def _fuse(self, match: RelativePose, T_track_key: Floats) -> Floats:
