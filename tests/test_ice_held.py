@@ -6,9 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from graph.measurement import RelativePose
 from iceg.ice import _held_kernels as kernels
-from iceg.ice.config import CovarianceConfig, RefinementConfig
+from iceg.ice.config import CovarianceConfig, FalseMatchConfig, RefinementConfig
 from iceg.ice.covariance import score_covariance
+from iceg.ice.false_matches import allowing_for_chance
 from iceg.ice.points import ScanPoints
 from iceg.ice.refinement import evaluate_points
 from tests.kernels import from_python
@@ -90,15 +92,52 @@ def test_a_gap_is_no_wall() -> None:
     np.testing.assert_allclose(lengths, [0.05, 0.15, 0.1, 0.0])
 
 
-@pytest.mark.parametrize("across", [0.2, 0.6, 1.8])
-def test_a_match_says_how_much_wall_holds_it(across: float) -> None:
+def match_in(across: float) -> RelativePose:
+    """Of a scan in that corridor to a map of itself."""
     points, normals = corridor(across)
     scan = ScanPoints(
         points=points, normals=normals, beams=np.arange(len(points), dtype=np.int32), spreads=np.ones(len(points))
     )
     local_map = map_of(scan)
     at = evaluate_points(scan, local_map, np.zeros(3), RefinementConfig())
-    found = score_covariance(scan, local_map, at, RefinementConfig(), CovarianceConfig()).held
+    found = score_covariance(scan, local_map, at, RefinementConfig(), CovarianceConfig())
+    return RelativePose(
+        T_ref_cur=np.zeros(3),
+        covariance=found.covariance,
+        score=1.0,
+        inliers=len(points),
+        overlap=1.0,
+        weak_directions=found.weak_directions,
+        held=found.held,
+    )
+
+
+def from_guess(match: RelativePose, deviation: float) -> RelativePose:
+    """The same, from a guess that nothing has measured and that is known to so many metres."""
+    covariance = np.diag([deviation**2, deviation**2, 1e-4])
+    return allowing_for_chance(match, np.zeros(3), covariance, FalseMatchConfig(), is_measured=False)
+
+
+@pytest.mark.parametrize("across", [0.2, 0.6, 1.8])
+def test_a_match_says_how_much_wall_holds_it(across: float) -> None:
+    found = match_in(across).held
+    assert found is not None
     np.testing.assert_allclose(np.abs(found.directions[0]), [1.0, 0.0, 0.0], atol=0.01)
     # Points at the ends of a wall tell nothing, and surfels average corners away.
     np.testing.assert_allclose(found.lengths, [across, 12.0], atol=0.4)
+
+
+def test_a_post_holds_a_match_no_better_than_its_guess_allows() -> None:
+    match = match_in(0.1)
+    sure, unsure = from_guess(match, 0.01), from_guess(match, 0.2)
+    assert sure.covariance[0, 0] < 0.01**2
+    assert unsure.covariance[0, 0] == pytest.approx(20.0 * 0.2**3, rel=0.1)
+    assert np.abs(unsure.weak_directions) == pytest.approx(np.array([[1.0, 0.0, 0.0]]), abs=1e-3)
+    assert not len(sure.weak_directions)
+
+
+def test_a_wall_across_holds_it_whatever_the_guess() -> None:
+    match = match_in(1.8)
+    sure, unsure = from_guess(match, 0.01), from_guess(match, 0.2)
+    assert unsure.covariance[0, 0] < sure.covariance[0, 0] + 0.006**2
+    assert not len(unsure.weak_directions)

@@ -16,7 +16,6 @@ from graph.se2 import between
 from iceg.ice._point_kernels import RangeNoise
 from iceg.ice.config import IceConfig
 from iceg.ice.covariance import score_covariance
-from iceg.ice.false_matches import allowing_for_chance
 from iceg.ice.features import FeatureRows, Features, feature_rows, packed
 from iceg.ice.fitness import Ranking, rank_by_features, rank_by_points
 from iceg.ice.hypotheses import SearchWindow, distinct, pair_hypotheses, search_window, widened
@@ -259,17 +258,6 @@ class IceMatcher:
             weak_directions=scores.weak_directions,
             held=scores.held,
         )
-
-    def allowing_for_chance(
-        self,
-        match: RelativePose,
-        T_ref_expected: NDArray[np.float64],
-        covariance: NDArray[np.float64],
-        *,
-        is_measured: bool,
-    ) -> RelativePose:
-        """A match that something else may hold is less sure, see `iceg.ice.false_matches`."""
-        return allowing_for_chance(match, T_ref_expected, covariance, self.config.false_match, is_measured=is_measured)
 
     def agreement(self, reference: LocalMap, scan: Scan, T_ref_cur: NDArray[np.float64]) -> Agreement:
         """Compare a scan with a local map at a given (3,) pose, in both directions."""

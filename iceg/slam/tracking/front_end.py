@@ -13,6 +13,7 @@ from graph.measurement import NoMatch, RelativePose
 from graph.noise import chi2_gate, squared_norm, summed_ratios
 from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose
+from iceg.ice.false_matches import allowing_for_chance
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.agreement import apart
 from iceg.slam.config import FrontEndConfig
@@ -308,9 +309,8 @@ class FrontEnd:
 
     def _allowing_for_chance(self, match: RelativePose, expected: Expectation) -> RelativePose:
         """A match that something else may hold is less sure."""
-        return self._matcher.judge.allowing_for_chance(
-            match, expected.T_track_robot, expected.motion.covariance, is_measured=expected.is_known
-        )
+        odometry, config = expected.motion.covariance, self._matcher.judge.config.false_match
+        return allowing_for_chance(match, expected.T_track_robot, odometry, config, is_measured=expected.is_known)
 
     def _fuse(self, match: RelativePose, T_track_key: Floats) -> Floats:
         """Where the match is weaker than odometry since the key scan, odometry speaks, and only there.
