@@ -230,6 +230,20 @@ def test_a_match_far_from_odometry_is_believed_only_where_odometry_is_contradict
     assert poses[-1, 1] == pytest.approx(0.8 if is_believed else 0.0, abs=1e-3)
 
 
+@pytest.mark.parametrize(("reach", "wait"), [(0.8, 1.0), (0.1, 8.0), (0.1, 1.0)], ids=["fast", "late", "neither"])
+def test_a_match_is_believed_where_the_robot_may_have_got_to(
+    reach: float, wait: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where odometry has the robot most is new: that proves a jump, but not that it flew."""
+    monkeypatch.setattr(AliasMatcher, "expected", Agreement(points=100, known=20))
+    truth = _straight(20)
+    front_end = FrontEnd(AliasMatcher(np.vstack([np.zeros(3), truth])), OdometryModel(), _CONFIG)
+    front_end.expect(np.array([reach, 0.1]))
+    steps = [np.zeros(3), *between(truth[:-1], truth[1:])]
+    poses = [front_end.add(i, _scan(i + 1), step, wait=wait if i == 19 else 1.0) for i, step in enumerate(steps)]
+    assert poses[-1][1] == pytest.approx(0.8 if reach * wait == 0.8 else 0.0, abs=1e-3)
+
+
 def test_unmatched_key_scans_stay_out_of_the_reference_until_the_robot_is_lost() -> None:
     truth = _straight(60)
     front_end = FrontEnd(

@@ -1,7 +1,8 @@
 """Matches that contradict odometry: which explanation is believed, by counts as real scans give them."""
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -25,6 +26,8 @@ _EXPECTED = Expectation(
     T_track_key=np.zeros(3),
     motion=OdometryMotion(T_key_robot=np.array([0.5, 0.0, 0.1]), covariance=np.diag([0.03, 0.02, 0.02]) ** 2),
     is_known=True,
+    T_track_before=np.array([0.45, 0.0, 0.1]),
+    reach=np.array([1.0, 1.0]),
 )
 _ODOMETRY = _EXPECTED.T_track_robot
 _FAR = compose(_ODOMETRY, np.array([0.3, 0.1, -0.8]))
@@ -60,10 +63,10 @@ class _Told(ScriptedMatcher):
         return self.counts[float(T_ref_cur[0])]
 
 
-def _is_believed(far: Agreement, near: Agreement) -> bool:
+def _is_believed(far: Agreement, near: Agreement, expected: Expectation = _EXPECTED) -> bool:
     """A match far from odometry, close to which nothing else is found."""
     check = OdometryCheck(_Told({float(_FAR[0]): far, float(_ODOMETRY[0]): near}), FrontEndConfig())
-    instead = check.judge(None, _SCAN, _ODOMETRY, _FAR, _COVARIANCE, _EXPECTED)
+    instead = check.judge(None, _SCAN, _ODOMETRY, _FAR, _COVARIANCE, expected)
     assert instead is None or isinstance(instead, NoMatch)
     return instead is None
 
@@ -98,6 +101,35 @@ def test_new_ground_where_odometry_has_the_robot_speaks_against_it() -> None:
     assert not _is_believed(found, Agreement(points=330, known=240, inliers=230, seen=90))
     nothing_in_view = Agreement(points=361, known=361, inliers=351)
     assert _is_believed(nothing_in_view, Agreement(points=361, known=12, inliers=2))
+
+
+def test_no_robot_turns_so_far_between_two_scans() -> None:
+    """What narrow lasers see of two corners speaks for a jump of 46°, but the robot turns by 6° at most."""
+    found, odometry = Agreement(points=180, known=60, inliers=58, seen=40), Agreement(points=180, known=20, inliers=2)
+    assert _is_believed(found, odometry)
+    assert not _is_believed(found, odometry, replace(_EXPECTED, reach=np.array([0.1, 0.2])))
+    assert _is_believed(_STATIC, _ELSEWHERE, replace(_EXPECTED, reach=np.array([0.1, 0.2])))  # carried, it seems
+
+
+def test_odometry_that_claims_what_no_robot_does_is_worth_as_little() -> None:
+    found, odometry = (
+        Agreement(points=180, known=170, inliers=120, seen=40),
+        Agreement(points=180, known=150, inliers=90),
+    )
+    assert not _is_believed(found, odometry)
+    far_back = replace(_EXPECTED, T_track_before=_FAR, reach=np.array([0.1, 0.2]))
+    assert _is_believed(found, odometry, far_back)
+
+
+@given(way=st.floats(0.0, 50.0), turn=st.floats(-3.0, 3.0), reach=st.floats(0.01, 10.0), carried=st.floats(1e-6, 0.5))
+def test_a_way_is_as_probable_as_a_normal_step_or_a_robot_that_is_carried(
+    way: float, turn: float, reach: float, carried: float
+) -> None:
+    expected = replace(_EXPECTED, T_track_before=np.zeros(3), reach=np.array([reach, 2.0 * reach]))
+    told = expected.log_probability(np.array([0.6 * way, 0.8 * way, turn]), carried)
+    normal = math.exp(-0.5 * ((way / reach) ** 2 + (turn / (2.0 * reach)) ** 2))
+    assert told == pytest.approx(math.log((1.0 - carried) * normal + carried), abs=1e-9)
+    assert expected.log_probability(np.zeros(3), carried) == pytest.approx(0.0, abs=1e-12)
 
 
 @given(agreeing=st.integers(0, 200), against=st.integers(0, 200), unrelated=st.floats(1e-4, 0.5))

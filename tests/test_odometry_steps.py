@@ -7,7 +7,7 @@ from graph.odometry import OdometryModel
 from graph.se2 import compose
 from iceg.slam.calibration_config import SuddenStepConfig
 from iceg.slam.odometry.calibration import OdometryCalibration
-from iceg.slam.recording.steps import late_steps, sudden_steps
+from iceg.slam.recording.steps import late_steps, sudden_steps, usual_reach
 
 CONFIG = SuddenStepConfig()
 
@@ -52,6 +52,17 @@ def test_a_pause_explains_no_more_than_usual_driving_makes_of_it() -> None:
 def test_long_steps_are_usual_in_sparse_logs_and_short_logs_have_none() -> None:
     assert not sudden_steps(_driven(np.tile([2.0, 0.0, 0.9], (50, 1))), CONFIG).any()
     assert not len(sudden_steps(np.zeros((1, 3)), CONFIG, np.zeros(1)))
+
+
+def test_a_robot_reaches_as_far_as_nearly_all_of_its_moves_whatever_the_pauses() -> None:
+    steps, stamps = np.tile([0.1, 0.0, -0.2], (400, 1)), 0.2 * np.arange(401.0)
+    steps[::2] = 0.0  # it stands half of the time
+    steps[101] = [5.0, 0.0, 2.0]  # and jumps once
+    np.testing.assert_allclose(usual_reach(_driven(steps), 0.99, stamps), [0.1, 0.2], atol=1e-9)
+    steps[201], stamps[202:] = [2.0, 0.0, 0.0], stamps[202:] + 4.0
+    np.testing.assert_allclose(usual_reach(_driven(steps), 0.99, stamps), [0.1, 0.2], atol=1e-9)
+    assert not usual_reach(np.zeros((50, 3)), 0.99, np.arange(50.0)).any()
+    assert not usual_reach(np.zeros((1, 3)), 0.99, np.zeros(1)).any()
 
 
 def test_a_time_shift_does_not_smear_a_jump() -> None:

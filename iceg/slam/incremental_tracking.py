@@ -14,8 +14,9 @@ from graph.se2 import between
 from iceg.config import Config
 from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
+from iceg.slam.recording.intervals import waits
 from iceg.slam.recording.own_body import beyond
-from iceg.slam.recording.steps import late_steps, sudden_steps
+from iceg.slam.recording.steps import late_steps, sudden_steps, usual_reach
 from iceg.slam.track import Track
 from iceg.slam.tracking.front_end import FrontEnd
 
@@ -57,6 +58,7 @@ class IncrementalTracking:
         """Track the next scan of the log, which is there."""
         index, front_end, log = len(self._key_of_scan), self.front_end, self._log
         step = self._step(index)
+        wait = self._expect_reach(index)
         is_sudden = self._stands_out(sudden_steps, index)
         self._steps.append(step)
         together = slice(index, index + (log.has_odometry and index > 0 and not is_sudden))
@@ -69,7 +71,7 @@ class IncrementalTracking:
             scan = Scan(ranges=ranges[0], geometry=log.geometry)
             odometry = step if log.has_odometry and index else None
             is_late = self._stands_out(late_steps, index)
-            pose = front_end.add(index, scan, odometry, is_sudden=is_sudden, is_late=is_late)
+            pose = front_end.add(index, scan, odometry, is_sudden=is_sudden, is_late=is_late, wait=wait)
         self._key_of_scan.append(len(front_end.keys) - 1)
         self._T_track_scan.append(pose)
         if self._is_first_part and self._is_enough(index):
@@ -101,6 +103,15 @@ class IncrementalTracking:
         if not self._is_first_part:
             odometry = self.calibration.apply(odometry, self._config.front_end.calibration.sudden)
         return between(odometry[-2], odometry[-1])
+
+    def _expect_reach(self, index: int) -> float:
+        """Say how far the robot gets from scan to scan, by its newest steps; how many usual intervals this one took."""
+        if not (self._log.has_odometry and index):
+            return 1.0
+        recent = slice(max(0, index - _RECENT), index + 1)
+        share, stamps = self._config.front_end.calibration.sudden.nearly_all, self._log.stamps[recent]
+        self.front_end.expect(usual_reach(self._log.odometry[recent], share, stamps))
+        return float(waits(stamps)[-1])
 
     def _stands_out(self, told: Callable[..., Bools], index: int) -> bool:
         """Whether odometry since the scan before is one of the steps that `sudden_steps` or `late_steps` tell."""

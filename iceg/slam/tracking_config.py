@@ -125,6 +125,13 @@ class OdometryCheckConfig(SlamSettings, prefix="odometry check: "):
     """What is seen must be so many times as probable after a jump as where odometry has the robot."""
     refused_odds: float = positive(5.0)
     """A jump that is so many times as probably wrong as right is refused."""
+    reach_distance: float = positive(0.1)
+    """Any robot may go so far from one scan to the next [m]; farther, if most of its steps are longer."""
+    reach_turn: Radians = positive(0.2)
+    """Any robot may turn so far from one scan to the next [rad]."""
+    carried: float = between(0.001, *RATES)
+    """Probability that a robot of which odometry knows nothing went farther than its steps reach, as one that is
+    carried."""
     contradiction: ContradictionConfig = field(default_factory=ContradictionConfig)
     """What share of what is seen contradicts a pose."""
     ground: ContradictionConfig = field(

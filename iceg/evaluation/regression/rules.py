@@ -58,6 +58,10 @@ def _yes(*_args: object, **_named: object) -> bool:
     return True
 
 
+def _zero(*_args: object, **_named: object) -> float:
+    return 0.0
+
+
 def _empty(*_args: object, **_named: object) -> list[Any]:
     return []
 
@@ -149,6 +153,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "goes on": Rule(what="tells a jump of the odometry from a move", without={f"{_FRONT_END}._goes_on": _no}),
         "few beams": Rule(what="few beams do not overrule odometry", without={f"{_CHECK}._sees_too_little": _nothing}),
+        "within reach": Rule(
+            what="nobody jumps farther than the robot moves in that time, unless it is carried",
+            without={f"{_SLAM}.tracking.odometry_check:Expectation.log_probability": _zero},
+        ),
         "near odometry": Rule(
             what="a match near odometry is preferred to one that contradicts it",
             without={f"{_CHECK}._nearer": _nothing},

@@ -50,6 +50,25 @@ def late_steps(odometry: Floats, config: SuddenStepConfig, stamps: Floats) -> Bo
     return _beyond(odometry, config, periods) & ~_beyond(odometry, config, _perhaps_late(periods))
 
 
+def usual_reach(odometry: Floats, share: float, stamps: Floats) -> Floats:
+    """How far a robot gets from one scan to the next, in nearly all of the steps in which it moves.
+
+    Args:
+        odometry: (n, 3) at each scan.
+        share: of the steps that are nearly all.
+        stamps: (n,) of the scans [s].
+
+    Returns:
+        (2,) distance [m] and turn [rad] in a usual interval; zeros where it never moves.
+    """
+    moves = is_moving(odometry)
+    if not moves.any():
+        return np.zeros(2)
+    steps = np.abs(between(odometry[:-1], odometry[1:])[moves])
+    lengths = np.column_stack([np.hypot(steps[:, 0], steps[:, 1]), steps[:, 2]]) / waits(stamps)[moves, None]
+    return np.quantile(lengths, share, axis=0)
+
+
 def chained(start: Floats, steps: Floats) -> Floats:
     """Poses from increments.
 

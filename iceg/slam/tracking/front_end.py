@@ -69,6 +69,11 @@ class FrontEnd:
         self._unknown_scans = 0
         self._T_track_robot = np.zeros(3)
         self._newest_step = (np.zeros(3), np.zeros(3))
+        self._T_track_before, self._reach = np.zeros(3), np.zeros(2)
+        self._is_matched = True
+        self._usual_reach = self._least_reach = np.array(
+            [config.odometry_check.reach_distance, config.odometry_check.reach_turn]
+        )
         self._velocity: VelocityFilter | None = None
         self.failures = 0
         self.lost: list[int] = []
@@ -100,6 +105,10 @@ class FrontEnd:
         if self._has_odometry:
             self._odometry = odometry
 
+    def expect(self, reach: Floats) -> None:
+        """From the next scan on a robot gets as far from scan to scan: (2,) distance [m] and turn [rad]."""
+        self._usual_reach = np.maximum(self._least_reach, reach)
+
     def add(
         self,
         index: int,
@@ -108,6 +117,7 @@ class FrontEnd:
         *,
         is_sudden: bool = False,
         is_late: bool = False,
+        wait: float = 1.0,
         foretold: Floats | None = None,
     ) -> Floats:
         """Track one more scan.
@@ -118,6 +128,7 @@ class FrontEnd:
             T_prev_cur: (3,) odometry since the scan before; None where there is none.
             is_sudden: the step is much longer than others: perhaps the odometry jumped, and the robot did not.
             is_late: it is so after a pause, which the scan before may have shown already.
+            wait: time since the scan before, in usual intervals.
             foretold: (3,) the step, where there is no odometry and an earlier pass tells of it; None where none does,
                 and the velocity is taken as constant.
 
@@ -128,6 +139,7 @@ class FrontEnd:
         if not self.keys:
             self._start(index, scan)
             return self._T_track_robot
+        self._leave(self._T_track_robot, wait)
         step, before, noise = T_prev_cur, self._T_track_robot, self._odometry
         if step is not None and is_sudden and self._goes_on(scan, step):
             self.breaks.append(index)
@@ -168,6 +180,9 @@ class FrontEnd:
         if not len(poses):
             return poses
         before = poses[-2] if len(poses) > 1 else self._T_track_robot
+        self._is_matched = self._is_matched or len(poses) > 1
+        self._leave(before)
+        self._is_matched = True
         self.is_blind, self._matched, self.motion, self._velocity = False, self._local, found.motion, None
         self._T_track_robot, self._newest_step = poses[-1].copy(), (before, poses[-1].copy())
         if found.key_scan is not None:
@@ -175,6 +190,12 @@ class FrontEnd:
             self._add_key(index + len(poses) - 1, scan)
             poses[-1] = self._T_track_robot
         return poses
+
+    def _leave(self, T_track_before: Floats, wait: float = 1.0) -> None:
+        """Go on from the pose of the scan before, (3,): what the robot's way is measured from, if a match told it."""
+        if self._is_matched:
+            self._T_track_before, self._reach = T_track_before, np.zeros(2)
+        self._reach = self._reach + wait * self._usual_reach
 
     def _goes_on(self, scan: Scan, step: Floats) -> bool:
         """Whether a scan does not say that the robot made the step odometry claims, rather than going on as before.
@@ -218,7 +239,11 @@ class FrontEnd:
     def _expected(self, motion: OdometryMotion | None = None) -> Expectation:
         """Where odometry puts the robot, or would if it had moved so since the newest key scan."""
         return Expectation(
-            T_track_key=self.keys[-1].T_track_robot, motion=motion or self.motion, is_known=self._knows_motion
+            T_track_key=self.keys[-1].T_track_robot,
+            motion=motion or self.motion,
+            is_known=self._knows_motion,
+            T_track_before=self._T_track_before,
+            reach=self._reach,
         )
 
     def _explains(self, scan: Scan, found: Floats) -> bool:
@@ -256,7 +281,7 @@ class FrontEnd:
         if self._tentative is not None and isinstance(found, NoMatch):
             self._matched = self._tentative
             found = self._find(self._tentative, scan, guess, self._expected())
-        before = self._T_track_robot
+        before, self._is_matched = self._T_track_robot, not isinstance(found, NoMatch)
         if isinstance(found, NoMatch):
             self.failures += 1
             self._unknown_scans += not self._knows_motion

@@ -14,8 +14,9 @@ from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.calibration import OdometryCalibration, calibrate_odometry
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.progress import Progress, ProgressCallback
+from iceg.slam.recording.intervals import waits
 from iceg.slam.recording.standstill import dead_intervals
-from iceg.slam.recording.steps import late_steps, sudden_steps
+from iceg.slam.recording.steps import late_steps, sudden_steps, usual_reach
 from iceg.slam.track import Track
 from iceg.slam.tracking.front_end import FrontEnd
 
@@ -111,6 +112,8 @@ class _Journey:
         self.front_end = FrontEnd(matcher, noise if log.has_odometry else None, config, foreknown.heading)
         self._sudden = sudden_steps(log.odometry, config.calibration.sudden, log.stamps)
         self._late = late_steps(log.odometry, config.calibration.sudden, log.stamps)
+        self._waits = waits(log.stamps)
+        self.front_end.expect(usual_reach(log.odometry, config.calibration.sudden.nearly_all, log.stamps))
         self._dead = dead_intervals(log.odometry, log.ranges, config.standstill) if log.has_odometry else []
         self._is_known = np.full(len(log) - 1, log.has_odometry)
         for first, last in self._dead:  # nor does odometry know the step with which it wakes
@@ -148,10 +151,11 @@ class _Journey:
         index = len(self._key_of_scan)
         is_known = index > 0 and bool(self._is_known[index - 1])
         is_sudden, is_late = (is_known and bool(steps[index - 1]) for steps in (self._sudden, self._late))
+        wait = float(self._waits[index - 1]) if index else 1.0
         step = steps[index] if is_known else None
         foretold = None if self._foretold is None or index == 0 else self._foretold[index - 1]
         pose = self.front_end.add(
-            index, self._log.scan(index), step, is_sudden=is_sudden, is_late=is_late, foretold=foretold
+            index, self._log.scan(index), step, is_sudden=is_sudden, is_late=is_late, wait=wait, foretold=foretold
         )
         self._T_track_scans.append(pose)
         self._key_of_scan.append(len(self.front_end.keys) - 1)

@@ -26,11 +26,15 @@ class Expectation:
         T_track_key: (3,) the newest key pose.
         motion: since then.
         is_known: whether odometry told all of the way.
+        T_track_before: (3,) the newest pose that a match told.
+        reach: (2,) how far [m] the robot may have gone since, and turned [rad], as its steps are.
     """
 
     T_track_key: Floats
     motion: OdometryMotion
     is_known: bool
+    T_track_before: Floats
+    reach: Floats
 
     @property
     def T_track_robot(self) -> Floats:
@@ -40,6 +44,17 @@ class Expectation:
     def distance2(self, found: Floats, covariance: Floats) -> float:
         """Squared Mahalanobis distance of a pose, (3,), known with a (3, 3) covariance, from the one expected."""
         return squared_norm(between(found, self.T_track_robot), self.motion.covariance + covariance)
+
+    def log_probability(self, pose: Floats, carried: float) -> float:
+        """How probable it is that a robot goes as far as to a (3,) pose, against one that hardly moves, the logarithm.
+
+        Args:
+            pose: in the track frame.
+            carried: probability that it goes farther than its steps reach.
+        """
+        moved, reach = apart(self.T_track_before, pose), self.reach.tolist()
+        ratio2 = sum((way / most) ** 2 for way, most in zip(moved, reach, strict=True))
+        return math.log((1.0 - carried) * math.exp(-0.5 * ratio2) + carried)
 
 
 class OdometryCheck:
@@ -127,7 +142,8 @@ class OdometryCheck:
         """A pose far from the guess (odometry jumped, or the robot was carried) must explain what the guess does not.
 
         What matches elsewhere may be similar: a wall, a corner, trunks. Where odometry has the robot, the scan must
-        contradict the map; it does not where it sees new ground.
+        contradict the map; it does not where it sees new ground. And the robot must have got there: wheels that slip
+        hide no more of its way than it goes in that time.
         """
         config, sigmas = self._config, self._jump_sigmas
         if agree(guess, found, config.jump):
@@ -139,12 +155,24 @@ class OdometryCheck:
             return True
         if not expected.is_known:
             return self._log_odds(reference, scan, found) > self._log_odds(reference, scan, guess)
-        return self.explains_more(reference, scan, found, guess)
+        there, here = (expected.log_probability(pose, config.carried) for pose in (found, guess))
+        return self.explains_more(reference, scan, found, guess, there - here)
 
-    def explains_more(self, reference: Prepared, scan: Scan, found: Floats, expected: Floats) -> bool:
-        """Whether a (3,) pose explains what is seen so much better than where odometry has the robot that it jumped."""
+    def explains_more(
+        self, reference: Prepared, scan: Scan, found: Floats, expected: Floats, log_prior: float = 0.0
+    ) -> bool:
+        """Whether a (3,) pose explains what is seen so much better than where odometry has the robot that it jumped.
+
+        Args:
+            reference: what the scan was matched to.
+            scan: it.
+            found: (3,) where it may be …
+            expected: (3,) … and where odometry has it.
+            log_prior: how much more probable the first is than the second before anything is seen, the logarithm,
+                besides that odometry is seldom so wrong.
+        """
         there, here = (self._log_odds(reference, scan, pose) for pose in (found, expected))
-        return there > -self._log_refused_odds and there - here > self._log_jump_odds
+        return there > -self._log_refused_odds and log_prior + there - here > self._log_jump_odds
 
     def _log_odds(self, reference: Prepared, scan: Scan, pose: Floats) -> float:
         """How much more probable it is that a scan was taken at a pose than that it was not, the logarithm.
