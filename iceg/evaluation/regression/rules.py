@@ -155,7 +155,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "few beams": Rule(what="few beams do not overrule odometry", without={f"{_CHECK}._sees_too_little": _nothing}),
         "within reach": Rule(
             what="nobody jumps farther than the robot moves in that time, unless it is carried",
-            without={f"{_SLAM}.tracking.odometry_check:Expectation.log_probability": _zero},
+            without={f"{_SLAM}.tracking.reach:Reach.log_probability": _zero},
         ),
         "near odometry": Rule(
             what="a match near odometry is preferred to one that contradicts it",

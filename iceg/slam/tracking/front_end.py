@@ -21,6 +21,7 @@ from iceg.slam.map_matcher import MapMatcher, Prepared
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan, Track
 from iceg.slam.tracking.odometry_check import Expectation, OdometryCheck
+from iceg.slam.tracking.reach import Reach
 from iceg.slam.tracking.sight import is_blind, sees_next_to_nothing, sees_nothing
 from iceg.slam.tracking.velocity_filter import VelocityFilter
 
@@ -69,7 +70,7 @@ class FrontEnd:
         self._unknown_scans = 0
         self._T_track_robot = np.zeros(3)
         self._newest_step = (np.zeros(3), np.zeros(3))
-        self._T_track_before, self._reach = np.zeros(3), np.zeros(2)
+        self._reach = Reach(T_track_before=np.zeros(3), most=np.zeros(2))
         self._is_matched = True
         self._usual_reach = self._least_reach = np.array(
             [config.odometry_check.reach_distance, config.odometry_check.reach_turn]
@@ -193,9 +194,8 @@ class FrontEnd:
 
     def _leave(self, T_track_before: Floats, wait: float = 1.0) -> None:
         """Go on from the pose of the scan before, (3,): what the robot's way is measured from, if a match told it."""
-        if self._is_matched:
-            self._T_track_before, self._reach = T_track_before, np.zeros(2)
-        self._reach = self._reach + wait * self._usual_reach
+        since = Reach(T_track_before=T_track_before, most=np.zeros(2)) if self._is_matched else self._reach
+        self._reach = since.after(wait * self._usual_reach)
 
     def _goes_on(self, scan: Scan, step: Floats) -> bool:
         """Whether a scan does not say that the robot made the step odometry claims, rather than going on as before.
@@ -242,7 +242,6 @@ class FrontEnd:
             T_track_key=self.keys[-1].T_track_robot,
             motion=motion or self.motion,
             is_known=self._knows_motion,
-            T_track_before=self._T_track_before,
             reach=self._reach,
         )
 

@@ -13,6 +13,7 @@ from iceg.slam.agreement import agree, apart
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.map_matcher import MapMatcher, Prepared
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE
+from iceg.slam.tracking.reach import Reach
 from iceg.slam.tracking.sight import sees_little
 
 _IMPLAUSIBLE = NoMatch(reason="far from where odometry puts it, and contradicted by what is seen there")
@@ -26,15 +27,13 @@ class Expectation:
         T_track_key: (3,) the newest key pose.
         motion: since then.
         is_known: whether odometry told all of the way.
-        T_track_before: (3,) the newest pose that a match told.
-        reach: (2,) how far [m] the robot may have gone since, and turned [rad], as its steps are.
+        reach: where the robot may have got to since the newest match.
     """
 
     T_track_key: Floats
     motion: OdometryMotion
     is_known: bool
-    T_track_before: Floats
-    reach: Floats
+    reach: Reach
 
     @property
     def T_track_robot(self) -> Floats:
@@ -44,17 +43,6 @@ class Expectation:
     def distance2(self, found: Floats, covariance: Floats) -> float:
         """Squared Mahalanobis distance of a pose, (3,), known with a (3, 3) covariance, from the one expected."""
         return squared_norm(between(found, self.T_track_robot), self.motion.covariance + covariance)
-
-    def log_probability(self, pose: Floats, carried: float) -> float:
-        """How probable it is that a robot goes as far as to a (3,) pose, against one that hardly moves, the logarithm.
-
-        Args:
-            pose: in the track frame.
-            carried: probability that it goes farther than its steps reach.
-        """
-        moved, reach = apart(self.T_track_before, pose), self.reach.tolist()
-        ratio2 = sum((way / most) ** 2 for way, most in zip(moved, reach, strict=True))
-        return math.log((1.0 - carried) * math.exp(-0.5 * ratio2) + carried)
 
 
 class OdometryCheck:
@@ -155,7 +143,7 @@ class OdometryCheck:
             return True
         if not expected.is_known:
             return self._log_odds(reference, scan, found) > self._log_odds(reference, scan, guess)
-        there, here = (expected.log_probability(pose, config.carried) for pose in (found, guess))
+        there, here = (expected.reach.log_probability(pose, config.carried) for pose in (found, guess))
         return self.explains_more(reference, scan, found, guess, there - here)
 
     def explains_more(
