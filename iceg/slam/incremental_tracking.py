@@ -1,5 +1,6 @@
 """The front end over a log that still grows: what it learns of the odometry, it learns from what there is."""
 
+import math
 from bisect import bisect_right
 from collections.abc import Callable
 
@@ -22,6 +23,8 @@ from iceg.slam.tracking.front_end import FrontEnd
 
 _RECENT = 256
 """Scans whose steps tell whether the newest one stands out, and around which late odometry is interpolated."""
+_SELDOM = 32
+"""Scans from which on it is not asked after each how far steps usually are: that takes as long as to track one."""
 
 
 class IncrementalTracking:
@@ -58,7 +61,7 @@ class IncrementalTracking:
         """Track the next scan of the log, which is there."""
         index, front_end, log = len(self._key_of_scan), self.front_end, self._log
         step = self._step(index)
-        wait = self._expect_reach(index)
+        self._expect_reach(index)
         is_sudden = self._stands_out(sudden_steps, index)
         self._steps.append(step)
         together = slice(index, index + (log.has_odometry and index > 0 and not is_sudden))
@@ -71,6 +74,7 @@ class IncrementalTracking:
             scan = Scan(ranges=ranges[0], geometry=log.geometry)
             odometry = step if log.has_odometry and index else None
             is_late = self._stands_out(late_steps, index)
+            wait = self._wait(index)
             pose = front_end.add(index, scan, odometry, is_sudden=is_sudden, is_late=is_late, wait=wait)
         self._key_of_scan.append(len(front_end.keys) - 1)
         self._T_track_scan.append(pose)
@@ -104,22 +108,29 @@ class IncrementalTracking:
             odometry = self.calibration.apply(odometry, self._config.front_end.calibration.sudden)
         return between(odometry[-2], odometry[-1])
 
-    def _expect_reach(self, index: int) -> float:
-        """Say how far the robot gets from scan to scan, by its newest steps; how many usual intervals this one took."""
-        if not (self._log.has_odometry and index):
-            return 1.0
-        recent = slice(max(0, index - _RECENT), index + 1)
-        share, stamps = self._config.front_end.calibration.sudden.nearly_all, self._log.stamps[recent]
-        self.front_end.expect(usual_reach(self._log.odometry[recent], share, stamps))
-        return float(waits(stamps)[-1])
+    def _expect_reach(self, index: int) -> None:
+        """Say how far the robot gets from scan to scan, by its newest steps: now and then, it changes slowly."""
+        if self._log.has_odometry and index and (index < _SELDOM or index % _SELDOM == 0):
+            recent, share = self._recent(index), self._config.front_end.calibration.sudden.nearly_all
+            self.front_end.expect(usual_reach(self._log.odometry[recent], share, self._log.stamps[recent]))
+
+    def _wait(self, index: int) -> float:
+        """Time since the scan before, in usual intervals."""
+        return float(waits(self._log.stamps[self._recent(index)])[-1]) if index else 1.0
 
     def _stands_out(self, told: Callable[..., Bools], index: int) -> bool:
         """Whether odometry since the scan before is one of the steps that `sudden_steps` or `late_steps` tell."""
         if not (self._log.has_odometry and index):
             return False
-        recent = slice(max(0, index - _RECENT), index + 1)
-        config = self._config.front_end.calibration.sudden
+        recent, config = self._recent(index), self._config.front_end.calibration.sudden
+        x, y, turn = between(*self._log.odometry[index - 1 : index + 1]).tolist()
+        if math.hypot(x, y) <= config.distance and abs(turn) <= config.turn:
+            return False  # as nearly all steps; to compare it with the recent ones takes longer than to track a scan
         return bool(told(self._log.odometry[recent], config, self._log.stamps[recent])[-1])
+
+    @staticmethod
+    def _recent(index: int) -> slice:
+        return slice(max(0, index - _RECENT), index + 1)
 
     def _is_enough(self, index: int) -> bool:
         """Whether the robot has driven and turned enough to tell what its odometry does wrong."""
