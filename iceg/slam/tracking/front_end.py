@@ -21,7 +21,7 @@ from iceg.slam.map_matcher import MapMatcher, Prepared
 from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan, Track
 from iceg.slam.tracking.odometry_check import Expectation, OdometryCheck
-from iceg.slam.tracking.reach import Reach
+from iceg.slam.tracking.reach import Reach, UsualReach
 from iceg.slam.tracking.sight import is_blind, sees_next_to_nothing, sees_nothing
 from iceg.slam.tracking.velocity_filter import VelocityFilter
 
@@ -72,8 +72,8 @@ class FrontEnd:
         self._newest_step = (np.zeros(3), np.zeros(3))
         self._reach = Reach(T_track_before=np.zeros(3), most=np.zeros(2))
         self._is_matched = True
-        self._usual_reach = self._least_reach = np.array(
-            [config.odometry_check.reach_distance, config.odometry_check.reach_turn]
+        self._usual_reach = UsualReach(
+            np.array([config.odometry_check.reach_distance, config.odometry_check.reach_turn])
         )
         self._velocity: VelocityFilter | None = None
         self.failures = 0
@@ -107,8 +107,8 @@ class FrontEnd:
             self._odometry = odometry
 
     def expect(self, reach: Floats) -> None:
-        """From the next scan on a robot gets as far from scan to scan: (2,) distance [m] and turn [rad]."""
-        self._usual_reach = np.maximum(self._least_reach, reach)
+        """From the next scan on odometry says how far it gets from scan to scan: (2,) distance [m] and turn [rad]."""
+        self._usual_reach.expect(reach)
 
     def add(
         self,
@@ -184,6 +184,7 @@ class FrontEnd:
         self._is_matched = self._is_matched or len(poses) > 1
         self._leave(before)
         self._is_matched = True
+        self._usual_reach.add(np.concatenate([self._T_track_robot[None], poses]))
         self.is_blind, self._matched, self.motion, self._velocity = False, self._local, found.motion, None
         self._T_track_robot, self._newest_step = poses[-1].copy(), (before, poses[-1].copy())
         if found.key_scan is not None:
@@ -195,7 +196,7 @@ class FrontEnd:
     def _leave(self, T_track_before: Floats, wait: float = 1.0) -> None:
         """Go on from the pose of the scan before, (3,): what the robot's way is measured from, if a match told it."""
         since = Reach(T_track_before=T_track_before, most=np.zeros(2)) if self._is_matched else self._reach
-        self._reach = since.after(wait * self._usual_reach)
+        self._reach = since.after(wait * self._usual_reach.most)
 
     def _goes_on(self, scan: Scan, step: Floats) -> bool:
         """Whether a scan does not say that the robot made the step odometry claims, rather than going on as before.
@@ -288,6 +289,7 @@ class FrontEnd:
             self._T_track_robot, self._newest_step = guess, (straight_on, guess)
         else:
             self._T_track_robot, self._newest_step = found, (before, found)
+            self._usual_reach.add(np.array([before, found]))
             if self._velocity is not None:
                 information = self._matcher.position_information(self._matched.reference, scan, found)
                 self._velocity.correct(between(guess, found)[:2], information)

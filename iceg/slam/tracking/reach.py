@@ -3,8 +3,16 @@
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from graph.arrays import Floats
+from graph.se2 import wrap_angle
 from iceg.slam.agreement import apart
+
+_RECENT = 64
+"""Scans over which the mean step is taken."""
+_OF_MEAN = 2.0
+"""Steps reach so many times as far as the mean one."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -33,3 +41,31 @@ class Reach:
         moved, most = apart(self.T_track_before, T_track_robot), self.most.tolist()
         ratio2 = sum((way / far) ** 2 for way, far in zip(moved, most, strict=True))
         return math.log((1.0 - carried) * math.exp(-0.5 * ratio2) + carried)
+
+
+class UsualReach:
+    """How far a robot gets from scan to scan, as its odometry says; farther where its matches do.
+
+    Odometry may be in other units, or hardly count at all.
+    """
+
+    def __init__(self, least: Floats) -> None:
+        """Nothing is known yet: any robot may go as far as `least`, (2,) distance [m] and turn [rad]."""
+        self._least = self._told = least
+        self._mean, self._n_steps = np.zeros(2), 0
+
+    @property
+    def most(self) -> Floats:
+        """(2,) distance [m] and turn [rad]."""
+        return np.maximum(self._told, _OF_MEAN * self._mean)
+
+    def expect(self, told: Floats) -> None:
+        """Odometry tells of (2,) steps."""
+        self._told = np.maximum(self._least, told)
+
+    def add(self, T_track_robots: Floats) -> None:
+        """Matches told (n, 3) poses, one scan after the other."""
+        moves = np.diff(T_track_robots, axis=0)
+        steps = np.column_stack([np.hypot(moves[:, 0], moves[:, 1]), np.abs(wrap_angle(moves[:, 2]))])
+        self._n_steps = min(_RECENT, self._n_steps + len(steps))
+        self._mean = self._mean + (steps.mean(axis=0) - self._mean) * min(1.0, len(steps) / self._n_steps)
