@@ -106,19 +106,14 @@ def test_no_robot_turns_so_far_between_two_scans() -> None:
     """What narrow lasers see of two corners speaks for a jump of 46°, but the robot turns by 6° at most."""
     found, odometry = Agreement(points=180, known=60, inliers=58, seen=40), Agreement(points=180, known=20, inliers=2)
     assert _is_believed(found, odometry)
-    assert not _is_believed(
-        found, odometry, replace(_EXPECTED, reach=replace(_EXPECTED.reach, most=np.array([0.1, 0.2])))
-    )
-    assert _is_believed(
-        _STATIC, _ELSEWHERE, replace(_EXPECTED, reach=replace(_EXPECTED.reach, most=np.array([0.1, 0.2])))
-    )  # carried, it seems
+    slow = replace(_EXPECTED, reach=replace(_EXPECTED.reach, most=np.array([0.1, 0.2])))
+    assert not _is_believed(found, odometry, slow)
+    assert _is_believed(_STATIC, _ELSEWHERE, slow)  # carried, it seems
 
 
 def test_odometry_that_claims_what_no_robot_does_is_worth_as_little() -> None:
-    found, odometry = (
-        Agreement(points=180, known=170, inliers=120, seen=40),
-        Agreement(points=180, known=150, inliers=90),
-    )
+    found = Agreement(points=180, known=170, inliers=120, seen=40)
+    odometry = Agreement(points=180, known=150, inliers=90)
     assert not _is_believed(found, odometry)
     far_back = replace(_EXPECTED, reach=Reach(T_track_before=_FAR, most=np.array([0.1, 0.2])))
     assert _is_believed(found, odometry, far_back)

@@ -129,6 +129,10 @@ class OdometryCheckConfig(SlamSettings, prefix="odometry check: "):
     """Any robot may go so far from one scan to the next [m]; farther, if most of its steps are longer."""
     reach_turn: Radians = positive(0.2)
     """Any robot may turn so far from one scan to the next [rad]."""
+    reach_of_mean: float = positive(2.0)
+    """Steps reach so many times as far as those that the newest matches tell of, in the mean, if odometry says less."""
+    reach_scans: int = positive(64)
+    """Scans over which that mean is taken."""
     carried: float = between(0.001, *RATES)
     """Probability that a robot of which odometry knows nothing went farther than its steps reach, as one that is
     carried."""

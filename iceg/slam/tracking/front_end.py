@@ -72,9 +72,7 @@ class FrontEnd:
         self._newest_step = (np.zeros(3), np.zeros(3))
         self._reach = Reach(T_track_before=np.zeros(3), most=np.zeros(2))
         self._is_matched = True
-        self._usual_reach = UsualReach(
-            np.array([config.odometry_check.reach_distance, config.odometry_check.reach_turn])
-        )
+        self._usual_reach = UsualReach(config.odometry_check)
         self._velocity: VelocityFilter | None = None
         self.failures = 0
         self.lost: list[int] = []
@@ -181,7 +179,7 @@ class FrontEnd:
         if not len(poses):
             return poses
         before = poses[-2] if len(poses) > 1 else self._T_track_robot
-        self._is_matched = self._is_matched or len(poses) > 1
+        self._is_matched = self._is_matched or len(poses) > 1  # the one before the last is the newest match then
         self._leave(before)
         self._is_matched = True
         self._usual_reach.add(np.concatenate([self._T_track_robot[None], poses]))

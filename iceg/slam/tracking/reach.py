@@ -8,11 +8,7 @@ import numpy as np
 from graph.arrays import Floats
 from graph.se2 import wrap_angle
 from iceg.slam.agreement import apart
-
-_RECENT = 64
-"""Scans over which the mean step is taken."""
-_OF_MEAN = 2.0
-"""Steps reach so many times as far as the mean one."""
+from iceg.slam.tracking_config import OdometryCheckConfig
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -49,15 +45,17 @@ class UsualReach:
     Odometry may be in other units, or hardly count at all.
     """
 
-    def __init__(self, least: Floats) -> None:
-        """Nothing is known yet: any robot may go as far as `least`, (2,) distance [m] and turn [rad]."""
-        self._least = self._told = least
+    def __init__(self, config: OdometryCheckConfig) -> None:
+        """Nothing is known yet but what any robot does."""
+        self._config = config
+        self._least = self._told = np.array([config.reach_distance, config.reach_turn])
         self._mean, self._n_steps = np.zeros(2), 0
 
     @property
     def most(self) -> Floats:
         """(2,) distance [m] and turn [rad]."""
-        return np.maximum(self._told, _OF_MEAN * self._mean)
+        most: Floats = np.maximum(self._told, self._config.reach_of_mean * self._mean)
+        return most
 
     def expect(self, told: Floats) -> None:
         """Odometry tells of (2,) steps."""
@@ -67,5 +65,5 @@ class UsualReach:
         """Matches told (n, 3) poses, one scan after the other."""
         moves = np.diff(T_track_robots, axis=0)
         steps = np.column_stack([np.hypot(moves[:, 0], moves[:, 1]), np.abs(wrap_angle(moves[:, 2]))])
-        self._n_steps = min(_RECENT, self._n_steps + len(steps))
+        self._n_steps = min(self._config.reach_scans, self._n_steps + len(steps))
         self._mean = self._mean + (steps.mean(axis=0) - self._mean) * min(1.0, len(steps) / self._n_steps)
