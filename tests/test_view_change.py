@@ -152,6 +152,25 @@ def test_larger_changes_are_never_more_probable(usual: list[float], changes: lis
     assert all(later <= earlier + 1e-12 for earlier, later in itertools.pairwise(chances))
 
 
+@pytest.mark.parametrize("is_dead", [False, True])
+def test_new_ground_is_no_loss_where_odometry_told_the_way(simulation: Simulation, *, is_dead: bool) -> None:
+    views, at = _carried(simulation)
+    if is_dead:
+        views = replace(views, track=replace(views.track, dead=[(0, len(views.log) - 1)]))
+    loss = TrackingFailure(kind=FailureKind.TRACKING_LOSS, reason="nothing matched what was known before")
+    carried_key, other = at // _EVERY + 1, 40
+    judged = judged_by_view({carried_key: loss, other: loss}, views, TrackingFailureConfig())
+    assert judged[carried_key].is_lost
+    assert judged[other].is_lost == is_dead
+
+
+def test_without_odometry_new_ground_may_be_anywhere(simulation: Simulation) -> None:
+    log = replace(simulation.log, has_odometry=False)
+    loss = TrackingFailure(kind=FailureKind.TRACKING_LOSS, reason="nothing matched what was known before")
+    (judged,) = judged_by_view({40: loss}, _views(log, simulation.truth), TrackingFailureConfig()).values()
+    assert judged.is_lost
+
+
 def test_what_nothing_but_carrying_explains_is_a_loss(simulation: Simulation) -> None:
     views, at = _carried(simulation)
     carried_key, other = at // _EVERY + 1, 40

@@ -1,6 +1,6 @@
 """Where the path from scan to scan may be broken, and what became of the failure there."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum
 from math import e, log
 from sys import float_info
@@ -37,7 +37,7 @@ class FailureKind(IntEnum):
     NO_MATCH = 2
     """The scan matched nothing, or odometry made a step that no robot can make."""
     TRACKING_LOSS = 3
-    """Nothing that was known matched any more, and the robot went on by dead reckoning."""
+    """Nothing that was known matched any more, and what the robot went on by may be wrong, too."""
     UNKNOWN_MOTION = 4
     """The same, and not even odometry told the way."""
 
@@ -71,6 +71,12 @@ class TrackingFailure:
     def has_changed_view(self, config: ViewChangeConfig) -> bool:
         """Whether what the laser sees changed at once."""
         return self.change_by_chance is not None and self.change_by_chance <= config.carried_chance
+
+    def by_odometry(self, config: ViewChangeConfig) -> "TrackingFailure":
+        """The same where odometry told the way: who may not have been carried knows where he is, whatever matches."""
+        if self.kind is not FailureKind.TRACKING_LOSS or self.has_changed_view(config):
+            return self
+        return replace(self, kind=FailureKind.NO_MATCH)
 
     def log_odds_of_view(self, config: ViewChangeConfig) -> float:
         """The logarithm of how many times as probable as a carried robot it is that the view changed by chance.

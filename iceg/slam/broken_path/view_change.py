@@ -217,8 +217,8 @@ def judged_by_view(
 ) -> dict[int, TrackingFailure]:
     """The failures with what the change of view says of each; where nothing but carrying explains it, all is lost.
 
-    One at which the view changed is put where it did: key scans that still match something, if not well, may lie
-    between.
+    New ground matches nothing that is known either: who comes upon it by odometry is not lost, unless the view changed
+    at once. A failure at which it did is put there: key scans that still match something, if not well, may lie between.
 
     Args:
         failures: by key pose.
@@ -230,6 +230,9 @@ def judged_by_view(
         for key, failure in failures.items()
         if key > 0
     }
+    if views.log.has_odometry:
+        for key in judged.keys() - views.track.keys_without_odometry():
+            judged[key] = judged[key].by_odometry(views.config)
     suspect = [key for key, failure in judged.items() if not failure.is_lost and failure.is_beyond_chance(config)]
     steps = {key: views.steps(key, 1) for key in suspect}
     n_steps = sum(map(len, steps.values()))
