@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
 from typing import Any
@@ -90,6 +91,31 @@ def test_pictures_and_exports_of_earlier_results_are_told_and_kept(
     assert told in capsys.readouterr().err
     assert (tmp_path / "uncertainty.png").read_text() == (tmp_path / "notes.txt").read_text() == "mine"
     assert not (tmp_path / "map.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("has_odometry", "told"),
+    [
+        (True, "nothing known before matched at 2 places, first at scan 30; odometry tells how what follows lies"),
+        (False, "tracking was lost at 2 places, first at scan 30; loop closures tie what follows to the rest"),
+    ],
+)
+def test_where_tracking_began_anew_is_told_with_what_holds_the_path_together(
+    tmp_path: Path,
+    pipeline: Callable[[Pipeline], None],
+    capsys: pytest.CaptureFixture[str],
+    has_odometry: bool,
+    told: str,
+) -> None:
+    def new_ground(log: Log, config: Config, progress: ProgressCallback, **given: object) -> Any:
+        result = by_odometry(log, config, progress, **given)
+        result.log = replace(log, has_odometry=has_odometry)
+        result.summary["lost_at_scans"] = [30, 80]
+        return result
+
+    pipeline(new_ground)
+    assert main(["run", str(demo_log_path()), "-o", str(tmp_path / "out")]) == 0
+    assert told in capsys.readouterr().err
 
 
 def test_ctrl_c_while_libraries_are_loaded_is_no_import_error(

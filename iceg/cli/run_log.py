@@ -249,21 +249,23 @@ def _tell_older_corrections(directory: Path, *, is_given: bool) -> None:
 def _tracking_warnings(result: "SlamResult") -> list[RunWarning]:
     """What the counts of a run warn of: where tracking began anew, and how much only odometry tells."""
     warned = {found["scan"] for found in result.summary["breaks"]}
-    warnings = [
-        RunWarning(
-            kind="lost",
-            sentence=f"tracking was lost at scan {scan}; loop closures tie what follows to the rest",
-            scan=scan,
-        )
-        for scan in result.summary["lost_at_scans"]
-        if scan not in warned
-    ]
+    lost = [scan for scan in result.summary["lost_at_scans"] if scan not in warned]
+    warnings = [_began_anew(scan, by_odometry=result.log.has_odometry) for scan in lost]
     carried, n_scans = result.summary["scans_carried_by_odometry"], len(result.log)
     if carried > _MANY_CARRIED * n_scans:
         guide = "odometry alone tells" if result.log.has_odometry else "nothing but the velocity before tells"
         sentence = f"{carried} of {n_scans} scans matched nothing: {guide} the way there"
         warnings.append(RunWarning(kind="carried", sentence=sentence))
     return warnings
+
+
+def _began_anew(scan: int, *, by_odometry: bool) -> RunWarning:
+    """What to say where tracking began anew, and the path is not broken."""
+    if by_odometry:
+        sentence = f"nothing matched what was known before scan {scan}; odometry tells how what follows lies to it"
+        return RunWarning(kind="new ground", sentence=sentence, scan=scan)
+    sentence = f"tracking was lost at scan {scan}; loop closures tie what follows to the rest"
+    return RunWarning(kind="lost", sentence=sentence, scan=scan)
 
 
 def _warn(sentences: Sequence[str]) -> None:

@@ -16,7 +16,7 @@ def warnings_payload(result: "SlamResult") -> list[dict[str, Any]]:
     ]
     told = {warning["scan"] for warning in found}
     found += [
-        {"kind": "lost", "sentence": f"Tracking was lost at scan {scan}.", "scan": int(scan)}
+        {"kind": "lost", "sentence": f"Nothing matched what was known before scan {scan}.", "scan": int(scan)}
         for scan in result.summary["lost_at_scans"]
         if scan not in told
     ]

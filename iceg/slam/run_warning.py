@@ -6,6 +6,7 @@ from typing import Literal
 
 Kind = Literal[
     "lost",
+    "new ground",
     "found again",
     "cut off",
     "dead reckoning",
@@ -25,6 +26,9 @@ Kind = Literal[
 
 _MANY: dict[Kind, str] = {
     "lost": "tracking was lost at {n} places, first at scan {scan}; loop closures tie what follows to the rest",
+    "new ground": (
+        "nothing known before matched at {n} places, first at scan {scan}; odometry tells how what follows lies"
+    ),
     "found again": "tracking was lost at {n} places and the robot found again at each, first at scan {scan}",
     "cut off": (
         "tracking was lost at {n} places, first at scan {scan}, and no loop closure ties what follows to what was "
