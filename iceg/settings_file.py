@@ -42,6 +42,7 @@ GONE = {
     "front_end.odometry_check.jump_free_space": "see front_end.odometry_check.contradiction",
     "front_end.odometry_check.jump_inlier_ratio": "see front_end.odometry_check.contradiction",
     "front_end.open_ground": "what is slim counts wherever a scan sees little else",
+    "front_end.sight.min_far_returns": "few beams are matched, too: how much wall holds them tells what they are worth",
     "front_end.standstill.min_moves": "see front_end.standstill.held_prior",
     "front_end.standstill.seldom_share": "see front_end.standstill.held_prior",
     "front_end.tracking.polished": "guesses come from a pass before, where turns are all that is known",

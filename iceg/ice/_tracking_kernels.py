@@ -92,8 +92,7 @@ class Limits(NamedTuple):
 
     Attributes:
         blind_range: beams that end within this see nothing [m].
-        blind_share: a laser is covered if more than this share of its returns do …
-        fewest_returns: … or a smaller share of its beams returns.
+        blind_share: a laser is covered if more than this share of its returns do.
         moved: a match farther than this from its guess [m] …
         turned: … or turned by more than this needs a closer look [rad].
         apart: a match farther than this from where odometry since the key scan puts it [m] …
@@ -106,7 +105,6 @@ class Limits(NamedTuple):
 
     blind_range: float
     blind_share: float
-    fewest_returns: float
     moved: float
     turned: float
     apart: float
@@ -221,9 +219,9 @@ def _match(
 
 @compiled
 def _is_blind(ranges: F32, limits: Limits) -> bool:
-    """Whether nearly all beams end at once, or none returns."""
+    """Whether nearly all beams that return end at once."""
     returns, close = _count_returns(ranges, limits.blind_range)
-    return returns < limits.fewest_returns * len(ranges) or close > limits.blind_share * returns
+    return close > limits.blind_share * returns
 
 
 @compiled

@@ -20,11 +20,7 @@ class SightConfig(SlamSettings):
     blind_share: float = 0.8
     """Least share of the returns that end so close in a scan that sees nothing."""
     min_returns: float = 0.1
-    """A scan with a smaller share of returns sees nothing, unless many of them come from afar, or nothing else tells
-    where the robot is."""
-    min_far_returns: int = 20
-    """So many returns, most of them from afar, are enough: on open ground a laser of many beams meets little, but
-    sees."""
+    """That a scan with a smaller share of returns matches nothing does not mean that the robot is on new ground."""
     few_returns: float = 1.0 / 3.0
     """Where a smaller share of the beams returns, and most from nearby, people close by pass for walls."""
     far: float = 10.0

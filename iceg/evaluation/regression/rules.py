@@ -170,7 +170,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             without={f"{_FRONT_END}._fuse": lambda _self, match, _T_track_key: match.T_ref_cur},
         ),
         "covered": Rule(
-            what="scans that see nothing are not matched", without={f"{_SLAM}.tracking.front_end:is_blind": _no}
+            what="scans that see nothing are not matched", without={f"{_SLAM}.tracking.front_end:sees_nothing": _no}
         ),
         "held by chance": Rule(
             what="what next to no wall holds may be held by something else",

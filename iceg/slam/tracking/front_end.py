@@ -22,7 +22,7 @@ from iceg.slam.odometry.heading_odometry import HeadingOdometry
 from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan, Track
 from iceg.slam.tracking.odometry_check import Expectation, OdometryCheck
 from iceg.slam.tracking.reach import Reach, UsualReach
-from iceg.slam.tracking.sight import is_blind, sees_next_to_nothing, sees_nothing
+from iceg.slam.tracking.sight import sees_next_to_nothing, sees_nothing
 from iceg.slam.tracking.velocity_filter import VelocityFilter
 
 COVERED = NoMatch(reason="the laser is covered")
@@ -134,7 +134,7 @@ class FrontEnd:
         Returns:
             (3,) its pose in the front end's own frame. The scan is tied to the newest of `keys`, which may be itself.
         """
-        self.is_blind = is_blind(scan, self._config.sight, knows_motion=self._knows_motion)
+        self.is_blind = sees_nothing(scan, self._config.sight)
         if not self.keys:
             self._start(index, scan)
             return self._T_track_robot
@@ -154,7 +154,7 @@ class FrontEnd:
             self._velocity = None
         self.motion = noise.extend(self.motion, step)
         self._follow(scan, compose(before, step))
-        if self._is_key(scan):
+        if self._is_key():
             self._add_key(index, scan)
         return self._T_track_robot
 
@@ -359,13 +359,13 @@ class FrontEnd:
         pulled = dense.matvec(directions, share * dense.matvec(directions.T, offset))
         return compose(match.T_ref_cur, dense.matvec(odometry, pulled))
 
-    def _is_key(self, scan: Scan) -> bool:
+    def _is_key(self) -> bool:
         """Whether the robot has gone far enough, or may have: nothing has seen its motion for several scans."""
         if self._unknown_scans >= self._config.tracking.unknown_scans and not self.is_blind:
             return True
         distance, turn = apart(self.keys[-1].T_track_robot, self._T_track_robot)
         limits = self._config.key_scans
-        spacing = limits.blind_spacing if self.is_blind and sees_nothing(scan, self._config.sight) else 1.0
+        spacing = limits.blind_spacing if self.is_blind else 1.0
         return distance > spacing * limits.distance or turn > spacing * limits.angle
 
     def _add_key(self, index: int, scan: Scan) -> None:
@@ -426,7 +426,6 @@ def _limits(config: FrontEndConfig) -> Limits:
     return Limits(
         blind_range=config.sight.blind_range,
         blind_share=config.sight.blind_share,
-        fewest_returns=config.sight.min_returns,
         moved=config.odometry_check.jump_distance,
         turned=config.odometry_check.jump_turn,
         apart=one_optimum.distance,

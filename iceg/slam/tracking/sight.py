@@ -6,20 +6,6 @@ from frontends.scan import Scan
 from iceg.slam.tracking_config import SightConfig
 
 
-def is_blind(scan: Scan, config: SightConfig, *, knows_motion: bool) -> bool:
-    """Whether a scan is not worth matching: something covers the laser, or odometry tells more than so few beams.
-
-    Args:
-        scan: that may see nothing.
-        config: what it must see.
-        knows_motion: whether odometry tells the way; where it does not, few beams are better than none.
-    """
-    if sees_nothing(scan, config):
-        return True
-    has_few, returns = knows_motion and sees_next_to_nothing(scan, config), np.count_nonzero(scan.ranges >= 0.0)
-    return bool(has_few and (returns < config.min_far_returns or not _sees_afar(scan, config)))
-
-
 def sees_nothing(scan: Scan, config: SightConfig) -> bool:
     """Whether no beam returns, or something covers the laser."""
     returns, close = np.count_nonzero(scan.ranges >= 0.0), np.count_nonzero(scan.ranges < config.blind_range)
