@@ -18,7 +18,8 @@ from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
 from iceg.pipeline import run
 from iceg.slam.config import FinishConfig, FrontEndConfig
-from iceg.slam.tracking.laser_orientation import laser_orientation
+from iceg.slam.progress import Progress
+from iceg.slam.tracking.laser_orientation import LaserOrientation, laser_orientation
 from iceg.slam.tracking.log_tracking import track_log
 from iceg.slam.tracking_config import MountConfig
 
@@ -103,3 +104,23 @@ def test_scans_that_see_nothing_do_not_count_as_matching_nothing(log: Log) -> No
     said = " ".join(result.summary["warnings"])
     assert "repeats itself" in said
     assert "the laser looks there" not in said
+
+
+def test_a_laser_tried_backwards_in_vain_is_neither_told_nor_tried_again(
+    log: Log, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ranges = log.ranges.copy()
+    ranges[::2] = np.random.default_rng(1).uniform(0.5, 8.0, ranges[::2].shape)
+    config = replace(_QUICK, front_end=FrontEndConfig(mount=MountConfig(lost_share=0.0)))
+    tried: list[LaserOrientation] = []
+    corrected = LaserOrientation.corrected
+
+    def noted(orientation: LaserOrientation, log: Log) -> Log:
+        tried.append(orientation)
+        return corrected(orientation, log)
+
+    monkeypatch.setattr(LaserOrientation, "corrected", noted)
+    told: list[Progress] = []
+    result = run(replace(log, ranges=ranges, sweep=0.2), config, told.append)
+    assert len(tried) == 1
+    assert told[-1].tried - told[-1].accepted == result.summary["scans_carried_by_odometry"]

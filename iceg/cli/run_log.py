@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from iceg.corrections.corrections import Corrections
     from iceg.kernels.ahead import KernelsAhead
     from iceg.run_result.slam_result import SlamResult
-    from iceg.slam.progress import Progress, ProgressCallback
+    from iceg.slam.progress import ProgressCallback
 
 _MANY_CARRIED = 0.02
 """More than this share of scans without a match is worth a warning."""
@@ -80,7 +80,7 @@ def run_log(
     except KeyboardInterrupt:
         raise KeyboardInterrupt(what_was_kept(directory, before)) from None
     with Telling(as_json=as_json) as telling:
-        _tell_results(result, progress.matching, time.perf_counter() - started, telling)
+        _tell_results(result, time.perf_counter() - started, telling)
         _tell_warnings(result, log.warnings)
         page = "report.html, " if report else ""
         files = f"{page}map.png, map.pgm, trajectory.tum, graph.g2o, summary.json and more"
@@ -185,7 +185,7 @@ def what_was_kept(directory: Path, before: int | None) -> str:
     )
 
 
-def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, telling: Telling) -> None:
+def _tell_results(result: "SlamResult", seconds: float, telling: Telling) -> None:
     """The figures of a run; landmarks and closures are counted as the picture shows them."""
     from iceg.show.progress import real_time_factor
     from iceg.slam.closures.closure import joined_scans
@@ -194,7 +194,8 @@ def _tell_results(result: "SlamResult", progress: "Progress", seconds: float, te
     factor = real_time_factor(result.log.stamps, seconds)
     speed = f", {factor:.0f}x real time" if factor else ""
     telling.say(f"{counted(len(result.log), 'scan')} in {seconds:.1f} s{speed}, everything included")
-    share = progress.accepted / progress.tried if progress.tried else None
+    tried = len(result.log) - 1
+    share = 1.0 - result.summary["scans_carried_by_odometry"] / tried if tried else None
     matched = "" if share is None else f", {100 * share:.1f} % of the matches accepted"
     landmarks = f"{counted(n_landmarks, 'landmark')} ({len(result.landmarks)} with those seen rarely or expired)"
     telling.say(f"{counted(len(result.key_scans), 'key pose')}, {landmarks}{matched}")

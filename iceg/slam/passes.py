@@ -8,7 +8,7 @@ from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.foretold_steps import foretold_steps
 from iceg.slam.odometry.gyro import learn_gyro
-from iceg.slam.progress import ProgressCallback
+from iceg.slam.progress import Progress, ProgressCallback
 from iceg.slam.sweep.tracking import Followed, SweepFinding, track_swept
 from iceg.slam.track import Track
 from iceg.slam.tracking.laser_orientation import track_as_mounted
@@ -33,8 +33,8 @@ class Tracker:
     foreknown: Foreknown = NOTHING_FOREKNOWN
 
     def follow(self, log: Log) -> Followed:
-        """One pass over a log, or a few where the laser turns out to be mounted otherwise than it says."""
-        return track_as_mounted(log, self._once, self.config.front_end.mount)
+        """One pass over a log whose laser is mounted as it says."""
+        return (log, *self._once(log))
 
     def guided(self, log: Log) -> tuple[Followed, "Tracker"]:
         """Track a log; where it has no odometry once more, guided by what the matches tell of velocity and gyro.
@@ -43,8 +43,11 @@ class Tracker:
             The log, corrected if its laser is mounted otherwise than it says, its track and the calibration on the way;
             and the tracker that knows what guided it.
         """
-        followed = self.follow(log)
-        track = followed[1]
+        followed = track_as_mounted(log, self._once, self.config.front_end.mount)
+        log, track, _ = followed
+        if self.progress is not None:  # the newest pass need not be the one that counts
+            tried = len(log) - 1
+            self.progress(Progress(scans=len(log), tried=tried, accepted=tried - track.failures))
         if log.has_odometry and not track.dead:
             return followed, self
         heading, _ = learn_gyro(track, log, self.config.front_end)
