@@ -43,9 +43,16 @@ class Tracker:
             The log, corrected if its laser is mounted otherwise than it says, its track and the calibration on the way;
             and the tracker that knows what guided it.
         """
-        followed = track_as_mounted(log, self._once, self.config.front_end.mount)
+        tracks: list[Track] = []
+
+        def follow(log: Log) -> tuple[Track, OdometryCalibration]:
+            found = self._once(log)
+            tracks.append(found[0])
+            return found
+
+        followed = track_as_mounted(log, follow, self.config.front_end.mount)
         log, track, _ = followed
-        if self.progress is not None:  # the newest pass need not be the one that counts
+        if self.progress is not None and tracks[-1] is not track:  # what was told last does not count
             tried = len(log) - 1
             self.progress(Progress(scans=len(log), tried=tried, accepted=tried - track.failures))
         if log.has_odometry and not track.dead:
