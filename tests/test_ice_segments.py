@@ -57,13 +57,15 @@ def test_thinned_points_are_some_of_all_points() -> None:
         scan.ranges[rng.integers(0, 181, 40)] = np.nan
     scans[2].ranges[:] = np.nan
     offsets = np.arange(7) % 3
-    points, normals, spreads, starts = thinned_points(scans, offsets, 3)
+    thinned = thinned_points(scans, offsets, 3)
+    starts = thinned.starts
     for k, scan in enumerate(scans):
         every = extract_points(scan)
-        np.testing.assert_array_equal(points[starts[k] : starts[k + 1]], every.points[offsets[k] :: 3])
-        np.testing.assert_array_equal(normals[starts[k] : starts[k + 1]], every.normals[offsets[k] :: 3])
-    assert starts[-1] == len(points) == len(normals) == len(spreads)
-    assert (spreads == 1.0).all()
+        np.testing.assert_array_equal(thinned.points[starts[k] : starts[k + 1]], every.points[offsets[k] :: 3])
+        np.testing.assert_array_equal(thinned.normals[starts[k] : starts[k + 1]], every.normals[offsets[k] :: 3])
+    assert starts[-1] == len(thinned.points) == len(thinned.normals) == len(thinned.spreads) == len(thinned.errors)
+    assert (thinned.spreads == 1.0).all()
+    assert (thinned.errors == 0.0).all()
 
 
 def test_normals_against_a_slow_twin() -> None:

@@ -43,6 +43,7 @@ def _walls(k: int, each: int, seed: int = 0) -> tuple[Walls, NDArray[np.int64]]:
     placed = lines[pieces, :2] + rng.uniform(-2, 2, (len(pieces), 1)) * tangents[pieces]
     walls = Walls(
         placed=placed,
+        errors=np.zeros_like(placed),
         piece_of=pieces,
         lines=lines,
         residuals=0.01 * rng.normal(size=len(pieces)),
@@ -90,6 +91,7 @@ def test_points_of_no_weight_leave_it_to_odometry() -> None:
     walls, starts = _walls(5, 6)
     without = Walls(
         placed=walls.placed,
+        errors=walls.errors,
         piece_of=walls.piece_of,
         lines=walls.lines,
         residuals=walls.residuals,
@@ -178,6 +180,7 @@ def test_marginals_do_not_depend_on_where_the_map_lies() -> None:
     rotation = np.array([[c, -s], [s, c]])
     moved = Walls(
         placed=walls.placed @ rotation.T + [3.0, -1.0],
+        errors=walls.errors @ rotation.T,
         piece_of=walls.piece_of,
         lines=np.column_stack([walls.lines[:, :2] @ rotation.T + [3.0, -1.0], walls.lines[:, 2:] @ rotation.T]),
         residuals=walls.residuals,

@@ -12,7 +12,7 @@ from graph.config import PoseGraphConfig
 from graph.factors import Factor
 from graph.odometry import OdometryModel
 from graph.problem import Problem
-from graph.se2 import between, compose, expmap, transform_points
+from graph.se2 import between, compose, expmap, inverse, transform_points
 from iceg.evaluation.trajectory import trajectory_errors
 from iceg.ice.matcher import IceMatcher
 from iceg.pipeline import run
@@ -55,6 +55,7 @@ def room_clouds(poses: Array, n: int = 60, noise: float = 0.01, seed: int = 0) -
     return Clouds(
         points=np.concatenate([points for points, _ in scans]),
         normals=np.concatenate([normals for _, normals in scans]),
+        errors=np.zeros((n * len(poses), 2)),
         spreads=np.ones(n * len(poses)),
         starts=n * np.arange(len(poses) + 1),
         key_of_scan=np.arange(len(poses)),
@@ -70,8 +71,27 @@ def corridor_clouds(poses: Array, seed: int, n: int = 200, noise: float = 0.01) 
     return Clouds(
         points=np.column_stack([ahead, across]),
         normals=np.column_stack([np.zeros(len(side)), -side]),
+        errors=np.zeros((len(side), 2)),
         spreads=np.ones(len(side)),
         starts=n * np.arange(len(poses) + 1),
+        key_of_scan=np.arange(len(poses)),
+        T_key_scan=np.zeros((len(poses), 3)),
+    )
+
+
+def camera_clouds(poses: Array, seed: int, noise: float = 0.015) -> Clouds:
+    """What a camera that looks along a corridor 2 m wide sees of its walls; ranges err by so much a metre."""
+    bearings = np.radians(np.linspace(8.0, 28.0, 50))
+    beams = np.column_stack([np.cos(bearings), np.sin(bearings)])
+    beams = np.concatenate([beams, beams * [1.0, -1.0]])
+    ranges = 1.0 / np.abs(beams[:, 1])
+    errors = noise * np.random.default_rng(seed).normal(size=(len(poses), len(ranges)))
+    return Clouds(
+        points=((1.0 + errors) * ranges).reshape(-1, 1) * np.tile(beams, (len(poses), 1)),
+        normals=np.tile(np.column_stack([np.zeros(len(beams)), -np.sign(beams[:, 1])]), (len(poses), 1)),
+        errors=np.tile(noise * ranges[:, None] * beams, (len(poses), 1)),
+        spreads=np.ones(len(poses) * len(beams)),
+        starts=len(beams) * np.arange(len(poses) + 1),
         key_of_scan=np.arange(len(poses)),
         T_key_scan=np.zeros((len(poses), 3)),
     )
@@ -92,11 +112,11 @@ def drive(n: int = 12) -> Array:
     return np.column_stack([np.linspace(-2.0, 3.0, n), rng.uniform(-1.0, 1.0, n), rng.uniform(-3.0, 3.0, n)])
 
 
-def placed_in_map(clouds: Clouds, poses: Array) -> tuple[Array, Array]:
+def placed_in_map(clouds: Clouds, poses: Array) -> kernels.Points:
     n = len(clouds.points)
-    placed, turned = np.empty((n, 2)), np.empty((n, 2))
-    kernels.place(poses, clouds.starts, clouds.points, clouds.normals, placed, turned)
-    return placed, turned
+    placed = kernels.Points(np.empty((n, 2)), np.empty((n, 2)), np.empty((n, 2)))
+    kernels.place(poses, clouds.starts, kernels.Points(clouds.points, clouds.normals, clouds.errors), placed)
+    return placed
 
 
 def grouped(placed: Array, turned: Array, config: JointRefinementConfig) -> NDArray[np.int64]:
@@ -161,7 +181,7 @@ def test_pieces_of_wall() -> None:
     poses, config = drive(), JointRefinementConfig()
     clouds = room_clouds(poses, noise=0.03)
     clouds.normals[::7] = 0.0
-    placed, turned = placed_in_map(clouds, poses)
+    placed, turned, _ = placed_in_map(clouds, poses)
     np.testing.assert_allclose(placed[60:120], transform_points(poses[1], clouds.points[60:120]), atol=1e-12)
     found = grouped(placed, turned, config)
     assert found.tolist() == grouped_slowly(placed, turned, config)
@@ -187,13 +207,14 @@ def test_two_passes_over_one_wall(apart: float, together: bool) -> None:
 
 def system_of(clouds: Clouds, poses: Array) -> tuple[Array, Array, NDArray[np.int64], Array, Array, Array]:
     """H and gradient of the kernel as one dense matrix, and what they were made from."""
-    placed, turned = placed_in_map(clouds, poses)
-    piece_of = grouped(placed, turned, JointRefinementConfig())
-    n, m, k = len(placed), int(piece_of.max()) + 1, len(poses)
+    placed = placed_in_map(clouds, poses)
+    piece_of = grouped(placed.points, placed.normals, JointRefinementConfig())
+    n, m, k = len(placed.points), int(piece_of.max()) + 1, len(poses)
     lines, residuals, weights = np.empty((m, 4)), np.empty(n), np.empty(n)
     fit = kernels.LineFit(scale=0.04, rounds=3, elongation=4.0, facing=0.9)
-    kernels.fit_lines(placed, turned, np.ones(len(placed)), piece_of, fit, lines, residuals, weights)
-    system = normal_equations(poses, PointsOnLines(clouds.key_starts, placed, piece_of, lines, residuals, weights))
+    kernels.fit_lines(placed, np.ones(n), piece_of, fit, lines, residuals, weights)
+    seen = PointsOnLines(clouds.key_starts, placed.points, placed.errors, piece_of, lines, residuals, weights)
+    system = normal_equations(poses, seen)
     columns = [product(system, m, e.reshape(k, 3)).ravel() for e in np.eye(3 * k)]
     filled = np.zeros((3 * k, 3 * k))
     order = np.argsort(system.line_of, kind="stable")
@@ -203,23 +224,37 @@ def system_of(clouds: Clouds, poses: Array) -> tuple[Array, Array, NDArray[np.in
     return np.column_stack(columns), system.gradient.ravel(), piece_of, lines, residuals, weights
 
 
-def test_normal_equations_are_those_of_poses_and_lines_without_the_lines() -> None:
+def feet_of(clouds: Clouds, poses: Array, normals: Array, residuals: Array) -> Array:
+    """Where the points most probably were along their beams, in the map, if surfaces are even to 5 mm."""
+    placed = placed_in_map(clouds, poses)
+    across = np.vecdot(normals, placed.errors)
+    share = residuals * across / (across**2 + 0.005**2)
+    return np.asarray(placed.points - share[:, None] * placed.errors)
+
+
+@pytest.mark.parametrize("errs", [False, True])
+def test_normal_equations_are_those_of_poses_and_lines_without_the_lines(errs: bool) -> None:
     poses = drive(4)
     clouds = room_clouds(poses, n=40, noise=0.02)
+    if errs:
+        clouds.errors[:] = 0.02 * clouds.points
     hessian, gradient, piece_of, lines, residuals, weights = system_of(clouds, poses)
     k, m = len(poses), len(lines)
+    feet = feet_of(clouds, poses, lines[piece_of, 2:], residuals)
+    on_robots = [transform_points(inverse(T), p) for T, p in zip(poses, feet.reshape(k, -1, 2), strict=True)]
 
     def distances(x: Array) -> Array:
-        """Of all points from their lines after a step of the poses and of the lines (offset, turn)."""
+        """Of the feet of all points from their lines after a step of the poses and of the lines (offset, turn)."""
         moved = compose(poses, expmap(x[: 3 * k].reshape(k, 3)))
         offsets, turns = x[3 * k :].reshape(m, 2).T
-        at = np.vstack([transform_points(T, p) for T, p in zip(moved, clouds.points.reshape(k, -1, 2), strict=True)])
+        at = np.vstack([transform_points(T, p) for T, p in zip(moved, on_robots, strict=True)])
         c, s = np.cos(turns), np.sin(turns)
         nx, ny = c * lines[:, 2] - s * lines[:, 3], s * lines[:, 2] + c * lines[:, 3]
         apart = at - lines[piece_of, :2]
         return np.asarray(nx[piece_of] * apart[:, 0] + ny[piece_of] * apart[:, 1] + offsets[piece_of])
 
-    np.testing.assert_allclose(distances(np.zeros(3 * k + 2 * m)), residuals, atol=1e-12)
+    if not errs:  # else the feet lie nearer to the lines than the points do
+        np.testing.assert_allclose(distances(np.zeros(3 * k + 2 * m)), residuals, atol=1e-12)
     h = 1e-6
     jacobian = np.column_stack([(distances(h * e) - distances(-h * e)) / (2 * h) for e in np.eye(3 * k + 2 * m)])
     full = jacobian.T @ (weights[:, None] * jacobian)
@@ -238,15 +273,50 @@ def test_lines_are_fitted_and_outliers_are_not_on_them() -> None:
     turned = np.tile([0.0, 1.0], (50, 1))
     lines, residuals, weights = np.empty((1, 4)), np.empty(50), np.empty(50)
     fit = kernels.LineFit(scale=0.02, rounds=3, elongation=4.0, facing=0.9)
-    total, squares = kernels.fit_lines(
-        placed, turned, np.ones(50), np.zeros(50, np.int64), fit, lines, residuals, weights
-    )
+    seen = kernels.Points(placed, turned, np.zeros((50, 2)))
+    total, squares = kernels.fit_lines(seen, np.ones(50), np.zeros(50, np.int64), fit, lines, residuals, weights)
     normal = np.array([-0.3, 1.0]) / np.hypot(0.3, 1.0)
     assert lines[0, 2:] @ normal > np.cos(0.02)
     assert lines[0, 3] > 0.0
     assert weights[:3].max() < 0.1
     assert weights[3:].min() > 0.5
     assert (total, squares) == pytest.approx((weights.sum(), weights @ residuals**2))
+
+
+def test_errors_along_the_beams_do_not_turn_a_wall_towards_them() -> None:
+    rng = np.random.default_rng(2)
+    on_wall = np.column_stack([rng.uniform(-0.25, 0.25, 20_000), np.zeros(20_000)])
+    beams = on_wall - [-4.0, 1.0]
+    beams /= np.linalg.norm(beams, axis=1)[:, None]
+    errors, turned = 0.05 * beams, np.tile([0.0, 1.0], (len(beams), 1))
+    placed = on_wall + rng.normal(size=(len(beams), 1)) * errors
+    fit = kernels.LineFit(scale=1.0, rounds=3, elongation=4.0, facing=0.9)
+    lines, residuals, weights = np.empty((1, 4)), np.empty(len(beams)), np.empty(len(beams))
+    tilts = []
+    for known in (errors, np.zeros_like(errors)):
+        seen = kernels.Points(placed, turned, known)
+        kernels.fit_lines(seen, np.ones(len(beams)), np.zeros(len(beams), np.int64), fit, lines, residuals, weights)
+        tilts.append(float(lines[0, 2]))
+    # Cov(along, across) = σ² cos sin over the variance of the points along the wall.
+    assert tilts[1] == pytest.approx(-(0.05**2) * (4.0 / 17.0) / (0.5**2 / 12.0 + 0.05**2), rel=0.1) or tilts[1] > 0.02
+    assert abs(tilts[0]) < 0.1 * abs(tilts[1])
+
+
+def test_a_camera_along_a_corridor_goes_as_far_as_it_went() -> None:
+    truth = np.column_stack([0.25 * np.arange(40), np.zeros((40, 2))])
+    factors = [
+        replace(factor, T_i_j=truth[0] if factor.i is None else between(truth[factor.i], truth[factor.j]))
+        for factor in chain(truth, (0.05, 0.02, 0.01))
+    ]
+    off: list[list[float]] = []
+    for seed in range(8):
+        clouds = camera_clouds(truth, seed)
+        unknown = replace(clouds, errors=np.zeros_like(clouds.errors))
+        ends = [refine_jointly(factors, truth, some, JointRefinementConfig()).poses[-1] for some in (clouds, unknown)]
+        off.append([float(end[0] - truth[-1, 0]) for end in ends])
+    known, without = np.sqrt(np.mean(np.square(off), axis=0))
+    assert known < 0.06
+    assert known < 0.6 * without
 
 
 def test_the_linearization_of_a_graph() -> None:
@@ -341,6 +411,7 @@ def test_points_without_walls_change_nothing() -> None:
     nothing = Clouds(
         points=np.empty((0, 2)),
         normals=np.empty((0, 2)),
+        errors=np.empty((0, 2)),
         spreads=np.empty(0),
         starts=np.zeros(len(truth) + 1, np.int64),
         key_of_scan=np.arange(len(truth)),

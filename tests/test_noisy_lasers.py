@@ -62,10 +62,28 @@ def test_settings_overrule_what_the_log_says() -> None:
 
 def test_a_laser_that_errs_little_leaves_everything_as_it_is() -> None:
     assert beyond_allowed(None) == PLAIN
-    assert beyond_allowed(LaserNoise(constant=ALLOWED)) == PLAIN
+    good = beyond_allowed(LaserNoise(constant=ALLOWED))
+    assert good.typical == 0.0
+    scan = Scan(ranges=np.linspace(2.0, 30.0, GEOMETRY.n_beams, dtype=np.float32), geometry=GEOMETRY)
+    plain, seen = extract_points(scan), extract_points(scan, noise=good)
+    for name in ("points", "normals", "beams", "spreads"):
+        np.testing.assert_array_equal(getattr(seen, name), getattr(plain, name))
     config = Config()
     assert widened(config, 0.0) is config
     assert widened(config, 1e-6).ice.refinement.scale == pytest.approx(config.ice.refinement.scale)
+
+
+def test_far_ranges_count_less_though_near_ones_are_good() -> None:
+    camera = LaserNoise(constant=0.002, per_metre=0.006, typical_range=2.0)
+    noise = beyond_allowed(camera)
+    assert noise.typical == 0.0
+    ranges = np.where(np.arange(GEOMETRY.n_beams) < 90, 3.0, 8.0).astype(np.float32)
+    seen = extract_points(Scan(ranges=ranges, geometry=GEOMETRY), noise=noise)
+    near = np.hypot(*(seen.points - GEOMETRY.origin_robot).T) < 4.0
+    assert (seen.spreads[near] == 1.0).all()
+    # Seen at a right angle, as these are.
+    far = (0.002**2 + (0.006 * 8.0) ** 2) / ALLOWED**2
+    assert np.median(seen.spreads[~near]) == pytest.approx(far, rel=0.02)
 
 
 def test_points_of_a_noisy_laser_move_towards_their_wall_and_keep_its_normal() -> None:

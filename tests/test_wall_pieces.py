@@ -19,6 +19,7 @@ def walls() -> Walls:
     """A piece along x seen upwards and one along y seen to the right; the last point of the first lies far off."""
     return Walls(
         placed=np.array([[0.0, 0.01], [0.2, -0.01], [1.0, 0.0], [0.4, 0.0], [0.9, 0.2], [5.0, 5.0], [1.0, 0.3]]),
+        errors=np.zeros((7, 2)),
         piece_of=np.array([FLOOR, FLOOR, POST, FLOOR, FLOOR, NONE, POST]),
         lines=np.array([[0.2, 0.0, 0.0, 1.0], [1.0, 0.1, 1.0, 0.0]]),
         residuals=np.array([0.01, -0.01, 0.0, 0.0, 0.2, 0.0, 0.0]),

@@ -97,7 +97,7 @@ def scan_points(
     _normals(moments, n, points, origin, normals)
     _face_slim(points, beams, surfaces, n, origin, normals)
     _spread(points[:n], normals, origin, noise, spreads)
-    if noise.typical > 0.0:
+    if noise.constant + noise.per_metre2 > 0.0:
         _straighten(points[:n], normals, origin, moments, noise.allowed)
     return n
 
@@ -115,6 +115,7 @@ def thinned_points(
     points: F64,
     normals: F64,
     spreads: F64,
+    errors: F64,
     starts: I64,
 ) -> None:
     """As `scan_points`, for many scans of one laser, of each of which only every so many returns are kept.
@@ -133,6 +134,7 @@ def thinned_points(
         points: (capacity, 2) output [m].
         normals: (capacity, 2) output.
         spreads: (capacity,) output.
+        errors: (capacity, 2) output, standard deviation of each beyond what is allowed for, along its beam [m].
         starts: (m + 1,) output: scan k has those from starts[k] to starts[k + 1].
     """
     n_beams = ranges.shape[1]
@@ -150,6 +152,7 @@ def thinned_points(
         _sum_up(returns, surfaces, n, offsets[scan], every, kept, reach * reach, moments)
         _normals(moments, kept, points[count:], origin, normals[count:])
         _spread(points[count : count + kept], normals[count:], origin, noise, spreads[count:])
+        _err_along_beams(points[count : count + kept], origin, noise, errors[count:])
         count += kept
         starts[scan + 1] = count
 
@@ -239,6 +242,16 @@ def _spread(points: F64, normals: F64, origin: F64, noise: RangeNoise, spreads: 
         has_normal = (normals[i, 0] != 0.0) | (normals[i, 1] != 0.0)
         share = max(_FLATTEST2, across * across / range2) if has_normal else 1.0
         spreads[i] = (noise.allowed + share * _beyond(range2, noise)) / usual
+
+
+@compiled
+def _err_along_beams(points: F64, origin: F64, noise: RangeNoise, errors: F64) -> None:
+    """Standard deviation of points (n, 2) beyond what is allowed for, along their beams [m]."""
+    for i in range(len(points)):
+        x, y = points[i, 0] - origin[0], points[i, 1] - origin[1]
+        range2 = x * x + y * y
+        share = sqrt(_beyond(range2, noise) / max(range2, 1e-12))
+        errors[i, 0], errors[i, 1] = share * x, share * y
 
 
 @compiled

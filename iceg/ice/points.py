@@ -69,9 +69,28 @@ def extract_points(scan: Scan, reach: float = 0.2, noise: RangeNoise = PLAIN) ->
     return ScanPoints(points=points[:count], normals=normals[:count], beams=beams[:count], spreads=spreads[:count])
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ThinnedPoints:
+    """Some returns of m scans, one scan after the other.
+
+    Attributes:
+        points: (n, 2) in the robot frames of their scans [m].
+        normals: (n, 2) see `ScanPoints`; those of lines only.
+        spreads: (n,) see `ScanPoints`.
+        errors: (n, 2) standard deviation of each beyond what all else allows for, along its beam [m].
+        starts: (m + 1,) scan k has the points from starts[k] to starts[k + 1].
+    """
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    spreads: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    starts: NDArray[np.int64]
+
+
 def thinned_points(
     scans: Sequence[Scan], offsets: NDArray[np.int64], every: int, reach: float = 0.2, noise: RangeNoise = PLAIN
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+) -> ThinnedPoints:
     """Some returns of many scans, at a fraction of the cost of all.
 
     Args:
@@ -82,16 +101,16 @@ def thinned_points(
         noise: of the ranges.
 
     Returns:
-        (n, 2) end points in the robot frames of their scans, (n, 2) normals, those of lines only, and (n,) spreads, see
-        `ScanPoints`; (m + 1,) where the points of each scan begin.
+        The points; what is slim has no normal.
     """
     lasers = [list(some) for _, some in groupby(scans, key=lambda scan: id(scan.geometry))]
-    points, normals, spreads, counts, first = [], [], [], [], 0
+    found: list[ThinnedPoints] = []
+    first = 0
     for some in lasers:
         geometry = some[0].geometry
         capacity = len(some) * -(-geometry.n_beams // every)
-        some_points, some_normals, some_spreads = np.empty((capacity, 2)), np.empty((capacity, 2)), np.empty(capacity)
-        starts = np.empty(len(some) + 1, np.int64)
+        points, normals, errors = np.empty((capacity, 2)), np.empty((capacity, 2)), np.empty((capacity, 2))
+        spreads, starts = np.empty(capacity), np.empty(len(some) + 1, np.int64)
         kernels.thinned_points(
             np.stack([scan.ranges for scan in some]),
             geometry.directions_robot,
@@ -101,14 +120,22 @@ def thinned_points(
             noise,
             offsets[first : first + len(some)],
             every,
-            some_points,
-            some_normals,
-            some_spreads,
+            points,
+            normals,
+            spreads,
+            errors,
             starts,
         )
-        points.append(some_points[: starts[-1]])
-        normals.append(some_normals[: starts[-1]])
-        spreads.append(some_spreads[: starts[-1]])
-        counts.append(np.diff(starts))
+        n = starts[-1]
+        found.append(
+            ThinnedPoints(points=points[:n], normals=normals[:n], spreads=spreads[:n], errors=errors[:n], starts=starts)
+        )
         first += len(some)
-    return joined(points), joined(normals), joined(spreads), np.cumsum([0, *np.concatenate(counts)])
+    counts = np.concatenate([np.diff(one.starts) for one in found])
+    return ThinnedPoints(
+        points=joined([one.points for one in found]),
+        normals=joined([one.normals for one in found]),
+        spreads=joined([one.spreads for one in found]),
+        errors=joined([one.errors for one in found]),
+        starts=np.cumsum([0, *counts]),
+    )

@@ -18,6 +18,8 @@ I64 = NDArray[np.int64]
 _LOOSE = 1e-3
 """Weight of a prior on a line, in points: few points alone would leave it undetermined."""
 _PRIOR_LENGTH = 0.05
+_ROUGHNESS2 = 0.005**2
+"""Variance of a surface about its line: what else has a point off it is the error along its beam [m²]."""
 
 
 class PointsOnLines(NamedTuple):
@@ -26,6 +28,7 @@ class PointsOnLines(NamedTuple):
     Attributes:
         starts: (k + 1,) first point of each pose.
         placed: (n, 2) points in the map [m].
+        errors: (n, 2) their standard deviations along their beams [m].
         piece_of: (n,) line of each point, -1 for none.
         lines: (m, 4) a point and the unit normal of each.
         residuals: (n,) distance of each point from its line [m].
@@ -34,6 +37,7 @@ class PointsOnLines(NamedTuple):
 
     starts: I64
     placed: F64
+    errors: F64
     piece_of: I64
     lines: F64
     residuals: F64
@@ -80,7 +84,9 @@ def _add_pose(
 ) -> int:
     """Add the points of one pose: its own terms, its block with each line, and the terms of the lines.
 
-    Derivatives are with respect to a step of the robot in its own frame, and of the line: offset and turn.
+    Derivatives are with respect to a step of the robot in its own frame, and of the line: offset and turn. They are
+    those at the foot of the point: where along its beam it most probably was, for its error along the wall, by which
+    it would turn robot and line, comes with that across.
 
     Args:
         key: index of the pose.
@@ -111,8 +117,12 @@ def _add_pose(
             count += 1
         w, r, mx, my = seen.weights[i], seen.residuals[i], lines[g, 2], lines[g, 3]
         jx, jy = c * mx + s * my, c * my - s * mx
-        jt = my * (placed[i, 0] - pose[0]) - mx * (placed[i, 1] - pose[1])
-        t = mx * (placed[i, 1] - lines[g, 1]) - my * (placed[i, 0] - lines[g, 0])
+        ex, ey = seen.errors[i, 0], seen.errors[i, 1]
+        across = mx * ex + my * ey
+        share = r * across / (across * across + _ROUGHNESS2)
+        px, py = placed[i, 0] - share * ex, placed[i, 1] - share * ey
+        jt = my * (px - pose[0]) - mx * (py - pose[1])
+        t = mx * (py - lines[g, 1]) - my * (px - lines[g, 0])
         wx, wy, wt = w * jx, w * jy, w * jt
         d[0, 0] += wx * jx
         d[0, 1] += wx * jy

@@ -37,17 +37,33 @@ class LineFit(NamedTuple):
     facing: float
 
 
+class Points(NamedTuple):
+    """What scans saw, in the frames of their robots or in that of the map.
+
+    Attributes:
+        points: (n, 2) [m].
+        normals: (n, 2) of the surfaces they lie on; 0, 0 where unknown.
+        errors: (n, 2) standard deviations along their beams, beyond what the weights allow for [m].
+    """
+
+    points: F64
+    normals: F64
+    errors: F64
+
+
 @compiled
-def place(T_map_scans: F64, starts: I64, points: F64, normals: F64, placed: F64, turned: F64) -> None:
-    """Move points (n, 2) and normals of scans into the map; scan k has those from starts[k] to starts[k + 1]."""
+def place(T_map_scans: F64, starts: I64, seen: Points, placed: Points) -> None:
+    """Move what scans saw into the map; scan k has the points from starts[k] to starts[k + 1]."""
     for k in range(len(T_map_scans)):
         x, y = T_map_scans[k, 0], T_map_scans[k, 1]
         c, s = cos(T_map_scans[k, 2]), sin(T_map_scans[k, 2])
         for i in range(starts[k], starts[k + 1]):
-            placed[i, 0] = x + c * points[i, 0] - s * points[i, 1]
-            placed[i, 1] = y + s * points[i, 0] + c * points[i, 1]
-            turned[i, 0] = c * normals[i, 0] - s * normals[i, 1]
-            turned[i, 1] = s * normals[i, 0] + c * normals[i, 1]
+            placed.points[i, 0] = x + c * seen.points[i, 0] - s * seen.points[i, 1]
+            placed.points[i, 1] = y + s * seen.points[i, 0] + c * seen.points[i, 1]
+            placed.normals[i, 0] = c * seen.normals[i, 0] - s * seen.normals[i, 1]
+            placed.normals[i, 1] = s * seen.normals[i, 0] + c * seen.normals[i, 1]
+            placed.errors[i, 0] = c * seen.errors[i, 0] - s * seen.errors[i, 1]
+            placed.errors[i, 1] = s * seen.errors[i, 0] + c * seen.errors[i, 1]
 
 
 @compiled
@@ -194,20 +210,12 @@ def group(
 
 @compiled
 def fit_lines(
-    placed: F64,
-    turned: F64,
-    spreads: F64,
-    piece_of: I64,
-    fit: LineFit,
-    lines: F64,
-    residuals: F64,
-    weights: F64,
+    placed: Points, spreads: F64, piece_of: I64, fit: LineFit, lines: F64, residuals: F64, weights: F64
 ) -> tuple[float, float]:
     """Fit a line to each piece by total least squares with Cauchy weights, and see how the points lie on them.
 
     Args:
-        placed: (n, 2) points in the map [m].
-        turned: (n, 2) their normals.
+        placed: the points in the map.
         spreads: (n,) variance of each in that of a typical point.
         piece_of: (n,) piece of each point, -1 for none.
         fit: how.
@@ -218,16 +226,17 @@ def fit_lines(
     Returns:
         Sum of the Cauchy weights, and sum of the weighted squared residuals [m²].
     """
+    points = placed.points
     anchors, moments = np.zeros((len(lines), 2)), np.zeros((len(lines), 8))
-    for i in range(len(placed)):
+    for i in range(len(points)):
         residuals[i], weights[i] = 0.0, 0.0
         g = piece_of[i]
         if g < 0:
             continue
         weights[i] = 1.0 / spreads[i]
         if moments[g, 0] == 0.0:
-            assign(anchors[g], placed[i])
-        _add_moments(moments[g], weights[i], placed[i], turned[i], anchors[g])
+            assign(anchors[g], points[i])
+        _add_moments(moments[g], weights[i], placed, i, anchors[g])
     total, squares = 0.0, 0.0
     inverse2 = 1.0 / (fit.scale * fit.scale)
     for left in range(fit.rounds - 1, -1, -1):
@@ -235,32 +244,37 @@ def fit_lines(
             _line(moments[g], anchors[g], fit, lines[g])
         moments[:] = 0.0
         total, squares = 0.0, 0.0
-        for i in range(len(placed)):
+        for i in range(len(points)):
             g = piece_of[i]
             if g < 0:
                 continue
-            r = lines[g, 2] * (placed[i, 0] - lines[g, 0]) + lines[g, 3] * (placed[i, 1] - lines[g, 1])
+            r = lines[g, 2] * (points[i, 0] - lines[g, 0]) + lines[g, 3] * (points[i, 1] - lines[g, 1])
             w = 1.0 / (spreads[i] + r * r * inverse2)
             residuals[i], weights[i] = r, w
             total += w * spreads[i]
             squares += w * r * r
             if left > 0:
-                _add_moments(moments[g], w, placed[i], turned[i], anchors[g])
+                _add_moments(moments[g], w, placed, i, anchors[g])
     return total, squares
 
 
 @compiled
-def _add_moments(m: F64, w: float, point: F64, normal: F64, anchor: F64) -> None:
-    """Add a weighed point to the sums of 1, x, y, normal, xx, xy, yy of its piece, x and y from its anchor."""
-    x, y = point[0] - anchor[0], point[1] - anchor[1]
+def _add_moments(m: F64, w: float, placed: Points, i: int, anchor: F64) -> None:
+    """Add a weighed point to the sums of 1, x, y, normal, xx, xy, yy of its piece, x and y from its anchor.
+
+    The error of a point along its beam is taken out of the second moments: it has two points of a wall that is seen
+    from the side err along the wall and across it alike, and would turn the line towards the beams.
+    """
+    x, y = placed.points[i, 0] - anchor[0], placed.points[i, 1] - anchor[1]
+    ex, ey = placed.errors[i, 0], placed.errors[i, 1]
     m[0] += w
     m[1] += w * x
     m[2] += w * y
-    m[3] += w * normal[0]
-    m[4] += w * normal[1]
-    m[5] += w * x * x
-    m[6] += w * x * y
-    m[7] += w * y * y
+    m[3] += w * placed.normals[i, 0]
+    m[4] += w * placed.normals[i, 1]
+    m[5] += w * (x * x - ex * ex)
+    m[6] += w * (x * y - ex * ey)
+    m[7] += w * (y * y - ey * ey)
 
 
 @compiled

@@ -36,6 +36,7 @@ class Walls:
 
     Attributes:
         placed: (n, 2) points in the map [m].
+        errors: (n, 2) their standard deviations along their beams [m].
         piece_of: (n,) piece of each point, -1 for none.
         lines: (m, 4) a point and the unit normal of each piece.
         residuals: (n,) distance of each point from its line [m].
@@ -45,6 +46,7 @@ class Walls:
     """
 
     placed: Floats
+    errors: Floats
     piece_of: Ints
     lines: Floats
     residuals: Floats
@@ -54,7 +56,7 @@ class Walls:
 
     def normal_equations(self, poses: Floats, starts: Ints) -> JointSystem:
         """Of the poses (k, 3) that the points hang on, pose k with those from starts[k] to starts[k + 1]."""
-        seen = PointsOnLines(starts, self.placed, self.piece_of, self.lines, self.residuals, self.weights)
+        seen = PointsOnLines(starts, self.placed, self.errors, self.piece_of, self.lines, self.residuals, self.weights)
         return normal_equations(poses, seen)
 
 

@@ -75,6 +75,7 @@ class Clouds:
     Attributes:
         points: (n, 2) robot frames of the scans [m].
         normals: (n, 2) of the surfaces they lie on; 0, 0 where unknown.
+        errors: (n, 2) standard deviations along their beams, beyond what the weights allow for [m].
         spreads: (n,) variance of each in that of a typical point.
         starts: (m + 1,) scan j has the points from starts[j] to starts[j + 1].
         key_of_scan: (m,) the key pose of each scan, increasing; each key pose has at least one.
@@ -85,6 +86,7 @@ class Clouds:
 
     points: Floats
     normals: Floats
+    errors: Floats
     spreads: Floats
     starts: Ints
     key_of_scan: Ints
@@ -237,7 +239,8 @@ def key_clouds(
     ]
     key_of_scan = np.repeat(np.arange(len(members)), [len(some) for some in members])
     offsets = np.concatenate([np.arange(len(some)) % every for some in members])
-    points, normals, spreads, starts = thinned_points(taken, offsets, every, noise=noise)
+    seen = thinned_points(taken, offsets, every, noise=noise)
+    points, normals, spreads = seen.points, seen.normals, seen.spreads
     normals[np.hypot(points[:, 0], points[:, 1]) > config.reach] = 0.0
     # One that errs by more would meet, on either side of its wall, only those that err as it does.
     normals[spreads * (noise.allowed + noise.typical) > config.half_width**2] = 0.0
@@ -247,8 +250,9 @@ def key_clouds(
     return Clouds(
         points=points,
         normals=normals,
+        errors=seen.errors,
         spreads=spreads,
-        starts=starts,
+        starts=seen.starts,
         key_of_scan=key_of_scan,
         T_key_scan=T_key_scan,
         stand_for=max(1.0, available * every / len(scans)),
@@ -284,19 +288,20 @@ class _Sight:
         # Far apart, parts share nothing.
         self._apart = np.repeat(_APART * part_of, np.diff(clouds.key_starts)) if part_of.any() else None
         n = len(clouds.points)
-        self._placed, self._turned, self._surfel_of = np.empty((n, 2)), np.empty((n, 2)), np.empty(n, np.int64)
+        self._placed = kernels.Points(np.empty((n, 2)), np.empty((n, 2)), np.empty((n, 2)))
+        self._surfel_of = np.empty(n, np.int64)
         self._residuals, self._weights = np.empty(n), np.empty(n)
 
     def walls(self, poses: Floats, grouped: Walls | None = None) -> Walls:
         """Pieces of wall with the scans at (k, 3) poses; the points are grouped anew unless by walls seen before."""
         clouds, config = self.clouds, self.config
         T_map_scans = compose(poses[clouds.key_of_scan], clouds.T_key_scan)
-        kernels.place(T_map_scans, clouds.starts, clouds.points, clouds.normals, self._placed, self._turned)
+        seen = kernels.Points(clouds.points, clouds.normals, clouds.errors)
+        kernels.place(T_map_scans, clouds.starts, seen, self._placed)
         piece_of, n_pieces = self._pieces() if grouped is None else (grouped.piece_of, len(grouped.lines))
         lines = np.empty((n_pieces, 4))
         total, squares = kernels.fit_lines(
             self._placed,
-            self._turned,
             clouds.spreads,
             piece_of,
             kernels.LineFit(config.scale, _LINE_ROUNDS, config.elongation, config.facing),
@@ -305,7 +310,8 @@ class _Sight:
             self._weights,
         )
         return Walls(
-            placed=self._placed,
+            placed=self._placed.points,
+            errors=self._placed.errors,
             piece_of=piece_of,
             lines=lines,
             residuals=self._residuals,
@@ -316,13 +322,13 @@ class _Sight:
 
     def _pieces(self) -> tuple[Ints, int]:
         """(n,) piece of each point, -1 without a normal, and how many; the surfel with most points begins the first."""
-        placed, config = self._placed, self.config
+        placed, config = self._placed.points, self.config
         if len(placed) == 0:
             return np.empty(0, np.int64), 0
         if self._apart is not None:
             placed = placed + np.column_stack([self._apart, np.zeros(len(placed))])
         surfels, keys, surfel_at = kernels.surfels(
-            placed, self._turned, config.cell, config.cell_facing, self._surfel_of
+            placed, self._placed.normals, config.cell, config.cell_facing, self._surfel_of
         )
         order = np.argsort(-surfels[:, 4], kind="stable")
         piece = np.empty(len(surfels) + 1, np.int64)
