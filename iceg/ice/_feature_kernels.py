@@ -36,8 +36,6 @@ _FLOOR = 1e-5
 """Added to the variance of a feature's position [m²]."""
 _LEAST_SCATTER2 = 0.003**2
 """Points scatter by no less about their wall: ranges in steps of 1 cm [m²]."""
-_BENT = 10.0
-"""A wall bends as far as the square of its bend exceeds so many times what scatter alone would make of it."""
 
 
 @compiled
@@ -246,9 +244,10 @@ def _bend(points: F64, line: F64, nx: float, ny: float) -> tuple[float, float, f
         along, bows = along + off * bow, bows + bow * bow
     if bows < 1e-12 or along == 0.0:
         return 0.0, middle, skew, spread
-    # Neighbours on a curve differ by their scatter alone (von Neumann 1941).
+    # Neighbours on a curve differ by their scatter alone (von Neumann 1941), and what that alone would make of the bend
+    # is taken off (James and Stein 1961).
     scatter2 = max(0.5 * squares / (n - 1.0), _LEAST_SCATTER2)
-    return along / bows * max(0.0, 1.0 - _BENT * scatter2 * bows / (along * along)), middle, skew, spread
+    return along / bows * max(0.0, 1.0 - scatter2 * bows / (along * along)), middle, skew, spread
 
 
 @compiled
