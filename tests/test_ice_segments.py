@@ -93,25 +93,6 @@ def test_normals_stop_at_a_jump() -> None:
     np.testing.assert_allclose(points.normals, np.tile([-1.0, 0.0], (len(points), 1)), atol=1e-4)
 
 
-def test_the_ends_of_what_a_laser_sees_on_either_side_are_no_wall_ahead() -> None:
-    bearings = np.radians(np.linspace(-40.0, 40.0, 321))
-    with np.errstate(divide="ignore"):
-        ranges = np.where(bearings > 0.0, 1.2, 0.8) / np.abs(np.sin(bearings))
-    ranges[ranges > 4.0] = np.nan
-    geometry = ScanGeometry(bearings=bearings, range_min=0.05, range_max=4.0)
-    seen = extract_points(Scan(ranges=ranges.astype(np.float32), geometry=geometry))
-    np.testing.assert_allclose(seen.normals[:, 0], 0.0, atol=1e-3)
-    np.testing.assert_allclose(seen.normals[:, 1], -np.sign(seen.points[:, 1]), atol=1e-5)
-
-
-def test_a_few_beams_that_did_not_return_leave_a_wall_whole() -> None:
-    wall = np.array([[2.0, -5.0, 2.0, 5.0]])
-    scan = scan_of(wall, np.zeros(3))
-    scan.ranges[[88, 89, 92]] = np.nan
-    normals = extract_points(scan).normals
-    np.testing.assert_allclose(normals, np.tile([-1.0, 0.0], (len(normals), 1)), atol=1e-4)
-
-
 def test_what_is_too_slim_for_a_line_faces_the_laser_if_it_stands_before_its_neighbours() -> None:
     ranges = np.full(181, 8.0)
     ranges[:100] = np.where(np.arange(100) % 2, 12.0, 16.0)  # no line
