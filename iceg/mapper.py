@@ -213,7 +213,7 @@ class Mapper:
         self._graph = IncrementalGraph(front_end.keys, front_end.lost, self._matcher, self._config, self._stages)
 
     def _learn_the_laser(self) -> None:
-        """Begin anew where the laser is noisier than the settings allow for, or more of it sees the robot itself."""
+        """Begin anew with the noise of the laser once it is known, or where more of it sees the robot itself."""
         own = own_limits(self._log.ranges, self._log.geometry, self._given.front_end.own_body)
         is_new = bool((own > self._own_body).any())
         if is_new:

@@ -43,7 +43,7 @@ class Points(NamedTuple):
     Attributes:
         points: (n, 2) [m].
         normals: (n, 2) of the surfaces they lie on; 0, 0 where unknown.
-        errors: (n, 2) standard deviations along their beams, beyond what the weights allow for [m].
+        errors: (n, 2) standard deviations along their beams, beyond what the settings allow for [m].
     """
 
     points: F64
@@ -262,8 +262,8 @@ def fit_lines(
 def _add_moments(m: F64, w: float, placed: Points, i: int, anchor: F64) -> None:
     """Add a weighed point to the sums of 1, x, y, normal, xx, xy, yy of its piece, x and y from its anchor.
 
-    The error of a point along its beam is taken out of the second moments: it has two points of a wall that is seen
-    from the side err along the wall and across it alike, and would turn the line towards the beams.
+    The error of a point along its beam is taken out of the second moments: on a wall that is seen from the side it
+    moves points along the wall and across it at once, and would turn the line towards the beams.
     """
     x, y = placed.points[i, 0] - anchor[0], placed.points[i, 1] - anchor[1]
     ex, ey = placed.errors[i, 0], placed.errors[i, 1]

@@ -75,7 +75,7 @@ class Clouds:
     Attributes:
         points: (n, 2) robot frames of the scans [m].
         normals: (n, 2) of the surfaces they lie on; 0, 0 where unknown.
-        errors: (n, 2) standard deviations along their beams, beyond what the weights allow for [m].
+        errors: (n, 2) standard deviations along their beams, beyond what the settings allow for [m].
         spreads: (n,) variance of each in that of a typical point.
         starts: (m + 1,) scan j has the points from starts[j] to starts[j + 1].
         key_of_scan: (m,) the key pose of each scan, increasing; each key pose has at least one.
