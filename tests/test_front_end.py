@@ -316,6 +316,34 @@ def test_a_robot_found_far_off_is_not_looked_for_as_far_again() -> None:
     assert_allclose(matcher.guesses[3], truth[4], atol=1e-6)
 
 
+class NearMatcher(WatchedMatcher):
+    """Finds a scan only where it is looked for within half a metre."""
+
+    def track(
+        self,
+        reference: NDArray[np.float64],
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> NDArray[np.float64] | NoMatch:
+        found = super().track(reference, scan, T_ref_guess, covariance_guess)
+        if isinstance(found, NoMatch) or np.allclose(found[:2], T_ref_guess[:2], atol=0.5):
+            return found
+        return NoMatch(reason="looked for elsewhere")
+
+
+@pytest.mark.parametrize("intervals", [1, 20], ids=["its scan is stamped late", "it goes on"])
+def test_a_robot_without_odometry_is_found_after_a_pause(intervals: int) -> None:
+    truth = _straight(20)
+    truth[10:, 0] += 0.1 * (intervals - 1)
+    matcher = NearMatcher(np.vstack([np.zeros(3), truth]))
+    front_end = FrontEnd(matcher, None, _CONFIG)
+    poses = [front_end.add(k, _scan(k + 1), None, wait=20.0 if k == 10 else 1.0) for k in range(20)]
+    np.testing.assert_allclose(poses, truth, atol=1e-6)
+    assert front_end.failures == 0
+    np.testing.assert_allclose(matcher.guesses[-9:], truth[11:], atol=0.03)
+
+
 def test_without_odometry_the_velocity_is_taken_as_constant() -> None:
     truth = _straight(40)
     fails = frozenset(range(20, 25))

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from frontends.scan import Scan, ScanGeometry
+from graph.se2 import compose
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.tracking.front_end import FrontEnd
@@ -100,6 +101,23 @@ def test_where_nothing_is_seen_a_robot_goes_on_and_ever_less_to_its_side(
         expected = velocity.step(turn)
         velocity.correct(np.zeros(2), NOTHING)
         np.testing.assert_allclose(expected, [ahead, aside * CONFIG.kept_aside**step, turn], atol=1e-12)
+
+
+@given(turn=st.floats(-0.3, 0.3), ahead=st.floats(0.0, 1.0), steps=st.integers(1, 5))
+def test_a_way_is_as_many_steps(turn: float, ahead: float, steps: int) -> None:
+    one, other = (VelocityFilter(np.array([ahead, 0.0]), CONFIG) for _ in range(2))
+    way = np.zeros(3)
+    for _ in range(steps):
+        way = compose(way, one.step(turn))
+    np.testing.assert_allclose(other.way(turn, steps), way, atol=1e-12)
+    for velocity in (one, other):
+        velocity.correct(np.array([0.1, 0.0]), SURE)
+    np.testing.assert_array_equal(one.velocity, other.velocity)
+
+
+def test_nobody_goes_on_as_before_for_ever() -> None:
+    """An hour later a robot may be anywhere."""
+    assert VelocityFilter(np.array([0.1, 0.0]), CONFIG).way(0.0, 36_000)[0] == pytest.approx(10.0)
 
 
 def test_a_scan_measures_a_position_across_its_walls_and_not_along() -> None:

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,7 +13,7 @@ from graph.arrays import Float32s, Floats, Ints
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import chi2_gate, squared_norm, summed_ratios
 from graph.odometry import OdometryModel, OdometryMotion
-from graph.se2 import between, compose
+from graph.se2 import between, compose, expmap, logmap
 from iceg.ice.false_matches import allowing_for_chance
 from iceg.ice.tracking import Limits, Standing
 from iceg.slam.agreement import apart
@@ -69,7 +70,7 @@ class FrontEnd:
         self._knows_motion = self._has_odometry
         self._unknown_scans = 0
         self._T_track_robot = np.zeros(3)
-        self._newest_step = (np.zeros(3), np.zeros(3))
+        self._newest_step, self._newest_intervals = (np.zeros(3), np.zeros(3)), 1
         self._reach = Reach(T_track_before=np.zeros(3), most=np.zeros(2))
         self._is_matched = True
         self._usual_reach = UsualReach(config.odometry_check)
@@ -139,7 +140,7 @@ class FrontEnd:
             self._start(index, scan)
             return self._T_track_robot
         self._leave(self._T_track_robot, wait)
-        step, before, noise = T_prev_cur, self._T_track_robot, self._odometry
+        step, before, noise, intervals = T_prev_cur, self._T_track_robot, self._odometry, 1
         if step is not None and is_sudden and self._goes_on(scan, step):
             self.breaks.append(index)
             step = None
@@ -148,12 +149,15 @@ class FrontEnd:
             step, foretold = None, np.zeros(3)
         is_told = step is not None or foretold is not None
         if step is None:
-            step, noise = self._constant_velocity() if foretold is None else foretold, self._unknown
             self._forget_motion()
+            step, noise = foretold, self._unknown
+            if step is None:
+                step, intervals = self._constant_velocity(scan, round(wait))
         if is_told:
             self._velocity = None
         self.motion = noise.extend(self.motion, step)
         self._follow(scan, compose(before, step))
+        self._newest_intervals = intervals
         if self._is_key():
             self._add_key(index, scan)
         return self._T_track_robot
@@ -185,6 +189,7 @@ class FrontEnd:
         self._usual_reach.add(np.concatenate([self._T_track_robot[None], poses]))
         self.is_blind, self._matched, self.motion, self._velocity = False, self._local, found.motion, None
         self._T_track_robot, self._newest_step = poses[-1].copy(), (before, poses[-1].copy())
+        self._newest_intervals = 1
         if found.key_scan is not None:
             scan, _ = found.key_scan
             self._add_key(index + len(poses) - 1, scan)
@@ -202,7 +207,7 @@ class FrontEnd:
         It says so by where it matches best, from either guess; if it matches nowhere it says nothing. A turn that
         explains the scan is believed though going on explains more: where corridors cross, all of them are similar.
         """
-        usual = between(*self._newest_step)
+        usual = self._usual_step()
         guesses = [compose(self._T_track_robot, T) for T in (usual, step)]
         found = [self._found_after(scan, T, guess) for T, guess in zip((usual, step), guesses, strict=True)]
         if self._is_turn(step, usual) and not isinstance(found[1], NoMatch) and self._explains(scan, found[1]):
@@ -223,13 +228,44 @@ class FrontEnd:
         longest = self._config.tracking.turning_step * math.hypot(*usual[:2])
         return math.hypot(*step[:2]) <= max(self._config.odometry_check.jump_distance, longest)
 
-    def _constant_velocity(self) -> Floats:
-        """The step that a robot makes which goes on as the matches say; who was just found far off stands."""
-        newest = between(*self._newest_step)
+    def _usual_step(self) -> Floats:
+        """(3,) the newest step, or a usual interval's share of it."""
+        newest, intervals = between(*self._newest_step), self._newest_intervals
+        return newest if intervals == 1 else expmap(logmap(newest) / intervals)
+
+    def _constant_velocity(self, scan: Scan, intervals: int) -> tuple[Floats, int]:
+        """The step to a scan of a robot that goes on as the matches say; who was just found far off stands.
+
+        Where scans are missing before it the robot went on meanwhile, or the recorder stamped it late: the scan tells.
+
+        Args:
+            scan: it.
+            intervals: usual ones since the scan before.
+
+        Returns:
+            (3,) the step, and how many intervals it took.
+        """
+        newest = self._usual_step()
+        turn = float(newest[2])
         is_step = math.hypot(newest[0], newest[1]) <= self._config.tracking.max_step
         if self._velocity is None or not is_step:
             self._velocity = VelocityFilter(newest[:2] if is_step else np.zeros(2), self._config.tracking.velocity)
-        return self._velocity.step(float(newest[2]))
+        patient = deepcopy(self._velocity)
+        step = self._velocity.step(turn)
+        if intervals > 1:
+            way = patient.way(turn, intervals)
+            if self._went(scan, way, step):
+                self._velocity = patient
+                return way, intervals
+        return step, 1
+
+    def _went(self, scan: Scan, way: Floats, step: Floats) -> bool:
+        """Whether a scan matches better after one (3,) way than after another, shorter one."""
+        far, near = (self._found_after(scan, T, compose(self._T_track_robot, T)) for T in (way, step))
+        if isinstance(far, NoMatch):
+            return False
+        near = compose(self._T_track_robot, step) if isinstance(near, NoMatch) else near
+        return self._check.explains_better(self._local.reference, scan, far, near)
 
     def _found_after(self, scan: Scan, step: Floats, guess: Floats) -> Floats | NoMatch:
         """Pose of a scan if the robot made a step that leads to `guess`."""

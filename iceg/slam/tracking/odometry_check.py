@@ -142,9 +142,13 @@ class OdometryCheck:
         if is_near and turn < max(config.jump_turn, sigmas * math.sqrt(hh)):
             return True
         if not expected.is_known:
-            return self._log_odds(reference, scan, found) > self._log_odds(reference, scan, guess)
+            return self.explains_better(reference, scan, found, guess)
         there, here = (expected.reach.log_probability(pose, config.carried) for pose in (found, guess))
         return self.explains_more(reference, scan, found, guess, there - here)
+
+    def explains_better(self, reference: Prepared, scan: Scan, one: Floats, other: Floats) -> bool:
+        """Whether a (3,) pose explains what is seen better than another, nothing else known."""
+        return self._log_odds(reference, scan, one) > self._log_odds(reference, scan, other)
 
     def explains_more(
         self, reference: Prepared, scan: Scan, found: Floats, expected: Floats, log_prior: float = 0.0

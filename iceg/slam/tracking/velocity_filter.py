@@ -9,8 +9,12 @@ each its share (Bar-Shalom, Li and Kirubarajan, *Estimation with Applications to
 import numpy as np
 
 from graph.arrays import Floats
+from graph.se2 import compose
 from iceg.slam.tracking import _velocity_kernels as kernels
 from iceg.slam.tracking_config import VelocityFilterConfig
+
+_MOST_STEPS = 100
+"""A robot is expected to go on as before for so many scans at most, 10 s at 10 Hz."""
 
 
 class VelocityFilter:
@@ -34,6 +38,13 @@ class VelocityFilter:
         ahead, aside = config.change_ahead**2, config.change_aside**2
         kernels.predict(self._velocity, self._spread, turn, config.kept_aside, ahead, aside)
         return np.array([*self._velocity, turn])
+
+    def way(self, turn: float, steps: int) -> Floats:
+        """(3,) so many steps in a row, each with the same turn [rad]; no robot goes on as before for ever."""
+        way = np.zeros(3)
+        for _ in range(min(steps, _MOST_STEPS)):
+            way = compose(way, self.step(turn))
+        return way
 
     def correct(self, offset: Floats, information: Floats) -> None:
         """Learn from a match.
