@@ -93,6 +93,25 @@ def test_normals_stop_at_a_jump() -> None:
     np.testing.assert_allclose(points.normals, np.tile([-1.0, 0.0], (len(points), 1)), atol=1e-4)
 
 
+def test_the_ends_of_what_a_laser_sees_on_either_side_are_no_wall_ahead() -> None:
+    bearings = np.radians(np.linspace(-40.0, 40.0, 321))
+    with np.errstate(divide="ignore"):
+        ranges = np.where(bearings > 0.0, 1.2, 0.8) / np.abs(np.sin(bearings))
+    ranges[ranges > 4.0] = np.nan
+    geometry = ScanGeometry(bearings=bearings, range_min=0.05, range_max=4.0)
+    seen = extract_points(Scan(ranges=ranges.astype(np.float32), geometry=geometry))
+    np.testing.assert_allclose(seen.normals[:, 0], 0.0, atol=1e-3)
+    np.testing.assert_allclose(seen.normals[:, 1], -np.sign(seen.points[:, 1]), atol=1e-5)
+
+
+def test_a_few_beams_that_did_not_return_leave_a_wall_whole() -> None:
+    wall = np.array([[2.0, -5.0, 2.0, 5.0]])
+    scan = scan_of(wall, np.zeros(3))
+    scan.ranges[[88, 89, 92]] = np.nan
+    normals = extract_points(scan).normals
+    np.testing.assert_allclose(normals, np.tile([-1.0, 0.0], (len(normals), 1)), atol=1e-4)
+
+
 def test_what_is_too_slim_for_a_line_faces_the_laser_if_it_stands_before_its_neighbours() -> None:
     ranges = np.full(181, 8.0)
     ranges[:100] = np.where(np.arange(100) % 2, 12.0, 16.0)  # no line
@@ -221,3 +240,26 @@ def test_segments_turn_with_the_mount_of_the_laser(x: float, y: float, heading: 
 def test_settings_out_of_range_are_refused() -> None:
     with pytest.raises(IceConfigError, match="found min_points 1, expected a number from 2"):
         SegmentConfig(min_points=1)
+
+
+@pytest.mark.parametrize(("radius", "sigma", "most"), [(6.0, 0.0, 0.004), (6.0, 0.01, 0.006), (np.inf, 0.01, 0.006)])
+def test_walls_that_bend_are_smoothed_onto_their_curve(radius: float, sigma: float, most: float) -> None:
+    """A wall 2 m to the left, round about a point on that side or straight."""
+    bearings = np.radians(np.linspace(50.0, 130.0, 201))
+    beams = np.column_stack([np.cos(bearings), np.sin(bearings)])
+    if np.isinf(radius):
+        ranges, inwards = 2.0 / beams[:, 1], np.tile([0.0, -1.0], (len(beams), 1))
+    else:  # the nearer intersection with the circle about (0, 2 + radius)
+        height = 2.0 + radius
+        ranges = height * beams[:, 1] - np.sqrt(radius**2 - height**2 * beams[:, 0] ** 2)
+        inwards = (ranges[:, None] * beams - [0.0, height]) / radius
+    on_wall = ranges[:, None] * beams
+    noisy = ranges + np.random.default_rng(0).normal(0.0, sigma, len(ranges)) if sigma else ranges
+    geometry = ScanGeometry(bearings=bearings, range_min=0.05, range_max=20.0)
+    scan, config = Scan(ranges=noisy.astype(np.float32), geometry=geometry), SegmentConfig()
+    points = extract_points(scan)
+    smoothed = smoothed_on_segments(points, segment_rows(scan, config, points), np.zeros(2), config)
+    off = np.vecdot(smoothed.points - on_wall[smoothed.beams], inwards[smoothed.beams])
+    assert np.sqrt(np.mean(off**2)) < most
+    turned = np.vecdot(smoothed.normals, inwards[smoothed.beams])
+    assert np.degrees(np.arccos(np.clip(turned, -1.0, 1.0))).mean() < 1.5

@@ -127,7 +127,8 @@ def test_a_robot_carried_to_a_place_never_seen_is_told_apart(log: Log) -> None:
     elsewhere = simulate("rooms", seed=2).log
     cut = 900
     result = run(_joined(_part(log, 0, cut), _part(elsewhere, 0, 900)), replace(_QUICK, finish=FinishConfig()))
-    (found,) = result.summary["breaks"]
+    # The wheels slip by 4.7° before scan 606, which no closure spans here: that may be told, too.
+    (found,) = (each for each in result.summary["breaks"] if each["outcome"] != "conflict")
     assert found["outcome"] == "apart"
     assert cut <= found["scan"] <= cut + 10
     assert any("no loop closure ties the rest" in said for said in result.summary["warnings"])

@@ -34,6 +34,10 @@ _BEHIND = 0.3
 """The end of a wall is real where the next point lies this much farther away [m]."""
 _FLOOR = 1e-5
 """Added to the variance of a feature's position [m²]."""
+_LEAST_SCATTER2 = 0.003**2
+"""Points scatter by no less about their wall: ranges in steps of 1 cm [m²]."""
+_BENT = 10.0
+"""A wall bends as far as the square of its bend exceeds so many times what scatter alone would make of it."""
 
 
 @compiled
@@ -183,7 +187,11 @@ def extract_segments(
 def smooth_on_segments(
     points: F64, origin: F64, segments: F64, min_points: int, min_length: float, smoothed: F64, normals: F64
 ) -> None:
-    """Put the points of long segments onto their line, and give them its normal, towards the laser."""
+    """Put the points of long segments onto their curve, and give them its normals, towards the laser.
+
+    The curve is the line, bent as far as the points say beyond what they scatter: put onto straight pieces, the wall of
+    a round corridor would be a polygon that goes along with the robot.
+    """
     for k in range(len(segments)):
         line = segments[k]
         first, last = int(line[I_FIRST]), int(line[I_LAST])
@@ -192,11 +200,55 @@ def smooth_on_segments(
         nx, ny = -line[TY], line[TX]
         if nx * (line[CX] - origin[0]) + ny * (line[CY] - origin[1]) > 0.0:
             nx, ny = -nx, -ny
+        bend, middle, skew, spread = _bend(points, line, nx, ny)
         for i in range(first, last + 1):
-            off = nx * (points[i, 0] - line[CX]) + ny * (points[i, 1] - line[CY])
+            dx, dy = points[i, 0] - line[CX], points[i, 1] - line[CY]
+            t = ny * dx - nx * dy - middle
+            off = nx * dx + ny * dy - bend * (t * t - skew * t - spread)
             smoothed[i, 0] = points[i, 0] - off * nx
             smoothed[i, 1] = points[i, 1] - off * ny
-            normals[i, 0], normals[i, 1] = nx, ny
+            slope = bend * (2.0 * t - skew)
+            mx, my = nx - slope * ny, ny + slope * nx
+            size = hypot(mx, my)
+            normals[i, 0], normals[i, 1] = mx / size, my / size
+
+
+@compiled
+def _bend(points: F64, line: F64, nx: float, ny: float) -> tuple[float, float, float, float]:
+    """The parabola across a segment, less what scatter alone would make of it.
+
+    Args:
+        points: (n, 2) of the scan.
+        line: a segment.
+        nx: its normal …
+        ny: … as this.
+
+    Returns:
+        b, m, k, s: at t along (ny, -nx) from the centroid it lies b (u² - k u - s) off the line, with u = t - m. That
+        is orthogonal to all lines, so that the line remains the best one.
+    """
+    first, last = int(line[I_FIRST]), int(line[I_LAST])
+    n, t1, t2, t3, squares, before = float(last - first + 1), 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(first, last + 1):
+        dx, dy = points[i, 0] - line[CX], points[i, 1] - line[CY]
+        t, off = ny * dx - nx * dy, nx * dx + ny * dy
+        t1, t2, t3 = t1 + t, t2 + t * t, t3 + t * t * t
+        squares += (off - before) * (off - before) if i > first else 0.0
+        before = off
+    middle = t1 / n
+    spread = t2 / n - middle * middle
+    skew = (t3 / n - 3.0 * middle * t2 / n + 2.0 * middle * middle * middle) / spread
+    along, bows = 0.0, 0.0
+    for i in range(first, last + 1):
+        dx, dy = points[i, 0] - line[CX], points[i, 1] - line[CY]
+        u, off = ny * dx - nx * dy - middle, nx * dx + ny * dy
+        bow = u * u - skew * u - spread
+        along, bows = along + off * bow, bows + bow * bow
+    if bows < 1e-12 or along == 0.0:
+        return 0.0, middle, skew, spread
+    # Neighbours on a curve differ by their scatter alone (von Neumann 1941).
+    scatter2 = max(0.5 * squares / (n - 1.0), _LEAST_SCATTER2)
+    return along / bows * max(0.0, 1.0 - _BENT * scatter2 * bows / (along * along)), middle, skew, spread
 
 
 @compiled

@@ -20,7 +20,8 @@ I32 = NDArray[np.int32]
 I64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
-# A surface ends where neighbouring points are farther apart than the jump plus this many beam spacings, at most so far.
+# A surface ends where neighbouring points are farther apart than the jump plus this many beam spacings, and at most so
+# far, however many beams between them did not return: the ends of what a laser sees on either side are no wall ahead.
 _SPACINGS = 3.0
 _WIDEST_GAP = 0.6
 _MOST_NEIGHBOURS = 12
@@ -265,7 +266,8 @@ def _surfaces(
         surfaces.noise[i] = _beyond(x * x + y * y, noise)
     for i in range(1, len(points)):
         x, y = points[i, 0] - x0, points[i, 1] - y0
-        gap = min(_WIDEST_GAP, jump + _SPACINGS * resolution * sqrt(x * x + y * y)) * (beams[i] - beams[i - 1])
+        spacing = resolution * sqrt(x * x + y * y) * (beams[i] - beams[i - 1])
+        gap = min(_WIDEST_GAP, jump + _SPACINGS * spacing)
         dx, dy = points[i, 0] - points[i - 1, 0], points[i, 1] - points[i - 1, 1]
         ends[i] = dx * dx + dy * dy > gap * gap + _JUMP_SIGMAS2 * max(surfaces.noise[i], surfaces.noise[i - 1])
     surfaces.sums[0] = 0.0

@@ -90,9 +90,9 @@ def segment_rows(scan: Scan, config: SegmentConfig, scan_points: ScanPoints) -> 
 def smoothed_on_segments(
     scan_points: ScanPoints, rows: NDArray[np.float64], origin: NDArray[np.float64], config: SegmentConfig
 ) -> ScanPoints:
-    """The points of long segments put onto their lines, with the lines' normals.
+    """The points of long segments put onto their lines, bent where the wall is, with the normals of these.
 
-    A line through many points is known better than any of them: quantised ranges and the few neighbours of a point
+    A curve through many points is known better than any of them: quantised ranges and the few neighbours of a point
     would bend walls and tilt their normals.
 
     Args:
