@@ -1,8 +1,10 @@
 """How inner loops are compiled."""
 
 import logging
+import sys
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
 import numpy as np
@@ -61,11 +63,34 @@ class _OnDiskForBoth(FunctionCache):
     scipy.linalg, f2py and a parser of C: 0.4 of the 3.4 s that a run of the embedded log takes.
     """
 
+    def __init__(self, function: Callable[..., Any]) -> None:
+        """Keep it until its file changes or one of those that it calls; Numba's own looks at the first alone."""
+        cast("Any", super()).__init__(function)
+        cast("Any", self)._cache_file._source_stamp = _stamp(function.__module__)  # noqa: SLF001
+
     def load_overload(self, sig: object, target_context: object) -> Any:  # noqa: ANN401 numba's own, which has no types
         """What was compiled for a signature; None where nothing is kept, and numba compiles."""
         rtsys.initialize(target_context)  # arrays that compiled functions make live by its counts
         with self._guard_against_spurious_io_errors():
             return cast("Any", self._load_overload)(sig, target_context)
+
+
+@cache
+def _stamp(module: str) -> tuple[tuple[str, int, int], ...]:
+    """Name, time and size of the files of a module of kernels, of all whose kernels it calls, and of this one."""
+    called, new = {__name__}, {module}
+    while new:
+        called |= new
+        named = {getattr(value, "__module__", None) or getattr(value, "__name__", None) for value in _globals(new)}
+        new = {name for name in named if isinstance(name, str) and name.endswith("_kernels")} - called
+    files = {name: getattr(sys.modules[name], "__file__", None) for name in called}  # none of what is typed in
+    stats = {name: Path(file).stat() for name, file in files.items() if file is not None}
+    return tuple((name, stat.st_mtime_ns, stat.st_size) for name, stat in sorted(stats.items()))
+
+
+def _globals(modules: set[str]) -> list[object]:
+    """What modules define and import."""
+    return [value for module in modules for value in vars(sys.modules[module]).values()]
 
 
 class _MachineCode(CompileResultCacheImpl):

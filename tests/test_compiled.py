@@ -54,6 +54,29 @@ def test_where_nothing_can_be_written_kernels_are_compiled_for_the_process_and_t
     assert done.stderr.count("set NUMBA_CACHE_DIR") == 1
 
 
+@pytest.mark.skipif(os.environ.get("NUMBA_DISABLE_JIT") == "1", reason="nothing is compiled")
+def test_a_kernel_is_compiled_anew_where_one_has_changed_that_it_calls(tmp_path: Path) -> None:
+    helper, caller = tmp_path / "_helper_kernels.py", tmp_path / "_caller_kernels.py"
+    between = "from _helper_kernels import _times\nfrom graph.compiled import compiled\n@compiled\n"
+    caller.write_text(between + "def called(x: int) -> int:\n    return _times(x)\n")
+    code = "import sys, _caller_kernels as c; print(c.called(1), sum(c.called.stats.cache_hits.values()))"
+    paths = {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}", "NUMBA_CACHE_DIR": str(tmp_path / "kept")}
+
+    def run() -> str:
+        words = [sys.executable, "-B", "-c", code]
+        return subprocess.run(words, capture_output=True, text=True, check=True, env=os.environ | paths).stdout.strip()
+
+    def write(factor: int) -> None:
+        source = f"def _times(x: int) -> int:\n    return {factor} * x\n"
+        helper.write_text("from graph.compiled import compiled\n@compiled\n" + source)
+
+    write(2)
+    assert run() == "2 0"
+    assert run() == "2 1"
+    write(30)
+    assert run() == "30 0"
+
+
 def test_what_only_kernels_call_is_not_called_from_python() -> None:
     """It has no entry for Python: that would end the process with a memory fault."""
     sources = [path for folder in ("graph", "frontends", "iceg", "tests") for path in (ROOT / folder).rglob("*.py")]

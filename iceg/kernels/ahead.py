@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+from graph import compiled
 from graph.locks import locked
 from iceg.kernels.groups import ORDER, groups_of
 from iceg.kernels.signatures import SIGNATURES, listed_kernels
@@ -16,6 +17,7 @@ from iceg.slam.progress import Progress, ProgressCallback
 
 _ROOT = Path(__file__).parent.parent.parent
 _WORKER = "iceg.kernels.worker"
+_HOW = Path(compiled.__file__)
 _NO_COLOURS = {"NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING": "1"}
 """Where colorama is installed, numba would colour a message for each overload it tries in vain: 3 % of the time."""
 
@@ -143,8 +145,9 @@ def _mark() -> Path | None:
         return None
     known = hashlib.blake2b(digest_size=12)
     known.update(repr((sys.version, numba.__version__, cpu_target.target_context.codegen().magic_tuple())).encode())
-    modules = {_ROOT.joinpath(*kernel.module.split(".")).with_suffix(".py") for kernel in listed_kernels()}
-    for source in (SIGNATURES, *sorted(modules)):
+    folders = {_ROOT.joinpath(*kernel.module.split(".")[:-1]) for kernel in listed_kernels()}
+    called = [source for folder in sorted(folders) for source in sorted(folder.glob("*_kernels.py"))]
+    for source in (SIGNATURES, _HOW, *called):
         state = source.stat()
         known.update(f"{source} {state.st_mtime_ns} {state.st_size}".encode())
     return Path(kept) / f"listed-{known.hexdigest()}.compiled"
