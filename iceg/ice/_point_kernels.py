@@ -23,7 +23,7 @@ Bool = NDArray[np.bool_]
 # A surface ends where neighbouring points are farther apart than the jump plus this many beam spacings, and at most so
 # far, however many beams between them did not return: the ends of what a laser sees on either side are no wall ahead.
 _SPACINGS = 3.0
-_WIDEST_GAP = 0.6
+_WIDEST_GAP = 1.0
 _MOST_NEIGHBOURS = 12
 """Most neighbours on either side that give a point its normal; more as it reaches farther for the noise."""
 _THICKEST = 0.1
