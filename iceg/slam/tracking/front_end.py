@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from copy import deepcopy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -250,9 +249,9 @@ class FrontEnd:
         is_step = math.hypot(newest[0], newest[1]) <= self._config.tracking.max_step
         if self._velocity is None or not is_step:
             self._velocity = VelocityFilter(newest[:2] if is_step else np.zeros(2), self._config.tracking.velocity)
-        patient = deepcopy(self._velocity)
+        patient = self._velocity.copy() if intervals > 1 else None
         step = self._velocity.step(turn)
-        if intervals > 1:
+        if patient is not None:
             way = patient.way(turn, intervals)
             if self._went(scan, way, step):
                 self._velocity = patient

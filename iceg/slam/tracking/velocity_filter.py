@@ -27,6 +27,12 @@ class VelocityFilter:
         floor = config.match_deviation**2
         self._spread = np.diag([floor, floor, config.ahead_at_first**2, config.aside_at_first**2])
 
+    def copy(self) -> "VelocityFilter":
+        """Another one that knows as much, to try what comes next."""
+        other = VelocityFilter(self._velocity, self._config)
+        other._spread = self._spread.copy()
+        return other
+
     @property
     def velocity(self) -> Floats:
         """(2,) along the robot and to its side, as the matches so far tell it [m per scan]."""
