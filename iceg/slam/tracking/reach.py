@@ -1,12 +1,12 @@
 """Where a robot may have got to since the newest match, by how far its steps usually are."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
 from graph.arrays import Floats
-from graph.se2 import wrap_angle
 from iceg.slam.agreement import apart
 from iceg.slam.tracking_config import OdometryCheckConfig
 
@@ -25,7 +25,7 @@ class Reach:
 
     def after(self, step: Floats) -> "Reach":
         """After one more step, of (2,) at most."""
-        return replace(self, most=self.most + step)
+        return Reach(T_track_before=self.T_track_before, most=self.most + step)
 
     def log_probability(self, T_track_robot: Floats, carried: float) -> float:
         """How probable it is that a robot goes as far as to a (3,) pose, against one that hardly moves, the logarithm.
@@ -63,7 +63,10 @@ class UsualReach:
 
     def add(self, T_track_robots: Floats) -> None:
         """Matches told (n, 3) poses, one scan after the other."""
-        moves = np.diff(T_track_robots, axis=0)
-        steps = np.column_stack([np.hypot(moves[:, 0], moves[:, 1]), np.abs(wrap_angle(moves[:, 2]))])
-        self._n_steps = min(self._config.reach_scans, self._n_steps + len(steps))
-        self._mean = self._mean + (steps.mean(axis=0) - self._mean) * min(1.0, len(steps) / self._n_steps)
+        poses = T_track_robots.tolist()  # a few at a time: NumPy would take ten times as long
+        ways = [math.hypot(x - x0, y - y0) for (x0, y0, _), (x, y, _) in pairwise(poses)]
+        turns = [abs(math.remainder(turn - turn0, math.tau)) for (_, _, turn0), (_, _, turn) in pairwise(poses)]
+        steps = len(ways)
+        self._n_steps = min(self._config.reach_scans, self._n_steps + steps)
+        mean = np.array([math.fsum(ways) / steps, math.fsum(turns) / steps])
+        self._mean = self._mean + (mean - self._mean) * min(1.0, steps / self._n_steps)
