@@ -302,3 +302,10 @@ def test_a_robot_goes_on_while_its_recorder_pauses(data_dir: Path) -> None:
     truth = read_truth_csv(data_dir / "mrpt-simul.truth.csv")
     log = replace(log, odometry=np.zeros_like(log.odometry), has_odometry=False)
     assert trajectory_errors(run(log).trajectory, truth).ate_rmse < 0.06
+
+
+def test_a_laser_that_sees_one_beam_in_four_is_followed(data_dir: Path) -> None:
+    """Of a cart; 14 scans matched nothing where walls fell to pieces at their gaps, and it was lost once."""
+    track = run(read_log(data_dir / "bags" / "cart-rplidar-scanonly")).findings.track
+    assert not track.lost
+    assert track.failures <= 10
