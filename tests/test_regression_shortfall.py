@@ -11,8 +11,8 @@ from graph.se2 import between, compose, expmap
 from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.regression.shortfall import (
     JudgeMatches,
+    along_track_errors,
     by_claim,
-    errors_along,
     main,
     perfect,
     shortfall_of,
@@ -35,7 +35,7 @@ def _drive(shares: list[float], seed: int = 0) -> tuple[list[Factor], np.ndarray
 
 @pytest.mark.parametrize("share", [0.0, 0.02])
 def test_what_matches_fall_short_by_is_told(share: float) -> None:
-    (row,) = by_claim([errors_along(*_drive([share] * 400, seed)) for seed in range(4)])
+    (row,) = by_claim([along_track_errors(*_drive([share] * 400, seed)) for seed in range(4)])
     assert row["claimed [mm]"] == "10 to 30"
     assert row["matches"] == 1600
     assert row["±"] == pytest.approx(20.0 / 40.0, rel=0.1)
@@ -49,14 +49,14 @@ def test_wrong_matches_other_factors_and_robots_that_turn_on_the_spot_do_not_cou
     odometry = Factor(kind="odometry", i=0, j=1, T_i_j=factors[0].T_i_j, covariance=np.eye(3))
     stands = np.vstack([truth, compose(truth[-1], np.array([0.0, 0.0, 1.0]))])
     turn = Factor(kind="ice", i=3, j=4, T_i_j=np.array([0.0, 0.0, 1.0]), covariance=np.eye(3))
-    assert len(errors_along([*factors, odometry, turn], stands).errors) == 2
-    assert len(errors_along([odometry], truth).errors) == 0
-    assert by_claim([errors_along(factors, truth)]) == []
+    assert len(along_track_errors([*factors, odometry, turn], stands).errors) == 2
+    assert len(along_track_errors([odometry], truth).errors) == 0
+    assert by_claim([along_track_errors(factors, truth)]) == []
 
 
 def test_a_scene_is_judged() -> None:
     """Beside walls, a laser that does not err has matches that do not either."""
-    alongs = shortfall_of(9100, perfect(LASERS["sick"]()))
+    alongs = shortfall_of(9101, perfect(LASERS["sick"]()))
     assert len(alongs.errors) > 50
     sure = alongs.claimed < 0.01
     assert abs(float(alongs.errors[sure].sum() / alongs.steps[sure].sum())) < 0.005
@@ -67,7 +67,7 @@ def test_a_scene_is_judged() -> None:
     [
         (JudgeMatches(seeds="9100", laser="torch"), "found laser 'torch', expected one of"),
         (JudgeMatches(seeds="9100", perfect=True), "needs a laser"),
-        (JudgeMatches(seeds="9100", workers=0), "found 0 workers"),
+        (JudgeMatches(seeds="9101", workers=0), "found 0 workers"),
         (JudgeMatches(seeds="walls"), "found seeds 'walls'"),
     ],
 )

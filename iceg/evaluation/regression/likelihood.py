@@ -9,10 +9,8 @@ row for each; with a table of the same scenes it tells what changed, and whether
 """
 
 import csv
-import multiprocessing
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from math import pi
 from pathlib import Path
@@ -21,7 +19,6 @@ from typing import Annotated
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from frontends.simulator.random_scenes.devices import Quality
 from graph import dense
@@ -37,7 +34,7 @@ from iceg.evaluation.regression.paired import chance
 from iceg.evaluation.regression.random_cells import random_cells
 from iceg.evaluation.regression.recordings import recording_of
 from iceg.evaluation.regression.runner import CONFIG
-from iceg.evaluation.regression.study import one_core_each
+from iceg.evaluation.regression.study import of_scenes
 from iceg.pipeline import run
 
 KINDS = ("odometry", "ice", "closure")
@@ -176,13 +173,9 @@ class JudgeFactors:
         Raises:
             IcegError: no such scenes, laser or table, or fewer processes than one.
         """
-        if self.workers < 1:
-            raise EvaluationError(f"found {self.workers} workers, expected one at least")
         baseline = None if self.baseline is None else read_likelihoods(self.baseline)
         cells = random_cells(self.seeds, self.odometry, self.laser)
-        context = multiprocessing.get_context("spawn")
-        with one_core_each(), ProcessPoolExecutor(self.workers, mp_context=context) as pool:
-            found = list(tqdm(pool.map(likelihood_of, cells), total=len(cells), unit=" scenes"))
+        found = of_scenes(likelihood_of, cells, self.workers)
         write_csv([one.row() for one in found], self.output)
         if baseline is not None:
             sys.stdout.write(format_markdown(compared(baseline, found)) + "\n")

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Sequence
 
+from frontends.simulator.laser import Laser
 from frontends.simulator.lasers import LASERS
 from frontends.simulator.random_scenes.devices import Quality
 from frontends.simulator.random_scenes.scene import drawn_odometry
@@ -29,8 +30,8 @@ def random_cells(seeds: str, odometry: Sequence[Quality] = (), laser: str | None
     Raises:
         EvaluationError: no such range, no such scene in it, or no such laser.
     """
-    if laser is not None and laser not in LASERS:
-        raise EvaluationError(f"found laser '{laser}', expected one of {', '.join(LASERS)}")
+    if laser is not None:
+        named_laser(laser)
     ending = "" if laser is None else f" {laser}"
     found = [
         Cell(group="random", source=f"random:{seed}{ending}")
@@ -40,6 +41,17 @@ def random_cells(seeds: str, odometry: Sequence[Quality] = (), laser: str | None
     if not found:
         raise EvaluationError(f"found no scene with odometry {', '.join(odometry)} among seeds {seeds}")
     return found
+
+
+def named_laser(name: str) -> Laser:
+    """The laser of that name.
+
+    Raises:
+        EvaluationError: there is none.
+    """
+    if name not in LASERS:
+        raise EvaluationError(f"found laser '{name}', expected one of {', '.join(LASERS)}")
+    return LASERS[name]()
 
 
 def in_words(seeds: str, odometry: Sequence[Quality] = (), laser: str | None = None) -> str:

@@ -9,10 +9,8 @@ showed here before anywhere else, some of them with a laser that does not err at
 odometry, without loop closures and finish, and prints a row for each kind of claim.
 """
 
-import multiprocessing
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
@@ -22,10 +20,8 @@ from typing import NamedTuple
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from tqdm import tqdm
 
 from frontends.simulator.laser import Laser
-from frontends.simulator.lasers import LASERS
 from frontends.simulator.random_scenes.scene import drawn_odometry, simulate_random
 from graph.errors import IcegError
 from graph.factors import Factor
@@ -33,9 +29,9 @@ from graph.se2 import between, logmap
 from iceg.evaluation.bench.tables import Row, format_markdown
 from iceg.evaluation.consistency import nees
 from iceg.evaluation.errors import EvaluationError
-from iceg.evaluation.regression.random_cells import seed_range
+from iceg.evaluation.regression.random_cells import named_laser, seed_range
 from iceg.evaluation.regression.runner import CONFIG
-from iceg.evaluation.regression.study import one_core_each
+from iceg.evaluation.regression.study import of_scenes
 from iceg.pipeline import run
 
 CLAIMS = (0.0, 0.003, 0.01, 0.03, 0.1, 0.5)
@@ -48,7 +44,7 @@ _FEWEST = 10
 """So many matches make a row."""
 
 
-class Alongs(NamedTuple):
+class AlongTrack(NamedTuple):
     """(n,) each, of matches from key scan to key scan.
 
     Attributes:
@@ -62,8 +58,8 @@ class Alongs(NamedTuple):
     steps: NDArray[np.float64]
 
 
-def errors_along(factors: Sequence[Factor], truth: NDArray[np.float64]) -> Alongs:
-    """What the matches of steps ahead are off along them, wrong ones left out.
+def along_track_errors(factors: Sequence[Factor], truth: NDArray[np.float64]) -> AlongTrack:
+    """Along-track errors of the matches of steps ahead, wrong ones left out.
 
     Args:
         factors: of a run, of all kinds.
@@ -71,16 +67,16 @@ def errors_along(factors: Sequence[Factor], truth: NDArray[np.float64]) -> Along
     """
     chosen = [factor for factor in factors if factor.kind == "ice" and factor.i is not None]
     if not chosen:
-        return Alongs(np.empty(0), np.empty(0), np.empty(0))
+        return AlongTrack(np.empty(0), np.empty(0), np.empty(0))
     first = [factor.i for factor in chosen if factor.i is not None]
     steps = between(truth[first], truth[[factor.j for factor in chosen]])
     errors = logmap(between(np.array([factor.T_i_j for factor in chosen]), steps))
     covariances = np.array([factor.covariance for factor in chosen])
     counts = (steps[:, 0] > _LEAST_STEP) & (nees(errors, covariances) < _WRONG)
-    return Alongs(errors[counts, 0], np.sqrt(covariances[counts, 0, 0]), steps[counts, 0])
+    return AlongTrack(errors[counts, 0], np.sqrt(covariances[counts, 0, 0]), steps[counts, 0])
 
 
-def by_claim(alongs: Sequence[Alongs]) -> list[Row]:
+def by_claim(alongs: Sequence[AlongTrack]) -> list[Row]:
     """A row for each kind of claim that enough matches of all scenes together make."""
     errors, claimed, steps = (np.concatenate(parts) for parts in zip(*alongs, strict=True))
     rows: list[Row] = []
@@ -108,12 +104,12 @@ def perfect(laser: Laser) -> Laser:
     return replace(laser, range_std=0.0, range_std_per_metre=0.0, mixed_share=0.0, quantisation=0.0, beam_width=0.0)
 
 
-def shortfall_of(seed: int, laser: Laser | None) -> Alongs:
+def shortfall_of(seed: int, laser: Laser | None) -> AlongTrack:
     """Run a random scene with such a laser, its own for None, and see what its matches are off along the way."""
     simulation = simulate_random(seed, laser=laser)
     alone = replace(CONFIG, loops=replace(CONFIG.loops, enabled=False), finish=replace(CONFIG.finish, enabled=False))
     result = run(simulation.log, alone)
-    return errors_along(result.findings.solution.factors, simulation.truth[result.key_scans])
+    return along_track_errors(result.findings.solution.factors, simulation.truth[result.key_scans])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,23 +131,20 @@ class JudgeMatches:
         Raises:
             IcegError: no such scenes or laser, one that is to be perfect and not named, or no process.
         """
-        if self.laser is not None and self.laser not in LASERS:
-            raise EvaluationError(f"found laser '{self.laser}', expected one of {', '.join(LASERS)}")
         if self.perfect and self.laser is None:
             raise EvaluationError("--perfect needs a laser: --laser NAME")
-        if self.workers < 1:
-            raise EvaluationError(f"found {self.workers} workers, expected one at least")
-        laser = None if self.laser is None else LASERS[self.laser]()
+        laser = None if self.laser is None else named_laser(self.laser)
         if laser is not None and self.perfect:
             laser = perfect(laser)
         seeds = [seed for seed in seed_range(self.seeds) if drawn_odometry(seed) != "none"]
         if not seeds:
             raise EvaluationError(f"found no scene with odometry among seeds {self.seeds}")
-        context = multiprocessing.get_context("spawn")
-        with one_core_each(), ProcessPoolExecutor(self.workers, mp_context=context) as pool:
-            found = pool.map(partial(shortfall_of, laser=laser), seeds)
-            alongs = list(tqdm(found, total=len(seeds), unit=" scenes"))
-        sys.stdout.write(format_markdown(by_claim(alongs)) + "\n")
+        rows = by_claim(of_scenes(partial(shortfall_of, laser=laser), seeds, self.workers))
+        if not rows:
+            raise EvaluationError(
+                f"found too few matches in seeds {self.seeds}, expected {_FEWEST} of one claim at least"
+            )
+        sys.stdout.write(format_markdown(rows) + "\n")
 
 
 def main() -> None:

@@ -6,15 +6,21 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TypeVar
+
+from tqdm import tqdm
 
 from iceg.evaluation.bench.runs import ONE_CORE
 from iceg.evaluation.bench.tables import Row, write_csv
+from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.regression.cells import Cell
 from iceg.evaluation.regression.comparison import compare
 from iceg.evaluation.regression.outcome import Outcome, write_outcomes
 from iceg.evaluation.regression.runner import run_task, tasks
 from iceg.evaluation.regression.totals import Totals, by_group
 
+_Given = TypeVar("_Given")
+_Found = TypeVar("_Found")
 OUTCOMES, RULES_TABLE = "regression.csv", "rules.csv"
 Tell = Callable[[str, Sequence[Outcome]], None]
 """Called with a rule, "" for none, and what became of the cells of one recording."""
@@ -109,7 +115,7 @@ def _run(
 ) -> Iterator[tuple[str, list[Outcome]]]:
     work = sorted(tasks(cells, data, rules), key=lambda task: -len(task.cells))
     context = multiprocessing.get_context("spawn")
-    with one_core_each(), ProcessPoolExecutor(workers, mp_context=context, initializer=_load_kernels) as pool:
+    with _one_core_each(), ProcessPoolExecutor(workers, mp_context=context, initializer=_load_kernels) as pool:
         try:
             for done in pool.map(run_task, work):
                 for rule, some in done:
@@ -125,8 +131,21 @@ def _in_order(cells: Sequence[Cell], outcomes: Iterable[Outcome]) -> list[Outcom
     return [found[cell.name] for cell in cells if cell.name in found]
 
 
+def of_scenes(work: Callable[[_Given], _Found], scenes: Sequence[_Given], workers: int) -> list[_Found]:
+    """What becomes of each scene, in so many processes at a time; progress is shown.
+
+    Raises:
+        EvaluationError: fewer than one.
+    """
+    if workers < 1:
+        raise EvaluationError(f"found {workers} workers, expected one at least")
+    context = multiprocessing.get_context("spawn")
+    with _one_core_each(), ProcessPoolExecutor(workers, mp_context=context) as pool:
+        return list(tqdm(pool.map(work, scenes), total=len(scenes), unit=" scenes"))
+
+
 @contextmanager
-def one_core_each() -> Iterator[None]:
+def _one_core_each() -> Iterator[None]:
     """Processes that are started within stay on one core."""
     before = {name: os.environ.get(name) for name in ONE_CORE}
     os.environ.update(ONE_CORE)
