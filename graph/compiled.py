@@ -66,7 +66,8 @@ class _OnDiskForBoth(FunctionCache):
     def __init__(self, function: Callable[..., Any]) -> None:
         """Keep it until its file changes or one of those that it calls; Numba's own looks at the first alone."""
         cast("Any", super()).__init__(function)
-        cast("Any", self)._cache_file._source_stamp = _stamp(function.__module__)  # noqa: SLF001
+        kept = cast("Any", self)._cache_file  # noqa: SLF001
+        kept._source_stamp = (kept._source_stamp, _stamp(function.__module__))  # noqa: SLF001
 
     def load_overload(self, sig: object, target_context: object) -> Any:  # noqa: ANN401 numba's own, which has no types
         """What was compiled for a signature; None where nothing is kept, and numba compiles."""
@@ -83,8 +84,8 @@ def _stamp(module: str) -> tuple[tuple[str, int, int], ...]:
         called |= new
         named = {getattr(value, "__module__", None) or getattr(value, "__name__", None) for value in _globals(new)}
         new = {name for name in named if isinstance(name, str) and name.endswith("_kernels")} - called
-    files = {name: getattr(sys.modules[name], "__file__", None) for name in called}  # none of what is typed in
-    stats = {name: Path(file).stat() for name, file in files.items() if file is not None}
+    files = {name: Path(getattr(sys.modules[name], "__file__", None) or "") for name in called}
+    stats = {name: file.stat() for name, file in files.items() if file.is_file()}  # none of what is typed in, or zipped
     return tuple((name, stat.st_mtime_ns, stat.st_size) for name, stat in sorted(stats.items()))
 
 
