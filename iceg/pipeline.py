@@ -133,7 +133,6 @@ def conclude(
             findings.rounds,
             track,
             matcher,
-            config.loops,
             config.finish,
             scan_of=log.scan,
             noise=noise,

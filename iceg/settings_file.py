@@ -56,6 +56,8 @@ GONE = {
     "loops.relocalisation.lead": "places are weighed by how probable they are, see loops.relocalisation.odds",
     "loops.relocalisation.majority": "places are weighed by how probable they are, see loops.relocalisation.odds",
     "loops.relocalisation.right_contradicted": "see loops.relocalisation.contradiction",
+    "loops.view.carried_chance": "whether the robot was carried is weighed, see loops.view.carried_prior",
+    "loops.view.false_alarm": "whether the robot was carried is weighed, see loops.view.carried_prior",
     "loops.verification.min_overlap_ratio": "passes that hardly overlap are matched like others",
 }
 """Settings of earlier versions that no run depends on any more, and what stands in their place."""

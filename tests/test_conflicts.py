@@ -39,12 +39,12 @@ def track() -> Track:
     return Track(keys=keys, key_of_scan=nothing, T_key_scan=np.zeros((0, 3)), failures=0, lost=[])
 
 
-def _failure(distance2: float, chance: float | None) -> TrackingFailure:
+def _failure(distance2: float, log_odds: float | None) -> TrackingFailure:
     return TrackingFailure(
         kind=FailureKind.INCONSISTENT,
         reason="the match lies 0.30 m off",
         distance2=distance2,
-        change_by_chance=chance,
+        log_odds_carried=log_odds,
     )
 
 
@@ -53,7 +53,7 @@ def _told(
     jumps: dict[int, float],
     closures: list[tuple[int, int]],
     breaks: tuple[Break, ...] = (),
-    chance: float | None = None,
+    log_odds: float | None = None,
 ) -> list[int]:
     factors = [Factor(kind="closure", i=i, j=j, T_i_j=np.zeros(3), covariance=np.eye(3)) for i, j in closures]
     before = Solution(
@@ -64,7 +64,7 @@ def _told(
         odometry_jumps=tuple(jumps),
         breaks=breaks,
     )
-    after = with_conflicts(before, track, {key: _failure(far, chance) for key, far in jumps.items()}, _CONFIG)
+    after = with_conflicts(before, track, {key: _failure(far, log_odds) for key, far in jumps.items()}, _CONFIG)
     assert list(after.breaks) == sorted(after.breaks, key=lambda found: found.key)
     return [found.key for found in after.breaks if found.outcome is Outcome.CONFLICT]
 
@@ -78,13 +78,13 @@ def test_what_closures_span_they_have_decided(track: Track) -> None:
 
 
 @pytest.mark.parametrize(
-    ("n_closures", "chance", "told"),
-    [(_SETTLING - 1, 0.005, [100]), (_SETTLING, 0.005, []), (_SETTLING - 1, 0.2, [])],
+    ("n_closures", "log_odds", "told"),
+    [(_SETTLING - 1, 1.0, [100]), (_SETTLING, 1.0, []), (_SETTLING - 1, -2.0, [])],
 )
 def test_few_closures_settle_nothing_where_the_view_changed_at_once(
-    track: Track, n_closures: int, chance: float, told: list[int]
+    track: Track, n_closures: int, log_odds: float, told: list[int]
 ) -> None:
-    assert _told(track, {100: 40.0}, [(50, 150 + k) for k in range(n_closures)], chance=chance) == told
+    assert _told(track, {100: 40.0}, [(50, 150 + k) for k in range(n_closures)], log_odds=log_odds) == told
 
 
 def test_of_a_stretch_the_worst_is_told_and_each_stretch_has_its_own(track: Track) -> None:

@@ -1,5 +1,6 @@
 """How probable it makes a hypothesis that scans agree with it or contradict it."""
 
+from dataclasses import replace
 from fractions import Fraction
 from math import exp, log, prod
 
@@ -63,28 +64,32 @@ def test_what_the_laser_sees_at_once_speaks_against_the_path() -> None:
     config = RelocalisationConfig()
     elsewhere, path = _fit(40, 0, config), _fit(39, 0, config)
     view = ViewChangeConfig()
-    failure = TrackingFailure(kind=FailureKind.TRACKING_LOSS, reason="", change_by_chance=1e-6)
+    failure = TrackingFailure(kind=FailureKind.TRACKING_LOSS, reason="", log_odds_carried=5.0)
     assert not elsewhere.beats(path)
-    assert elsewhere.beats(path, failure.log_odds_of_view(view))
-    assert failure.log_odds_of_view(view) == pytest.approx(log(1e-6 * log(1e6) * exp(1.0) / view.carried_prior))
+    assert elsewhere.beats(path, failure.log_odds_of_path(view))
+    assert failure.log_odds_of_path(view) == -5.0
 
 
 def test_a_view_that_goes_on_says_nothing_against_it() -> None:
-    failure = TrackingFailure(kind=FailureKind.TRACKING_LOSS, reason="", change_by_chance=0.5)
-    assert failure.log_odds_of_view(ViewChangeConfig()) == 0.0
+    failure = TrackingFailure(kind=FailureKind.TRACKING_LOSS, reason="", log_odds_carried=-2.0)
+    assert failure.log_odds_of_path(ViewChangeConfig()) == 0.0
 
 
 def test_where_nothing_is_known_of_the_view_robots_are_seldom_carried() -> None:
     failure, view = TrackingFailure(kind=FailureKind.UNKNOWN_MOTION, reason=""), ViewChangeConfig(carried_prior=0.001)
-    assert failure.log_odds_of_view(view) == pytest.approx(log(1000.0))
+    assert failure.log_odds_of_path(view) == pytest.approx(log(1000.0))
     many, one_more = _fit(40, 0, RelocalisationConfig()), _fit(2, 0, RelocalisationConfig())
     assert many.beats(one_more)
-    assert not many.beats(one_more, failure.log_odds_of_view(view))
+    assert not many.beats(one_more, failure.log_odds_of_path(view))
 
 
-def test_a_change_that_chance_never_makes_is_no_infinity() -> None:
-    failure = TrackingFailure(kind=FailureKind.TRACKING_LOSS, reason="", change_by_chance=0.0)
-    assert -1000.0 < failure.log_odds_of_view(ViewChangeConfig()) < -100.0
+def test_many_similar_places_that_agree_are_seldom_wrong() -> None:
+    config = RelocalisationConfig(alike_scans=8.0, alike_exponent=3.0)
+    few, usual, many = (replace(_fit(20, 0, config), support=support) for support in (4, 8, 16))
+    assert usual.log_odds == _fit(20, 0, config).log_odds
+    assert many.log_odds - usual.log_odds == pytest.approx(3.0 * log(2.0)) == usual.log_odds - few.log_odds
+    assert many.beats(usual)
+    assert not few.is_sure
 
 
 @pytest.mark.parametrize(

@@ -501,7 +501,7 @@ def test_points_whose_variances_are_larger_tell_less(solution: Solution, track: 
 def finished_with(solution: Solution, track: Track, office: Simulation, matcher: IceMatcher, joint: bool) -> Finished:
     config = FinishConfig(joint=JointRefinementConfig(enabled=joint))
     found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), config)
-    return refined(found, rounds, track, matcher, LoopClosureConfig(), config, scan_of=office.log.scan)
+    return refined(found, rounds, track, matcher, config, scan_of=office.log.scan)
 
 
 def test_the_finish_of_an_office(solution: Solution, track: Track, office: Simulation, matcher: IceMatcher) -> None:

@@ -401,7 +401,7 @@ def test_loops_and_finish_bring_the_office_back_together(
     )
     found, rounds = matched_again(solution, track, matcher, LoopClosureConfig(), FinishConfig())
     config = FinishConfig()
-    finished = refined(found, rounds, track, matcher, LoopClosureConfig(), config, scan_of=office.log.scan)
+    finished = refined(found, rounds, track, matcher, config, scan_of=office.log.scan)
 
     def worst(poses: NDArray[np.float64]) -> float:
         error = between(true_poses, compose(true_poses[0], poses))

@@ -14,7 +14,7 @@ from graph.config import PoseGraphConfig
 from graph.factors import Factor
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
-from graph.se2 import between, compose
+from graph.se2 import between, compose, wrap_angle
 from iceg.ice.matcher import IceMatcher
 from iceg.slam import back_end
 from iceg.slam.broken_path import place_search, relocalisation
@@ -45,7 +45,7 @@ def track() -> Track:
     return track_log(log, IceMatcher(), OdometryModel(), FrontEndConfig())
 
 
-_carried = partial(TrackingFailure, change_by_chance=0.0)
+_carried = partial(TrackingFailure, log_odds_carried=100.0)
 """A failure at which the robot sees something else at once."""
 
 
@@ -221,11 +221,11 @@ def _over_the_whole_path(track: Track) -> Attempt:
     return _Closer(track, {last: [between(poses[0], poses[last])]}).match_anywhere(0, last, poses)
 
 
-@pytest.mark.parametrize(("chance", "outcome"), [(1e-4, "joined"), (0.2, "contradicted"), (None, "apart")])
+@pytest.mark.parametrize(("log_odds", "outcome"), [(3.0, "joined"), (-2.0, "contradicted"), (None, "apart")])
 def test_who_goes_on_seeing_the_same_is_not_put_where_places_are_similar(
-    track: Track, monkeypatch: pytest.MonkeyPatch, chance: float | None, outcome: str
+    track: Track, monkeypatch: pytest.MonkeyPatch, log_odds: float | None, outcome: str
 ) -> None:
-    monkeypatch.setitem(globals(), "_carried", partial(TrackingFailure, change_by_chance=chance))
+    monkeypatch.setitem(globals(), "_carried", partial(TrackingFailure, log_odds_carried=log_odds))
     found = _relocalised(track, {k: [_moved(track, k, _HERE)] for k in _AGAIN}, monkeypatch)
     assert [at.outcome for at in found.breaks] == [outcome]
     assert np.array_equal(found.poses, _poses(track)) == (outcome != "joined")
@@ -507,11 +507,12 @@ def test_hypotheses_are_apart_by_how_far_they_put_the_same_scan(track: Track) ->
     later = Hypothesis(key=_BREAK, closures=[closer.match_anywhere(_EARLIER, k, poses) for k in (140, 150)])
     other = _Closer(track, {k: [_moved(track, k, _THERE)] for k in (112, 130)})
     there = Hypothesis(key=_BREAK, closures=[other.match_anywhere(_EARLIER, k, poses) for k in (112, 130)])
-    assert here.apart_from(again, poses) == pytest.approx(0.0, abs=1e-9)
-    expected = np.hypot(*(compose(_HERE, poses[112]) - compose(_THERE, poses[112]))[:2])
+    assert here.apart_from(again, poses) == pytest.approx((0.0, 0.0), abs=1e-9)
+    between_them = compose(_HERE, poses[112]) - compose(_THERE, poses[112])
+    expected = (np.hypot(*between_them[:2]), abs(wrap_angle(between_them[2])))
     assert here.apart_from(there, poses) == pytest.approx(expected)
     assert there.apart_from(here, poses) == pytest.approx(expected)
-    assert there.apart_from(later, poses) == 0.0, "about other scans"
+    assert there.apart_from(later, poses) == (0.0, 0.0), "about other scans"
 
 
 def _contradicted(distance2: float) -> TrackingFailure:

@@ -89,14 +89,15 @@ def test_a_study_compares_each_rule_with_nothing_switched_off(tmp_path: Path) ->
 @pytest.mark.parametrize(
     ("command", "message"),
     [
-        (Bench(long=True), "--odometry, --laser, --noise and --baseline need --parts regression"),
-        (Bench(seeds="1-2"), "--odometry, --laser, --noise and --baseline need --parts regression"),
+        (Bench(long=True), "--laser, --fault, --noise, --baseline need --parts regression"),
+        (Bench(seeds="1-2"), "--laser, --fault, --noise, --baseline need --parts regression"),
         (Bench(parts=("regression",), workers=0), "--workers 0"),
         (Ablation(off=("near odometry",)), "need --rules"),
         (Ablation(rules=True, off=("witchcraft",)), "--off 'witchcraft', expected some of relocalisation"),
-        (Ablation(seeds="1-2"), "--odometry, --laser, --noise and --workers need --rules"),
-        (Ablation(rules=True, odometry=("none",)), "--odometry and --laser need --seeds"),
-        (Ablation(rules=True, laser="kinect"), "--odometry and --laser need --seeds"),
+        (Ablation(seeds="1-2"), "--laser, --fault, --noise and --workers need --rules"),
+        (Ablation(rules=True, odometry=("none",)), "--odometry, --laser and --fault need --seeds"),
+        (Ablation(rules=True, laser="kinect"), "--odometry, --laser and --fault need --seeds"),
+        (Bench(parts=("regression",), fault="carried"), "--odometry, --laser and --fault need --seeds"),
         (
             Bench(parts=("regression",), seeds="1-2", groups=("logs",)),
             "--seeds, --noise, and --groups or --long, expected one",

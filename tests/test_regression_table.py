@@ -176,6 +176,14 @@ def test_random_scenes_are_driven_with_another_laser() -> None:
         random_cells("7", laser="velodyne")
 
 
+def test_all_random_scenes_may_have_one_fault() -> None:
+    (cell,) = random_cells("7", fault="carried")
+    assert (cell.source, cell.fault) == ("random:7", "carried")
+    assert in_words("7", fault="carried") == "random scenes 7, carried"
+    with pytest.raises(EvaluationError, match=r"found fault .flooded., expected one of .*carried"):
+        random_cells("7", fault="flooded")
+
+
 @pytest.mark.parametrize("seeds", ["", "a", "-3", "7-", "9-8", "1-2-3", "0-10000", "\u0663", "1 - 2"])
 def test_what_is_no_range_of_seeds_is_refused(seeds: str) -> None:
     with pytest.raises(EvaluationError, match=f"found seeds '{seeds}', expected one or a range"):

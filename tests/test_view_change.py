@@ -1,6 +1,5 @@
 """How much the view changes from scan to scan, and what follows for a robot that may have been carried."""
 
-import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +16,7 @@ from graph.se2 import between, compose
 from iceg.evaluation.degradation import carried
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
-from iceg.slam.broken_path.view_change import ViewChanges, judged_by_view
+from iceg.slam.broken_path.view_change import ViewChanges, _log_odds_carried, judged_by_view
 from iceg.slam.closure_config import TrackingFailureConfig, ViewChangeConfig
 from iceg.slam.track import KeyScan, Track
 
@@ -60,17 +59,24 @@ def _carried(simulation: Simulation) -> tuple[ViewChanges, int]:
 def test_the_view_of_a_robot_that_drives_changes_little(simulation: Simulation) -> None:
     views = _views(simulation.log, simulation.truth)
     n_keys = len(views.track.keys)
-    rare = [key for key in range(1, n_keys) if (views.chance(views.steps(key, 1)) or 0.0) <= 1e-4]
-    assert len(rare) <= 0.01 * n_keys
+    likely = [key for key in range(1, n_keys) if (views.bayes_factor(views.steps(key, 1)) or 0.0) >= 10.0]
+    assert len(likely) <= 0.01 * n_keys
 
 
 def test_that_of_one_that_is_carried_changes_as_it_never_does_by_chance(simulation: Simulation) -> None:
     views, at = _carried(simulation)
-    chance = views.chance(np.array([at]))
-    assert chance is not None
-    assert chance < 1e-4
-    others = [views.chance(np.array([at + offset])) for offset in (-20, -1, 1, 20)]
-    assert min(other for other in others if other is not None) > 10.0 * chance
+    factor = views.bayes_factor(np.array([at]))
+    assert factor is not None
+    assert factor > 300.0
+    others = [views.bayes_factor(np.array([at + offset])) for offset in (-20, -1, 1, 20)]
+    assert max(other for other in others if other is not None) < 1.0
+
+
+def test_one_of_many_steps_says_as_much_less_as_there_are_others(simulation: Simulation) -> None:
+    views, at = _carried(simulation)
+    alone, among = (views.bayes_factor(steps) for steps in (np.array([at]), np.arange(at - 9, at + 1)))
+    assert alone is not None
+    assert among == pytest.approx(alone / 10.0, rel=0.01)
 
 
 def test_where_tracking_comes_back_is_not_where_the_robot_was_carried(simulation: Simulation) -> None:
@@ -85,9 +91,9 @@ def test_poses_that_are_wrong_by_little_change_no_view(simulation: Simulation) -
     """Odometry may jump, or a match be wrong by a hand's breadth: what the laser sees goes on all the same."""
     poses, step = simulation.truth.copy(), 700
     poses[step:] = compose(compose(poses[step], [0.02, -0.02, 0.003]), between(poses[step], poses[step:]))
-    chance = _views(simulation.log, poses).chance(np.array([step - 1]))
-    assert chance is not None
-    assert chance > _CONFIG.carried_chance
+    factor = _views(simulation.log, poses).bayes_factor(np.array([step - 1]))
+    assert factor is not None
+    assert factor < 1.0
 
 
 def test_tracking_that_goes_astray_for_a_scan_changes_no_view(simulation: Simulation) -> None:
@@ -96,10 +102,10 @@ def test_tracking_that_goes_astray_for_a_scan_changes_no_view(simulation: Simula
     poses[step] = compose(poses[step], [0.25, -0.1, 0.05])
     views = _views(simulation.log, poses)
     astray = np.array([step - 1])
-    assert views._tail(float(views._changes(astray)[0])) <= _CONFIG.carried_chance
-    chance = views.chance(astray)
-    assert chance is not None
-    assert chance > _CONFIG.carried_chance
+    assert views._ratio(float(views._changes(astray)[0])) > 10.0
+    factor = views.bayes_factor(astray)
+    assert factor is not None
+    assert factor < 1.0
     assert float(np.median(views._elsewhere)) > 0.2
 
 
@@ -107,13 +113,20 @@ def test_nothing_is_said_of_a_laser_that_is_covered(simulation: Simulation) -> N
     ranges = simulation.log.ranges.copy()
     ranges[500:510] = np.nan
     views = _views(replace(simulation.log, ranges=ranges), simulation.truth)
-    assert views.chance(np.arange(495, 505)) is None
-    assert views.chance(np.arange(480, 490)) is not None
+    assert views.bayes_factor(np.arange(500, 505)) == 1.0
+    assert views.bayes_factor(np.arange(480, 490)) != 1.0
+
+
+def test_a_beam_without_return_looks_through_what_was_there() -> None:
+    ranges = np.full((2, 181), 4.0, np.float32)
+    ranges[1, :90] = np.nan
+    views = _views(Log.from_arrays(ranges, bearings=np.radians(np.arange(181.0) - 90.0)), np.zeros((2, 3)))
+    assert views._changes(np.array([0]))[0] == pytest.approx(45 / (91 + 46), abs=0.03)  # every other beam
 
 
 def test_nor_by_a_log_of_few_scans(simulation: Simulation) -> None:
     views = _views(simulation.log, simulation.truth, replace(_CONFIG, min_steps=10**6))
-    assert views.chance(np.arange(495, 505)) is None
+    assert views.bayes_factor(np.arange(495, 505)) is None
 
 
 def test_a_whole_turn_is_compared_across_its_ends() -> None:
@@ -132,24 +145,30 @@ def test_only_beams_that_both_scans_have_are_compared(turn: float, share: float)
     assert compared[0] / 91 == pytest.approx(share, abs=0.02)  # every other beam is looked at
 
 
-@given(shape=st.floats(0.2, 2.0), factor=st.floats(1.0, 30.0))
+def _told_by(usual: NDArray[np.float64], elsewhere: NDArray[np.float64]) -> ViewChanges:
+    views = object.__new__(ViewChanges)
+    object.__setattr__(views, "config", _CONFIG)
+    views.__dict__.update(_usual=np.sort(usual), _elsewhere=elsewhere)
+    return views
+
+
+@given(shape=st.floats(0.2, 1.0), factor=st.floats(1.5, 15.0))
 def test_beyond_what_the_log_has_seen_a_pareto_tail_goes_on(shape: float, factor: float) -> None:
-    usual = (1.0 - (np.arange(2000) + 0.5) / 2000) ** -shape  # quantiles of a Pareto distribution
-    views = object.__new__(ViewChanges)
-    object.__setattr__(views, "config", _CONFIG)
-    views.__dict__["_usual"] = usual
+    """Against changes that are uniform for a robot that is carried, the ratio is one over the density of the tail."""
+    usual = 0.02 * (1.0 - (np.arange(2000) + 0.5) / 2000) ** -shape  # quantiles of a Pareto distribution
+    views = _told_by(usual, (np.arange(10_000) + 0.5) / 10_000)
     start = float(np.quantile(usual, 1.0 - _CONFIG.tail))
-    assert views._tail(factor * start) == pytest.approx(_CONFIG.tail * factor ** (-1.0 / shape), rel=0.15)
+    change = factor * start
+    if start + _CONFIG.window < change < 1.0 - _CONFIG.window:
+        density = _CONFIG.tail * factor ** (-1.0 / shape) / (shape * change)
+        assert views._ratio(change) == pytest.approx(1.0 / density, rel=0.3)
 
 
-@given(usual=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=80), changes=st.lists(st.floats(0.0, 1.0), min_size=2))
-def test_larger_changes_are_never_more_probable(usual: list[float], changes: list[float]) -> None:
-    views = object.__new__(ViewChanges)
-    object.__setattr__(views, "config", _CONFIG)
-    views.__dict__["_usual"] = np.sort(usual)
-    chances = [views._tail(change) for change in sorted(changes)]
-    assert all(0.0 <= chance <= 1.0 for chance in chances)
-    assert all(later <= earlier + 1e-12 for earlier, later in itertools.pairwise(chances))
+@given(usual=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=80), change=st.floats(0.0, 1.0))
+def test_any_change_of_view_makes_carrying_so_many_times_as_probable(usual: list[float], change: float) -> None:
+    ratio = _told_by(np.array(usual), np.linspace(0.0, 1.0, 60))._ratio(change)
+    assert 0.0 < ratio < np.inf
+    assert _told_by(np.array(usual), np.linspace(0.0, 1.0, 60))._ratio(float("nan")) == 1.0
 
 
 @pytest.mark.parametrize("is_dead", [False, True])
@@ -175,12 +194,39 @@ def test_what_nothing_but_carrying_explains_is_a_loss(simulation: Simulation) ->
     views, at = _carried(simulation)
     carried_key, other = at // _EVERY + 1, 40
     beyond = TrackingFailure(kind=FailureKind.INCONSISTENT, reason="the match lies far off", distance2=1000.0)
-    within = replace(beyond, distance2=30.0)
     judged = judged_by_view({carried_key: beyond, other: beyond}, views, TrackingFailureConfig())
     assert judged[carried_key].is_lost
     assert judged[carried_key].reason == "what the laser sees changed at once, and the match lies far off"
     assert not judged[other].is_lost
-    assert not judged[other].may_be_carried(_CONFIG)
-    (chance_explains,) = judged_by_view({carried_key: within}, views, TrackingFailureConfig()).values()
-    assert not chance_explains.is_lost
-    assert chance_explains.may_be_carried(_CONFIG)
+    assert not judged[other].may_be_carried()
+
+
+def test_the_more_often_tracking_fails_the_less_one_failure_says(simulation: Simulation) -> None:
+    views, at = _carried(simulation)
+    carried_key = at // _EVERY + 1
+    failure = TrackingFailure(kind=FailureKind.NO_MATCH, reason="nothing matched")
+    (alone,) = judged_by_view({carried_key: failure}, views, TrackingFailureConfig()).values()
+    many = dict.fromkeys((*range(10, 30), carried_key), failure)
+    among = judged_by_view(many, views, TrackingFailureConfig())[carried_key]
+    assert alone.log_odds_carried is not None
+    assert among.log_odds_carried is not None
+    usual = _CONFIG.usual_failures
+    assert alone.log_odds_carried - among.log_odds_carried == pytest.approx(np.log((20 + usual) / usual), abs=0.1)
+
+
+def test_who_was_carried_twice_was_not_lost_for_another_cause() -> None:
+    failure, config = TrackingFailure(kind=FailureKind.NO_MATCH, reason="nothing matched"), _CONFIG
+    alone = _log_odds_carried({1: failure}, {1: 18.0}, config)[1]
+    twice = _log_odds_carried({1: failure, 2: failure}, {1: 18.0, 2: 1e6}, config)[1]
+    beside = _log_odds_carried({1: failure, 2: failure}, {1: 18.0, 2: 1e-6}, config)[1]
+    assert alone == pytest.approx(np.log(18.0 * config.carried_prior / config.usual_failures))
+    assert twice == pytest.approx(alone, abs=0.01)
+    assert beside == pytest.approx(alone - np.log(1.0 + 1.0 / config.usual_failures), abs=0.01)
+    assert 2 not in _log_odds_carried({1: failure, 2: failure}, {1: 18.0}, config)
+
+
+@pytest.mark.parametrize(("distance2", "expected"), [(25.0, 0.1), (1e9, 20.0), (1e3, 1.0 / (0.95 * 0.25 + 0.05))])
+def test_a_contradiction_of_any_magnitude_is_that_of_a_robot_that_is_carried(distance2: float, expected: float) -> None:
+    failure = TrackingFailure(kind=FailureKind.INCONSISTENT, reason="the match lies far off", distance2=distance2)
+    assert failure.contradiction(25.0, 0.05) == pytest.approx(expected, rel=0.06)
+    assert replace(failure, kind=FailureKind.NO_MATCH).contradiction(25.0, 0.05) == 1.0

@@ -36,13 +36,13 @@ Seeds = Annotated[
     str | None,
     tyro.conf.arg(
         metavar="A-B",
-        help="Regression table: instead of its cells the random scenes of these seeds, such as 5000-5099.",
+        help="Regression table: random scenes, such as 5000-5099.",
         help_behavior_hint="",
     ),
 ]
 Odometry = Annotated[
     tuple[Literal["good", "fair", "poor", "none"], ...],
-    tyro.conf.arg(help="--seeds: only robots with such odometry; left out: any.", help_behavior_hint=""),
+    tyro.conf.arg(help="--seeds: only such odometry; left out: any.", help_behavior_hint=""),
 ]
 
 Noise = Annotated[
@@ -56,6 +56,11 @@ Noise = Annotated[
 OneLaser = Annotated[
     str | None,
     tyro.conf.arg(metavar="NAME", help="--seeds: this laser of `iceg simulate` for all.", help_behavior_hint=""),
+]
+
+OneFault = Annotated[
+    str | None,
+    tyro.conf.arg(metavar="NAME", help="--seeds: this fault of docs/robustness.md in all.", help_behavior_hint=""),
 ]
 
 
@@ -115,6 +120,7 @@ class Bench:
     seeds: Seeds = None
     odometry: Odometry = ()
     laser: OneLaser = None
+    fault: OneFault = None
     noise: Noise = None
     baseline: Annotated[
         Path | None,
@@ -141,7 +147,7 @@ class Bench:
             )
         if not has_regression and (_chooses_cells(self) or self.baseline is not None):
             raise UsageError(
-                "--groups, --long, --seeds, --odometry, --laser, --noise and --baseline need --parts regression"
+                "--groups, --long, --seeds, --odometry, --laser, --fault, --noise, --baseline need --parts regression"
             )
         _check_choice(self)
         if self.workers is not None and self.workers < 1:
@@ -266,6 +272,7 @@ class Ablation:
     seeds: Seeds = None
     odometry: Odometry = ()
     laser: OneLaser = None
+    fault: OneFault = None
     noise: Noise = None
     workers: Annotated[
         int | None,
@@ -290,7 +297,7 @@ class Ablation:
             return
         if self.off or _chooses_cells(self) or self.workers is not None:
             raise UsageError(
-                "--off, --groups, --long, --seeds, --odometry, --laser, --noise and --workers need --rules"
+                "--off, --groups, --long, --seeds, --odometry, --laser, --fault, --noise and --workers need --rules"
             )
         check_directory(self.output, overwrite=True)
         logs = logs_to_judge(self.logs, None if self.logs else _public_logs(self.data, telling))
@@ -390,14 +397,14 @@ class Nees:
 
 def _chooses_cells(command: Bench | Ablation) -> bool:
     """Whether it says which cells of the regression table to run."""
-    samples = (command.seeds, command.noise, command.laser)
-    return bool(command.groups or command.long or command.odometry or samples != (None, None, None))
+    samples = (command.seeds, command.noise, command.laser, command.fault)
+    return bool(command.groups or command.long or command.odometry or any(word is not None for word in samples))
 
 
 def _check_choice(command: Bench | Ablation) -> None:
     """Refuse options that choose cells in two ways."""
-    if command.seeds is None and (command.odometry or command.laser is not None):
-        raise UsageError("--odometry and --laser need --seeds")
+    if command.seeds is None and (command.odometry or command.laser is not None or command.fault is not None):
+        raise UsageError("--odometry, --laser and --fault need --seeds")
     chosen = (command.groups or command.long, command.seeds is not None, command.noise is not None)
     if sum(map(bool, chosen)) > 1:
         raise UsageError("found two of --seeds, --noise, and --groups or --long, expected one of them")
@@ -405,14 +412,14 @@ def _check_choice(command: Bench | Ablation) -> None:
 
 def _chosen_cells(command: Bench | Ablation, data: Path | None) -> "tuple[list[Cell], str]":
     """The cells of the regression table that a command is about; what they are, "" for their groups."""
-    from iceg.evaluation.regression.cells import chosen, close_cells
+    from iceg.evaluation.regression.cells import NO_FAULT, chosen, close_cells
     from iceg.evaluation.regression.random_cells import in_words, random_cells, seed_range
 
     if command.noise is not None:
         return close_cells(data, seed_range(command.noise)), f"faults where a millimetre decides, noise {command.noise}"
     if command.seeds is None:
         return chosen(data, command.groups, short=not command.long), ""
-    sample = (command.seeds, command.odometry, command.laser)
+    sample = (command.seeds, command.odometry, command.laser, command.fault or NO_FAULT)
     return random_cells(*sample), in_words(*sample)
 
 

@@ -164,7 +164,7 @@ class TrackingFailureConfig(SlamSettings, prefix="failures: "):
 
 @dataclass(frozen=True, kw_only=True)
 class ViewChangeConfig(SlamSettings, prefix="view: "):
-    """By how much what the laser sees changes from scan to scan, and whether the robot may have been carried then."""
+    """By how much what the laser sees changes from scan to scan, and whether the robot was carried then."""
 
     distance: float = 0.05
     """Two scans agree about a beam that ends within this of what the other sees there [m]."""
@@ -189,13 +189,15 @@ class ViewChangeConfig(SlamSettings, prefix="view: "):
     """Fewest such steps; of a log with fewer nothing is said."""
     tail: float = between(0.05, *RATES)
     """Share of the steps, those that change most, to which a Pareto tail is fitted."""
-    carried_chance: float = between(0.01, *RATES)
-    """A robot may have been carried where chance changes the view as much with no more than this probability."""
-    carried_prior: float = between(0.01, *RATES)
-    """Probability, before anything is seen, that the robot was carried where tracking failed."""
-    false_alarm: float = between(0.05, *RATES)
-    """It was carried where, besides, match and odometry contradict each other beyond chance, and chance changes the
-    view as much anywhere in a log at such places with no more than this probability."""
+    window: float = between(0.1, 1e-3, 1.0)
+    """Changes within this of one tell how probable it is for a robot that is carried."""
+    carried_prior: float = between(0.03, *RATES)
+    """Probability, before anything is seen, that the robot was carried somewhere in a log in which tracking fails."""
+    usual_failures: float = positive(0.15)
+    """Failures of tracking in a log, in the mean, beside those of a robot that is carried."""
+    slip: float = between(0.05, *RATES)
+    """Probability that wheels slip where match and odometry contradict each other, so that they may do so by
+    anything."""
 
     @property
     def step(self) -> Tolerance:
@@ -243,6 +245,10 @@ class RelocalisationConfig(SlamSettings, prefix="relocalisation: "):
     """Standard deviation in heading of a scan that verifies a hypothesis [rad]."""
     min_overlap: float = 0.5
     """From this overlap on a scan that does not agree contradicts what was seen there."""
+    alike_scans: float = positive(8.3)
+    """So many key scans of similar places that agree are as often about a wrong place as about the right one."""
+    alike_exponent: float = between(2.8, 0.0, 20.0)
+    """Sets of closures about a wrong place get rarer by this power of how many key scans agree."""
     reach: float = 8.0
     """Farthest along the path from a closure that key scans verify it [m]."""
     pass_length: float = 16.0
@@ -253,6 +259,8 @@ class RelocalisationConfig(SlamSettings, prefix="relocalisation: "):
     """Most key scans that verify a hypothesis."""
     rival_distance: float = 2.0
     """Hypotheses that put the same scans so far apart are about different places [m]."""
+    rival_turn: Radians = 0.5
+    """So are those that turn the same scans so far against each other [rad]: a room may look alike from both ends."""
     rival_support: float = 0.5
     """Another is weighed that has this share of the key scans of a hypothesis."""
 

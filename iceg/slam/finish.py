@@ -149,7 +149,6 @@ def refined(
     rounds: Sequence[Round],
     track: Track,
     matcher: MapMatcher,
-    closures: LoopClosureConfig,
     config: FinishConfig,
     *,
     scan_of: Callable[[int], Scan],
@@ -163,7 +162,6 @@ def refined(
         rounds: what was done before.
         track: key scans.
         matcher: that matched them.
-        closures: what counts as a closure.
         config: of the refinement.
         scan_of: the scans of the log by index, so that those between key scans take part in the joint refinement.
         noise: of the ranges beyond what the settings allow for.
@@ -172,9 +170,8 @@ def refined(
     Returns:
         The final poses and factors; the poses as they are where the finish is switched off, or there is one alone.
     """
-    min_credible = closures.relocalisation.min_credible
     if not config.enabled or len(track.keys) < 2:
-        measured = without_lost_steps(solution.factors, solution.breaks, min_credible)
+        measured = without_lost_steps(solution.factors, solution.breaks)
         return Finished(solution=replace(solution, factors=measured), rounds=[])
     clock = _Clock()
     attempts, loops = without_contradicted(
@@ -185,7 +182,7 @@ def refined(
     )
     solved = [*(factor for factor in solution.factors if not _is_robust(factor)), *loops]
     # Odometry still holds in their place, while poses and map are refined, the parts that nothing else ties.
-    measured = without_lost_steps(solved, solution.breaks, min_credible)
+    measured = without_lost_steps(solved, solution.breaks)
     found, done = replace(solution, factors=measured, attempts=attempts), list(rounds)
     if not config.joint.enabled:
         return Finished(solution=found, rounds=done)

@@ -52,6 +52,17 @@ class Solution:
             attempts=[*self.attempts, *(replace(c, reason=f"{why}; {c.reason}") for c in fresh)],
         )
 
+    def without(self, closures: Sequence[Attempt], why: str) -> "Solution":
+        """Without some of its closures, and solved."""
+        gone = {closure.pair for closure in closures}
+        factors = [factor for factor in self.factors if factor.kind != "closure" or factor.pair not in gone]
+        return replace(
+            self,
+            factors=factors,
+            poses=optimize(factors, self.poses, BATCH).poses,
+            attempts=[a.taken_out(why) if a.accepted and a.pair in gone else a for a in self.attempts],
+        )
+
     def moved(
         self, key: int, closures: Sequence[Attempt], correction: Floats, moving: Bools, near: Tolerance
     ) -> "Solution":

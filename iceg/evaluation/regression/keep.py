@@ -25,6 +25,7 @@ iceg bench --parts regression -o DIR      # the table, against the baseline; --l
 iceg ablation --rules -o DIR              # the same with each rule and gate switched off in turn
 iceg bench --parts regression --seeds 5000-5799 --odometry none -o DIR      # either on as many random scenes as wanted
 iceg bench --parts regression --seeds 9000-9060 --laser kinect -o DIR        # with another laser than they draw
+iceg bench --parts regression --seeds 9080-9200 --fault carried -o DIR       # all with one fault
 iceg bench --parts regression --noise 11-14 -o DIR                          # where a millimetre decides, other noise
 python -m iceg.evaluation.regression.likelihood -o FILE --seeds 26000-26319 [--baseline FILE]    # of the factors alone
 python -m iceg.evaluation.regression.shortfall --seeds 9100-9160 --laser urg-04lx [--perfect]    # of matches: bias

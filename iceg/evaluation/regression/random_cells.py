@@ -7,15 +7,18 @@ from frontends.simulator.laser import Laser
 from frontends.simulator.lasers import LASERS
 from frontends.simulator.random_scenes.devices import Quality
 from frontends.simulator.random_scenes.scene import drawn_odometry
+from iceg.evaluation.degradation import DEGRADATIONS
 from iceg.evaluation.errors import EvaluationError
-from iceg.evaluation.regression.cells import Cell
+from iceg.evaluation.regression.cells import NO_FAULT, Cell
 
 _SEEDS = re.compile(r"(\d{1,18})(?:-(\d{1,18}))?", re.ASCII)
 _MOST = 10_000
 """Scenes of one range: more take days."""
 
 
-def random_cells(seeds: str, odometry: Sequence[Quality] = (), laser: str | None = None) -> list[Cell]:
+def random_cells(
+    seeds: str, odometry: Sequence[Quality] = (), laser: str | None = None, fault: str = NO_FAULT
+) -> list[Cell]:
     """The random scenes of a range of seeds.
 
     Args:
@@ -23,18 +26,21 @@ def random_cells(seeds: str, odometry: Sequence[Quality] = (), laser: str | None
         odometry: only scenes whose robot has wheels of these qualities; of any when left out.
         laser: name of one of `frontends.simulator.lasers.LASERS` that all robots have; each the one it draws when left
             out.
+        fault: one of `degradation.DEGRADATIONS` that all logs have.
 
     Returns:
-        A cell for each, without fault or noise.
+        A cell for each, without noise.
 
     Raises:
-        EvaluationError: no such range, no such scene in it, or no such laser.
+        EvaluationError: no such range, no such scene in it, or no such laser or fault.
     """
+    if fault != NO_FAULT and fault not in DEGRADATIONS:
+        raise EvaluationError(f"found fault '{fault}', expected one of {', '.join(DEGRADATIONS)}")
     if laser is not None:
         named_laser(laser)
     ending = "" if laser is None else f" {laser}"
     found = [
-        Cell(group="random", source=f"random:{seed}{ending}")
+        Cell(group="random", source=f"random:{seed}{ending}", fault=fault)
         for seed in seed_range(seeds)
         if not odometry or drawn_odometry(seed) in odometry
     ]
@@ -54,10 +60,10 @@ def named_laser(name: str) -> Laser:
     return LASERS[name]()
 
 
-def in_words(seeds: str, odometry: Sequence[Quality] = (), laser: str | None = None) -> str:
+def in_words(seeds: str, odometry: Sequence[Quality] = (), laser: str | None = None, fault: str = NO_FAULT) -> str:
     """What such a sample is, for a table: "random scenes 5000-5899, odometry none, kinect"."""
     wheels = [f"odometry {' or '.join(odometry)}"] if odometry else []
-    return ", ".join([f"random scenes {seeds}", *wheels, *([laser] if laser else [])])
+    return ", ".join([f"random scenes {seeds}", *wheels, *([laser] if laser else []), *([fault] * (fault != NO_FAULT))])
 
 
 def seed_range(seeds: str) -> range:

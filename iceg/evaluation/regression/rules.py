@@ -10,6 +10,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
 from functools import reduce
 from importlib import import_module
+from math import inf
 from types import MappingProxyType
 from typing import Any
 from unittest.mock import patch
@@ -131,7 +132,7 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="only who sees something else at once may have been carried",
             without={
                 f"{_SLAM}.back_end:judged_by_view": lambda failures, *_: {
-                    key: replace(failure, change_by_chance=0.0) for key, failure in failures.items()
+                    key: replace(failure, log_odds_carried=inf) for key, failure in failures.items()
                 }
             },
         ),

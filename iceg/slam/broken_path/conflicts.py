@@ -40,7 +40,7 @@ def with_conflicts(
         failure, where = failures.get(key), int(stretch[key])
         if failure is None or failure.kind is not FailureKind.INCONSISTENT or key in dead or where in told:
             continue
-        if across[key] >= (config.failures.settling_closures if failure.has_changed_view(config.view) else 1):
+        if across[key] >= (config.failures.settling_closures if failure.is_carried else 1):
             continue
         known = worst.get(where)
         if end < path[key] < path[-1] - end and (known is None or failure.distance2 > failures[known].distance2):

@@ -5,7 +5,7 @@ chance one after the other, and where they do at both places, nothing is decided
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import log
 
 import numpy as np
@@ -26,11 +26,13 @@ class FitCount:
     Attributes:
         agreeing: matches that say the same.
         against: how many scans contradict what else was seen there, or fit better elsewhere.
+        support: how many key scans of similar places say so, before these were asked; 0 of the present estimate.
         config: how many it takes.
     """
 
     agreeing: list[Attempt]
     against: int
+    support: int = 0
     config: RelocalisationConfig = field(default_factory=RelocalisationConfig)
 
     @property
@@ -51,7 +53,10 @@ class FitCount:
     @property
     def log_odds(self) -> float:
         """How much more probable it is that such counts come of scans that are put rightly, the logarithm."""
-        return self.config.contradiction.log_odds(len(self.agreeing), self.against)
+        counted = self.config.contradiction.log_odds(len(self.agreeing), self.against)
+        if not self.support:
+            return counted
+        return counted + self.config.alike_exponent * log(self.support / self.config.alike_scans)
 
     def beats(self, other: "FitCount", log_prior: float = 0.0) -> bool:
         """Whether this is clearly the more probable of two.
@@ -90,7 +95,7 @@ class HypothesisVerifier:
             # other passes may have drifted away from this one
             most, at = self._config.pass_length, self._path[nearest.key_old]
             seen += [candidate for candidate in around if abs(self._path[candidate.key_old] - at) <= most]
-        return self._count(seen, poses)
+        return replace(self._count(seen, poses), support=hypothesis.support)
 
     def of_estimate(self, hypothesis: Hypothesis, poses: Floats, among: Bools | None = None) -> FitCount:
         """Verify the same scans where the poses put them.

@@ -2,12 +2,14 @@
 
 from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum
-from math import e, log
-from sys import float_info
+from math import log
 
 from iceg.slam.closure_config import TrackingFailureConfig, ViewChangeConfig
 from iceg.slam.run_warning import Kind, RunWarning
 from iceg.slam.track import Track
+
+_MAGNITUDES = 10.0
+"""Between the least contradiction and the largest lie so many factors of e, squared distances of 25 and 10⁶."""
 
 
 class Outcome(StrEnum):
@@ -51,8 +53,8 @@ class TrackingFailure:
         reason: what was noticed there, for a person.
         unexplained: share of the scan that the match does not explain.
         distance2: squared Mahalanobis distance of an inconsistent match from odometry.
-        change_by_chance: how probable it is that what the laser sees changes so much by chance from one scan to the
-            next; None where that is not known.
+        log_odds_carried: how many times as probable it is that the robot was carried there as that it was not, the
+            logarithm; None where what the laser sees does not tell.
         scan: of the log, the first that sees something else; None where the view goes on.
     """
 
@@ -60,37 +62,54 @@ class TrackingFailure:
     reason: str
     unexplained: float = 0.0
     distance2: float = 0.0
-    change_by_chance: float | None = None
+    log_odds_carried: float | None = None
     scan: int | None = None
 
-    def may_be_carried(self, config: ViewChangeConfig) -> bool:
-        """Whether the robot may have been carried: the view changed at once, or nothing has seen the way."""
-        is_unseen = self.change_by_chance is None and self.kind is FailureKind.UNKNOWN_MOTION
-        return is_unseen or self.has_changed_view(config)
+    def may_be_carried(self, log_odds: float = 0.0) -> bool:
+        """Whether the robot may have been carried: view and scans elsewhere say so, or nothing has seen the way.
 
-    def has_changed_view(self, config: ViewChangeConfig) -> bool:
-        """Whether what the laser sees changed at once."""
-        return self.change_by_chance is not None and self.change_by_chance <= config.carried_chance
+        Args:
+            log_odds: how much more probable scans that agree elsewhere make it that it was, the logarithm.
+        """
+        if self.log_odds_carried is None:
+            return self.kind is FailureKind.UNKNOWN_MOTION
+        return self.log_odds_carried + max(log_odds, 0.0) > 0.0
 
-    def by_odometry(self, config: ViewChangeConfig) -> "TrackingFailure":
-        """The same where odometry told the way: who may not have been carried knows where he is, whatever matches."""
-        if self.kind is not FailureKind.TRACKING_LOSS or self.has_changed_view(config):
+    @property
+    def is_carried(self) -> bool:
+        """Whether it is more probable than not that the robot was carried: what the laser sees changed at once."""
+        return self.log_odds_carried is not None and self.log_odds_carried > 0.0
+
+    def by_odometry(self) -> "TrackingFailure":
+        """The same where odometry told the way: who was not carried knows where he is, whatever matches."""
+        if self.kind is not FailureKind.TRACKING_LOSS or self.is_carried:
             return self
         return replace(self, kind=FailureKind.NO_MATCH)
 
-    def log_odds_of_view(self, config: ViewChangeConfig) -> float:
-        """The logarithm of how many times as probable as a carried robot it is that the view changed by chance.
+    def log_odds_of_path(self, config: ViewChangeConfig) -> float:
+        """How many times as probable the path is as a robot that was carried, the logarithm.
 
-        A p-value p speaks against chance by no more than the Bayes factor -e p log p (Sellke, Bayarri and Berger 2001).
         Where nothing is known of the view, robots are seldom carried. 0 where the view goes on: nothing is said of how
         probable the path is then.
         """
-        if self.change_by_chance is None:
+        if self.log_odds_carried is None:
             return -log(config.carried_prior)
-        if not self.has_changed_view(config):
-            return 0.0
-        p = max(self.change_by_chance, float_info.min)
-        return log(-e * p * log(p) / config.carried_prior)
+        return -max(self.log_odds_carried, 0.0)
+
+    def contradiction(self, gate: float, slip: float) -> float:
+        """How many times as probable it is that match and odometry differ so much if the robot was carried.
+
+        Whoever is carried to a place like the one he left matches anywhere in it: the squared distance may have any
+        order of magnitude. By chance one beyond the gate gets rarer as it grows; wheels that slip may put it anywhere,
+        too.
+
+        Args:
+            gate: squared distance from which on they contradict each other.
+            slip: probability that such a contradiction is a slip.
+        """
+        if self.kind is not FailureKind.INCONSISTENT:
+            return 1.0
+        return 1.0 / ((1.0 - slip) * _MAGNITUDES * gate / max(self.distance2, gate) + slip)
 
     @property
     def is_lost(self) -> bool:

@@ -165,6 +165,8 @@ class _Relocalisation:
         """Verify a hypothesis, and where they differ the present estimate and other sets; act on what holds."""
         poses = self._now.poses
         fit = self._verifier.of_hypothesis(hypothesis, poses)
+        if hypothesis.is_chance(self._places.path, poses, self._config.relocalisation):
+            fit = replace(fit, support=0)  # no places that are alike by chance lie where the path has them
         closures = _distinct([*fit.agreeing, *hypothesis.closures])
         is_confirmed = self._is_confirmed(closures)
         if not fit.is_passed:
@@ -180,7 +182,8 @@ class _Relocalisation:
         key = hypothesis.key if among[first.key_new] else int(max(whole[first.key_old], whole[first.key_new]))
         path, config = self._places.path, self._config.relocalisation
         is_bridge = self._steps.is_bridge if key in self._steps.refuted() else None
-        if is_confirmed or hypothesis.is_drift(path, poses, config, is_bridge):
+        is_carried = (failure := self._steps.failures.get(key)) is not None and failure.is_carried
+        if not is_carried and (is_confirmed or hypothesis.is_drift(path, poses, config, is_bridge)):
             if not is_confirmed and not hypothesis.is_chance(path, poses, config):
                 self._note(key, Outcome.DRIFTED, closures, hypothesis.correction(poses))
             self._steps.failures.pop(key, None)
@@ -200,7 +203,7 @@ class _Relocalisation:
         What errors of the path explain takes no robot that was carried, and so no prior against one.
         """
         failure, config = self._steps.failures.get(hypothesis.key), self._config.relocalisation
-        log_odds = 0.0 if failure is None else failure.log_odds_of_view(self._config.view)
+        log_odds = 0.0 if failure is None else failure.log_odds_of_path(self._config.view)
         is_explained = log_odds > 0.0 and hypothesis.is_chance(self._places.path, self._now.poses, config)
         return 0.0 if is_explained else log_odds
 
@@ -219,8 +222,9 @@ class _Relocalisation:
             other = Hypothesis(key=hypothesis.key, closures=[c for c in closures if parts.of(c) == asked])
             if not other.closures:
                 continue
-            apart = hypothesis.apart_from(other, poses)
-            if apart < config.rival_distance or other.support < config.rival_support * hypothesis.support:
+            apart, turned = hypothesis.apart_from(other, poses)
+            is_elsewhere = apart >= config.rival_distance or turned >= config.rival_turn
+            if not is_elsewhere or other.support < config.rival_support * hypothesis.support:
                 continue
             there = self._verifier.of_hypothesis(other, poses)
             if there.is_passed and not fit.beats(there):
@@ -259,7 +263,7 @@ class _Relocalisation:
         is to compare: the three metres before a loss fit many places along a corridor of evenly spaced doors.
         """
         failure = self._steps.failures.get(key)
-        is_known = failure is not None and failure.may_be_carried(self._config.view)
+        is_known = failure is not None and failure.may_be_carried(fit.log_odds)
         if not is_known:
             if self._steps.failure(key).rank <= 1.0 - self._config.failures.believed_inlier_ratio:
                 return _Decision.OPEN
@@ -308,18 +312,20 @@ class _Relocalisation:
         across = [a for a in self._now.attempts if a.accepted and a.spans(key) and a.key_new < end]
         claimed, agreeing = Hypothesis(key=key, closures=across), 0
         if claimed.support >= self._config.confirmations:
-            fit = self._verifier.of_estimate(claimed, self._now.poses)
+            fit = replace(self._verifier.of_estimate(claimed, self._now.poses), support=claimed.support)
             if fit.is_passed and failure.scan is None:
                 return
             if failure.kind < FailureKind.UNKNOWN_MOTION:
                 agreeing = len(fit.agreeing)
-                view = failure.log_odds_of_view(self._config.view)
+                view = failure.log_odds_of_path(self._config.view)
                 if fit.is_credible and (failure.scan is None or fit.log_odds + view > 0.0):
                     found = Break(key=key, outcome=Outcome.CREDIBLE, reason=failure.reason, closures=agreeing)
                     self._breaks[key] = found
                     return
         found = Break(key=key, outcome=Outcome.APART, reason=failure.reason, closures=agreeing, scan=failure.scan)
         self._breaks[key] = replace(found, across=len(across))
+        if found.is_sudden and across:
+            self._now = self._now.without(across, "too few agree to tie what a sudden loss has torn apart")
 
 
 def _distinct(closures: Sequence[Attempt]) -> list[Attempt]:

@@ -1,10 +1,11 @@
-"""Whether the robot may have been carried at a step of its path: then the laser sees something else at once.
+"""Whether the robot was carried at a step of its path: then the laser sees something else at once.
 
 A robot that drives sees from one scan to the next almost the same, whatever its odometry or a match says of the step.
-One that is carried, or whose recording was cut, does not; only where places look alike does it go unnoticed. How often
-chance changes a view by as much is told by all other steps of the same log: by their ranks, and beyond the rarest of
-them by the Pareto tail that fits these (Hill 1975), for people and doors that appear at once make that tail heavy. How
-much it changes for one that is carried, scans of different parts of the log tell.
+One that is carried, or whose recording was cut, does not; only where places look alike does it go unnoticed. How
+probable a change of view is by chance, all other steps of the same log tell: beyond the rarest of them the Pareto tail
+that fits these (Hill 1975), for people and doors that appear at once make that tail heavy. How probable it is for one
+that is carried, scans of different parts of the log tell. The ratio of the two is a Bayes factor; how often tracking
+fails in that log says what it is up against.
 """
 
 import math
@@ -18,6 +19,7 @@ from frontends.scan import Log
 from graph.arrays import Floats, Ints
 from graph.elementary import arctan2
 from graph.measurement import NoMatch
+from graph.noise import chi2_gate
 from graph.se2 import between, compose, transform_points
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
@@ -27,6 +29,15 @@ from iceg.slam.track import Track
 _TOGETHER = 100
 """Steps that are compared at once, for memory."""
 _NOT_YET = -1.0
+_LEAST_CHANGE = 1e-3
+"""No smaller share of the beams is a change."""
+_LIGHTEST_TAIL = 1.01
+"""Half of what lies beyond the tail's start lies beyond so many times its start, at least."""
+_LEAST_DENSITY = 1e-12
+_ROUNDS = 5
+"""In which the odds of one failure follow those of the others."""
+_ANY_CHANGE = 10.0
+"""So many pairs of scans it is worth that a change may be anything, beforehand."""
 _WHOLE_TURN = 2.0 * np.pi
 
 
@@ -46,29 +57,26 @@ class ViewChanges:
     judge: IceMatcher
     config: ViewChangeConfig
 
-    def chance(self, steps: Ints) -> float | None:
-        """How probable by chance the largest change of view at some steps is, at any one of them.
-
-        Where that is seldom, in so far as a robot that was carried would rather see so little change.
+    def bayes_factor(self, steps: Ints) -> float | None:
+        """How many times as probable the changes of view at some steps are if the robot was carried at one of them.
 
         Args:
             steps: (n,) see `steps`.
 
         Returns:
-            A probability, or that ratio of two. None where it cannot be told: where scans see too little.
+            The ratio; None where too few scans of the log see enough to tell.
         """
         changes = self._changes(steps)
-        if not len(self._usual) or not np.isfinite(changes).all():
+        if not len(self._usual) or not len(changes):
             return None
-        for row in np.argsort(-changes, kind="stable").tolist():
-            if self._tail(float(changes[row])) > self.config.carried_chance:
+        ratios = np.array([self._ratio(change) for change in changes.tolist()])
+        for row in np.argsort(-np.nan_to_num(changes), kind="stable").tolist():
+            if ratios[row] <= 1.0:
                 break
             step, T_track_robot = int(steps[row]), self._T_track_robot
             tracked = between(T_track_robot[step], T_track_robot[step + 1])
-            changes[row] = min(changes[row], self._change_where_matched(step, step + 1, tracked))
-        largest = float(changes.max(initial=0.0))
-        chance = self._tail(largest)
-        return chance if chance > self.config.carried_chance else min(1.0, chance / self._share_elsewhere(largest))
+            ratios[row] = self._ratio(min(float(changes[row]), self._change_where_matched(step, step + 1, tracked)))
+        return float(np.mean(ratios))
 
     def after_largest(self, steps: Ints) -> tuple[int, int]:
         """The first key pose, and the first scan, after the step at which the view changes most, of (n,) steps.
@@ -78,7 +86,7 @@ class ViewChanges:
         changes = self._changes(steps)
         if self.log.has_odometry:
             changes = np.fmin(changes, self._changes_along(steps, self.log.odometry))  # along it fewer may compare
-        scan = int(steps[changes.argmax()]) + 1
+        scan = int(steps[np.nan_to_num(changes).argmax()]) + 1
         return int(np.searchsorted(self.track.key_scans, scan)), scan
 
     def steps(self, key: int, keys: int) -> Ints:
@@ -86,15 +94,23 @@ class ViewChanges:
         scans = self.track.keys
         return np.arange(scans[max(key - keys, 0)].index, scans[key].index)
 
-    def _tail(self, change: float) -> float:
-        """How many of the steps of the log see so large a change."""
+    def _ratio(self, change: float) -> float:
+        """How many times as probable a change is from one scan to another place's as from one scan to the next.
+
+        One too few beams tell of says nothing.
+        """
+        if not math.isfinite(change):
+            return 1.0
         usual, share = self._usual, self.config.tail
-        start = float(usual[math.ceil((1.0 - share) * (len(usual) - 1))])
-        if change <= start or start <= 0.0:
-            return float(np.count_nonzero(usual >= change) / len(usual))
+        start = max(float(usual[math.ceil((1.0 - share) * (len(usual) - 1))]), _LEAST_CHANGE)
+        if change <= start:
+            return self._share_elsewhere(0.0, start) / (1.0 - share)
         beyond = usual[usual > start]
-        shape = float(np.median(beyond / start)) if len(beyond) else 1.0  # half of the tail lies below
-        return share * 2.0 ** (-math.log(change / start) / math.log(shape)) if shape > 1.0 else 0.0
+        half_beyond = float(np.median(beyond / start)) if len(beyond) else 1.0  # half of the tail lies below
+        shape = math.log(2.0) / math.log(max(half_beyond, _LIGHTEST_TAIL))
+        by_chance = share * math.exp(-shape * math.log(change / start)) * shape / change
+        low, high = max(start, change - self.config.window), min(1.0, change + self.config.window)
+        return self._share_elsewhere(low, high) / max(high - low, _LEAST_CHANGE) / max(by_chance, _LEAST_DENSITY)
 
     @cached_property
     def _usual(self) -> Floats:
@@ -122,10 +138,11 @@ class ViewChanges:
         """(n_scans - 1,) changes of the steps that were asked for."""
         return np.full(len(self.log) - 1, _NOT_YET)
 
-    def _share_elsewhere(self, change: float) -> float:
-        """How many scans of other places would differ by no more, had the robot been carried there."""
+    def _share_elsewhere(self, low: float, high: float) -> float:
+        """How many scans of other places would differ by so much, had the robot been carried there."""
         elsewhere = self._elsewhere
-        return float((np.count_nonzero(elsewhere <= change) + 1.0) / (len(elsewhere) + 1.0))
+        found = np.count_nonzero((elsewhere >= low) & (elsewhere <= high))
+        return float((found + _ANY_CHANGE * (high - low)) / (len(elsewhere) + _ANY_CHANGE))
 
     @cached_property
     def _elsewhere(self) -> Floats:
@@ -164,7 +181,7 @@ class ViewChanges:
         forth = self._compared(after, before, between(mount, T_laser))
         back = self._compared(before, after, between(T_laser, mount))
         agreeing, compared = forth[0] + back[0], forth[1] + back[1]
-        is_enough = compared >= 2 * self.config.min_compared
+        is_enough = np.minimum(forth[1], back[1]) >= self.config.min_compared
         return np.where(is_enough, 1.0 - agreeing / np.maximum(compared, 1), np.nan)
 
     def _compared(self, seen: Ints, by: Ints, T_by_seen: Floats) -> tuple[Ints, Ints]:
@@ -176,7 +193,7 @@ class ViewChanges:
             T_by_seen: (n, 3) pose of the laser then, seen from the laser of the others.
 
         Returns:
-            (n,) agreeing, (n,) compared.
+            (n,) agreeing, (n,) compared. A beam without return sees nothing where another ends.
         """
         geometry = self.log.geometry
         bearings, ranges = geometry.bearings, self.log.ranges[by].astype(np.float64)
@@ -187,12 +204,12 @@ class ViewChanges:
         beam = np.searchsorted(bearings - bearings[0], angle)  # the first beam past it; past the last, in the gap
         neighbours = (beam[..., None] + np.arange(-2, 2)) % len(bearings)
         is_gap = (beam == len(bearings)) & (_WHOLE_TURN - geometry.field_of_view > 2.0 * geometry.resolution)
-        known = np.take_along_axis(ranges[:, None, :], neighbours, axis=-1)
-        is_known = np.isfinite(known)
+        seen_there = np.take_along_axis(ranges[:, None, :], neighbours, axis=-1)
+        is_known = np.isfinite(seen_there)
         allowed = self.config.distance + self.config.share * distance
-        nearest = np.where(is_known, known, np.inf).min(axis=-1) - allowed
-        farthest = np.where(is_known, known, -np.inf).max(axis=-1) + allowed
-        is_compared = is_known.any(axis=-1) & np.isfinite(distance) & ~is_gap
+        nearest = np.where(is_known, seen_there, np.inf).min(axis=-1) - allowed
+        farthest = np.where(is_known, seen_there, -np.inf).max(axis=-1) + allowed
+        is_compared = np.isfinite(distance) & ~is_gap
         agrees = is_compared & (distance >= nearest) & (distance <= farthest)
         return np.count_nonzero(agrees, axis=-1), np.count_nonzero(is_compared, axis=-1)
 
@@ -215,7 +232,7 @@ class ViewChanges:
 def judged_by_view(
     failures: Mapping[int, TrackingFailure], views: ViewChanges, config: TrackingFailureConfig
 ) -> dict[int, TrackingFailure]:
-    """The failures with what the change of view says of each; where nothing but carrying explains it, all is lost.
+    """The failures with how probable it is that the robot was carried at each; where it is, all is lost.
 
     New ground matches nothing that is known either: who comes upon it by odometry is not lost, unless the view changed
     at once. A failure at which it did is put there: key scans that still match something, if not well, may lie between.
@@ -223,30 +240,59 @@ def judged_by_view(
     Args:
         failures: by key pose.
         views: of the path.
-        config: what is beyond chance.
+        config: what contradicts odometry.
     """
+    told = {key: failure for key, failure in failures.items() if key > 0}
+    gate, factors = chi2_gate(config.false_alarm), dict[int, float]()
+    for key, failure in told.items():
+        seen = views.bayes_factor(views.steps(key, views.config.keys))
+        if seen is not None:
+            factors[key] = seen * failure.contradiction(gate, views.config.slip)
+    log_odds = _log_odds_carried(told, factors, views.config)
+    unseen = views.track.keys_without_odometry() if views.log.has_odometry else told.keys()
     judged = {
-        key: replace(failure, change_by_chance=views.chance(views.steps(key, views.config.keys)))
-        for key, failure in failures.items()
-        if key > 0
+        key: _judged(replace(failure, log_odds_carried=log_odds.get(key)), has_odometry=key not in unseen)
+        for key, failure in told.items()
     }
-    if views.log.has_odometry:
-        for key in judged.keys() - views.track.keys_without_odometry():
-            judged[key] = judged[key].by_odometry(views.config)
-    suspect = [key for key, failure in judged.items() if not failure.is_lost and failure.is_beyond_chance(config)]
-    steps = {key: views.steps(key, 1) for key in suspect}
-    n_steps = sum(map(len, steps.values()))
-    for key in suspect:
-        chance = views.chance(steps[key])
-        if chance is not None and chance * n_steps <= views.config.false_alarm:
-            failure = judged[key]
-            reason = f"what the laser sees changed at once, and {failure.reason}"
-            judged[key] = replace(failure, kind=FailureKind.TRACKING_LOSS, change_by_chance=chance, reason=reason)
     found: dict[int, TrackingFailure] = {}
     for key, failure in judged.items():
         at, scan = key, None
-        if failure.has_changed_view(views.config):
+        if failure.is_carried:
             at, scan = views.after_largest(views.steps(key, views.config.keys))
         if at not in found or failure.rank > found[at].rank:
             found[at] = replace(failure, scan=scan)
     return found
+
+
+def _log_odds_carried(
+    failures: Mapping[int, TrackingFailure], factors: Mapping[int, float], config: ViewChangeConfig
+) -> dict[int, float]:
+    """How many times as probable it is that the robot was carried as that it was not, the logarithm.
+
+    That it was carried where tracking fails is as probable as the settings say. Failures of other causes come at a rate
+    of which the log itself tells (gamma distributed beforehand): where there are many, one more says little. Those at
+    which it was carried, too, are none of them.
+
+    Args:
+        failures: by key pose.
+        factors: Bayes factors of what was seen at them, where that is known.
+        config: how probable it is before anything is seen.
+    """
+    counted = {key: float(failure.kind > FailureKind.LOW_INLIER_RATIO) for key, failure in failures.items()}
+    weights, odds = dict(counted), dict[int, float]()
+    for _ in range(_ROUNDS):
+        total = sum(weights.values())
+        odds = {
+            key: config.carried_prior * factor / (total - weights[key] + config.usual_failures)
+            for key, factor in factors.items()
+        }
+        weights |= {key: counted[key] / (1.0 + ratio) for key, ratio in odds.items()}
+    return {key: math.log(ratio) for key, ratio in odds.items()}
+
+
+def _judged(failure: TrackingFailure, *, has_odometry: bool) -> TrackingFailure:
+    """A failure at which the robot was carried is a loss, whatever matched; by odometry nothing else is."""
+    if failure.is_carried and failure.kind > FailureKind.LOW_INLIER_RATIO and not failure.is_lost:
+        reason = f"what the laser sees changed at once, and {failure.reason}"
+        return replace(failure, kind=FailureKind.TRACKING_LOSS, reason=reason)
+    return failure.by_odometry() if has_odometry else failure
