@@ -26,7 +26,7 @@ class FitCount:
     Attributes:
         agreeing: matches that say the same.
         against: how many scans contradict what else was seen there, or fit better elsewhere.
-        support: how many key scans of similar places say so, before these were asked; 0 of the present estimate.
+        support: how many key scans said so before these were asked; 0 where that is no evidence of its own.
         config: how many it takes.
     """
 

@@ -164,9 +164,11 @@ class _Relocalisation:
     def _try(self, hypothesis: Hypothesis, sets: Sequence[Sequence[Attempt]]) -> _Decision:
         """Verify a hypothesis, and where they differ the present estimate and other sets; act on what holds."""
         poses = self._now.poses
+        path, config = self._places.path, self._config.relocalisation
+        is_chance = hypothesis.is_chance(path, poses, config)
         fit = self._verifier.of_hypothesis(hypothesis, poses)
-        if hypothesis.is_chance(self._places.path, poses, self._config.relocalisation):
-            fit = replace(fit, support=0)  # no places that are alike by chance lie where the path has them
+        if is_chance:
+            fit = replace(fit, support=0)  # places that only look alike do not happen to lie where the path has them
         closures = _distinct([*fit.agreeing, *hypothesis.closures])
         is_confirmed = self._is_confirmed(closures)
         if not fit.is_passed:
@@ -174,17 +176,16 @@ class _Relocalisation:
         whole, first = self._parts().whole, hypothesis.closures[0]
         among = whole == whole[first.key_old]
         estimate = self._verifier.of_estimate(hypothesis, poses, among)
-        if not (is_confirmed or fit.beats(estimate, self._log_prior_of_path(hypothesis))):
+        if not (is_confirmed or fit.beats(estimate, self._log_prior_of_path(hypothesis, is_chance=is_chance))):
             return _Decision.OPEN
         if not is_confirmed and (rival := self._rival(hypothesis, fit, sets)) is not None:
             self._ambiguous[hypothesis.key] = rival
             return _Decision.OPEN
         key = hypothesis.key if among[first.key_new] else int(max(whole[first.key_old], whole[first.key_new]))
-        path, config = self._places.path, self._config.relocalisation
         is_bridge = self._steps.is_bridge if key in self._steps.refuted() else None
         is_carried = (failure := self._steps.failures.get(key)) is not None and failure.is_carried
         if not is_carried and (is_confirmed or hypothesis.is_drift(path, poses, config, is_bridge)):
-            if not is_confirmed and not hypothesis.is_chance(path, poses, config):
+            if not is_confirmed and not is_chance:
                 self._note(key, Outcome.DRIFTED, closures, hypothesis.correction(poses))
             self._steps.failures.pop(key, None)
             self._now = self._now.closed(closures)
@@ -197,15 +198,14 @@ class _Relocalisation:
         near = self._config.verification.near
         return sum(closure.is_near(self._now.poses, near) for closure in closures) > 0.5 * len(closures)
 
-    def _log_prior_of_path(self, hypothesis: Hypothesis) -> float:
+    def _log_prior_of_path(self, hypothesis: Hypothesis, *, is_chance: bool) -> float:
         """How many times as probable as a hypothesis the path is before scans verify either, the logarithm.
 
         What errors of the path explain takes no robot that was carried, and so no prior against one.
         """
-        failure, config = self._steps.failures.get(hypothesis.key), self._config.relocalisation
+        failure = self._steps.failures.get(hypothesis.key)
         log_odds = 0.0 if failure is None else failure.log_odds_of_path(self._config.view)
-        is_explained = log_odds > 0.0 and hypothesis.is_chance(self._places.path, self._now.poses, config)
-        return 0.0 if is_explained else log_odds
+        return min(log_odds, 0.0) if is_chance else log_odds
 
     def _lost(self) -> list[int]:
         """The key poses before which the robot was lost, and nothing says yet how they lie to what was before."""

@@ -34,6 +34,7 @@ _LEAST_CHANGE = 1e-3
 _LIGHTEST_TAIL = 1.01
 """Half of what lies beyond the tail's start lies beyond so many times its start, at least."""
 _LEAST_DENSITY = 1e-12
+"""A change may be so rare by chance, and no rarer: logs are short."""
 _ROUNDS = 5
 """In which the odds of one failure follow those of the others."""
 _ANY_CHANGE = 10.0
@@ -204,11 +205,11 @@ class ViewChanges:
         beam = np.searchsorted(bearings - bearings[0], angle)  # the first beam past it; past the last, in the gap
         neighbours = (beam[..., None] + np.arange(-2, 2)) % len(bearings)
         is_gap = (beam == len(bearings)) & (_WHOLE_TURN - geometry.field_of_view > 2.0 * geometry.resolution)
-        seen_there = np.take_along_axis(ranges[:, None, :], neighbours, axis=-1)
-        is_known = np.isfinite(seen_there)
+        known = np.take_along_axis(ranges[:, None, :], neighbours, axis=-1)
+        is_known = np.isfinite(known)
         allowed = self.config.distance + self.config.share * distance
-        nearest = np.where(is_known, seen_there, np.inf).min(axis=-1) - allowed
-        farthest = np.where(is_known, seen_there, -np.inf).max(axis=-1) + allowed
+        nearest = np.where(is_known, known, np.inf).min(axis=-1) - allowed
+        farthest = np.where(is_known, known, -np.inf).max(axis=-1) + allowed
         is_compared = np.isfinite(distance) & ~is_gap
         agrees = is_compared & (distance >= nearest) & (distance <= farthest)
         return np.count_nonzero(agrees, axis=-1), np.count_nonzero(is_compared, axis=-1)
