@@ -191,6 +191,8 @@ class ViewChangeConfig(SlamSettings, prefix="view: "):
     """Share of the steps, those that change most, to which a Pareto tail is fitted."""
     window: float = between(0.1, 1e-3, 1.0)
     """Changes within this of one tell how probable it is for a robot that is carried."""
+    any_change: float = positive(10.0)
+    """So many pairs of scans it is worth that such a change may be anything, before any is seen."""
     carried_prior: float = between(0.03, *RATES)
     """Probability, before anything is seen, that the robot was carried somewhere in a log in which tracking fails."""
     usual_failures: float = positive(0.15)
@@ -198,6 +200,9 @@ class ViewChangeConfig(SlamSettings, prefix="view: "):
     slip: float = between(0.05, *RATES)
     """Probability that wheels slip where match and odometry contradict each other, so that they may do so by
     anything."""
+    magnitudes: float = positive(10.0)
+    """So many factors of e lie between the least squared distance of such a contradiction and the largest, 25 and
+    10⁶."""
 
     @property
     def step(self) -> Tolerance:
@@ -259,8 +264,6 @@ class RelocalisationConfig(SlamSettings, prefix="relocalisation: "):
     """Most key scans that verify a hypothesis."""
     rival_distance: float = 2.0
     """Hypotheses that put the same scans so far apart are about different places [m]."""
-    rival_turn: Radians = 0.5
-    """So are those that turn the same scans so far against each other [rad]: a room may look alike from both ends."""
     rival_support: float = 0.5
     """Another is weighed that has this share of the key scans of a hypothesis."""
 

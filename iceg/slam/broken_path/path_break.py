@@ -8,9 +8,6 @@ from iceg.slam.closure_config import TrackingFailureConfig, ViewChangeConfig
 from iceg.slam.run_warning import Kind, RunWarning
 from iceg.slam.track import Track
 
-_MAGNITUDES = 10.0
-"""Between the least contradiction and the largest lie so many factors of e, squared distances of 25 and 10⁶."""
-
 
 class Outcome(StrEnum):
     """What became of a break of the path."""
@@ -96,7 +93,7 @@ class TrackingFailure:
             return -log(config.carried_prior)
         return -max(self.log_odds_carried, 0.0)
 
-    def contradiction(self, gate: float, slip: float) -> float:
+    def contradiction(self, gate: float, config: ViewChangeConfig) -> float:
         """How many times as probable it is that match and odometry differ so much if the robot was carried.
 
         Whoever is carried to a place like the one he left matches anywhere in it: the squared distance may have any
@@ -105,11 +102,12 @@ class TrackingFailure:
 
         Args:
             gate: squared distance from which on they contradict each other.
-            slip: probability that such a contradiction is a slip.
+            config: how often it is a slip, and how far contradictions go.
         """
         if self.kind is not FailureKind.INCONSISTENT:
             return 1.0
-        return 1.0 / ((1.0 - slip) * _MAGNITUDES * gate / max(self.distance2, gate) + slip)
+        by_chance = config.magnitudes * gate / max(self.distance2, gate)
+        return 1.0 / ((1.0 - config.slip) * by_chance + config.slip)
 
     @property
     def is_lost(self) -> bool:

@@ -14,7 +14,6 @@ from graph.consistency import cumulative_covariances, maximum_clique, pairwise_c
 from graph.factors import Factor
 from graph.noise import chi2_gate, squared_norm
 from graph.se2 import compose, inverse, logmap
-from iceg.slam.agreement import apart
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
 from iceg.slam.broken_path.path_parts import PathParts
 from iceg.slam.closure_config import RelocalisationConfig
@@ -51,8 +50,8 @@ class Hypothesis:
         """(3,) what moves the poses after the break, in the map: that of the closure nearest to the break."""
         return _correction(min(self.closures, key=lambda closure: closure.key_new), poses)
 
-    def apart_from(self, other: "Hypothesis", poses: Floats) -> tuple[float, float]:
-        """How far apart the two put the same scan [m, rad]; 0, 0 if they are about different scans.
+    def distance_from(self, other: "Hypothesis", poses: Floats) -> float:
+        """How far apart the two put the same scan [m]; 0 if they are about different scans.
 
         Args:
             other: what another claims.
@@ -60,13 +59,13 @@ class Hypothesis:
         """
         ends, others = ([closure.key_new for closure in each.closures] for each in (self, other))
         if min(ends) > max(others) or min(others) > max(ends):
-            return 0.0, 0.0
+            return 0.0
         key = max(min(ends), min(others))
         here, there = (
             compose(_correction(min(each.closures, key=lambda c: abs(c.key_new - key)), poses), poses[key])
             for each in (self, other)
         )
-        return apart(here, there)
+        return float(np.hypot(*(here - there)[:2]))
 
     def is_chance(self, factors: Sequence[Factor], poses: Floats, config: RelocalisationConfig) -> bool:
         """Whether the path explains it by chance, without a bias; arguments as of `is_drift`."""

@@ -222,9 +222,8 @@ class _Relocalisation:
             other = Hypothesis(key=hypothesis.key, closures=[c for c in closures if parts.of(c) == asked])
             if not other.closures:
                 continue
-            apart, turned = hypothesis.apart_from(other, poses)
-            is_elsewhere = apart >= config.rival_distance or turned >= config.rival_turn
-            if not is_elsewhere or other.support < config.rival_support * hypothesis.support:
+            apart = hypothesis.distance_from(other, poses)
+            if apart < config.rival_distance or other.support < config.rival_support * hypothesis.support:
                 continue
             there = self._verifier.of_hypothesis(other, poses)
             if there.is_passed and not fit.beats(there):

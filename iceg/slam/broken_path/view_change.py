@@ -37,8 +37,6 @@ _LEAST_DENSITY = 1e-12
 """A change may be so rare by chance, and no rarer: logs are short."""
 _ROUNDS = 5
 """In which the odds of one failure follow those of the others."""
-_ANY_CHANGE = 10.0
-"""So many pairs of scans it is worth that a change may be anything, beforehand."""
 _WHOLE_TURN = 2.0 * np.pi
 
 
@@ -143,7 +141,7 @@ class ViewChanges:
         """How many scans of other places would differ by so much, had the robot been carried there."""
         elsewhere = self._elsewhere
         found = np.count_nonzero((elsewhere >= low) & (elsewhere <= high))
-        return float((found + _ANY_CHANGE * (high - low)) / (len(elsewhere) + _ANY_CHANGE))
+        return float((found + self.config.any_change * (high - low)) / (len(elsewhere) + self.config.any_change))
 
     @cached_property
     def _elsewhere(self) -> Floats:
@@ -248,7 +246,7 @@ def judged_by_view(
     for key, failure in told.items():
         seen = views.bayes_factor(views.steps(key, views.config.keys))
         if seen is not None:
-            factors[key] = seen * failure.contradiction(gate, views.config.slip)
+            factors[key] = seen * failure.contradiction(gate, views.config)
     log_odds = _log_odds_carried(told, factors, views.config)
     unseen = views.track.keys_without_odometry() if views.log.has_odometry else told.keys()
     judged = {
