@@ -72,6 +72,25 @@ def test_that_of_one_that_is_carried_changes_as_it_never_does_by_chance(simulati
     assert max(other for other in others if other is not None) < 1.0
 
 
+def test_a_way_that_was_not_recorded_changes_the_view_as_much_as_one_that_was(simulation: Simulation) -> None:
+    """Who drives on while the recorder pauses was not carried, if odometry and match tell the way."""
+    factors = []
+    for first in range(100, len(simulation.log) - 200, 100):
+        scans = np.delete(np.arange(len(simulation.log)), np.arange(first + 1, first + 40))
+        log, poses = simulation.log.select(scans), simulation.truth[scans]
+        views = _views(replace(log, odometry=poses), poses)
+        odometry = poses.copy()
+        odometry[first + 1 :] = compose(poses[first], between(poses[first + 1], poses[first + 1 :]))
+        stood_still = _views(replace(log, odometry=odometry), poses)
+        factors.append(
+            [views.bayes_factor(np.array([first])) or 0.0, stood_still.bayes_factor(np.array([first])) or 0.0]
+        )
+    drove, carried_there = np.log(factors).T
+    assert np.median(carried_there) > 3.0, "where odometry knows nothing of the way he was carried"
+    assert np.median(drove) < 0.0
+    assert drove.max() < 2.0
+
+
 def test_one_of_many_steps_says_as_much_less_as_there_are_others(simulation: Simulation) -> None:
     views, at = _carried(simulation)
     alone, among = (views.bayes_factor(steps) for steps in (np.array([at]), np.arange(at - 9, at + 1)))
@@ -102,7 +121,7 @@ def test_tracking_that_goes_astray_for_a_scan_changes_no_view(simulation: Simula
     poses[step] = compose(poses[step], [0.25, -0.1, 0.05])
     views = _views(simulation.log, poses)
     astray = np.array([step - 1])
-    assert views._ratio(float(views._changes(astray)[0])) > 10.0
+    assert views._ratio(float(views._changes(astray)[0]), views._usual(1)) > 10.0
     factor = views.bayes_factor(astray)
     assert factor is not None
     assert factor < 1.0
@@ -145,10 +164,10 @@ def test_only_beams_that_both_scans_have_are_compared(turn: float, share: float)
     assert compared[0] / 91 == pytest.approx(share, abs=0.02)  # every other beam is looked at
 
 
-def _told_by(usual: NDArray[np.float64], elsewhere: NDArray[np.float64]) -> ViewChanges:
+def _told_by(elsewhere: NDArray[np.float64]) -> ViewChanges:
     views = object.__new__(ViewChanges)
     object.__setattr__(views, "config", _CONFIG)
-    views.__dict__.update(_usual=np.sort(usual), _elsewhere=elsewhere)
+    views.__dict__.update(_elsewhere=elsewhere)
     return views
 
 
@@ -156,19 +175,20 @@ def _told_by(usual: NDArray[np.float64], elsewhere: NDArray[np.float64]) -> View
 def test_beyond_what_the_log_has_seen_a_pareto_tail_goes_on(shape: float, along: float) -> None:
     """Against changes that are uniform for a robot that is carried, the ratio is one over the density of the tail."""
     usual = 0.02 * (1.0 - (np.arange(2000) + 0.5) / 2000) ** -shape  # quantiles of a Pareto distribution
-    views = _told_by(usual, (np.arange(10_000) + 0.5) / 10_000)
+    views = _told_by((np.arange(10_000) + 0.5) / 10_000)
     start = float(np.quantile(usual, 1.0 - _CONFIG.tail))
     least, most = start + _CONFIG.window, 1.0 - _CONFIG.window  # the window is whole in between
     change = least + along * (most - least)
     density = _CONFIG.tail * (change / start) ** (-1.0 / shape) / (shape * change)
-    assert views._ratio(change) == pytest.approx(1.0 / density, rel=0.3)
+    assert views._ratio(change, usual) == pytest.approx(1.0 / density, rel=0.3)
 
 
 @given(usual=st.lists(st.floats(0.0, 1.0), min_size=1, max_size=80), change=st.floats(0.0, 1.0))
 def test_any_change_of_view_makes_carrying_so_many_times_as_probable(usual: list[float], change: float) -> None:
-    ratio = _told_by(np.array(usual), np.linspace(0.0, 1.0, 60))._ratio(change)
-    assert 0.0 < ratio < np.inf
-    assert _told_by(np.array(usual), np.linspace(0.0, 1.0, 60))._ratio(float("nan")) == 1.0
+    views, changes = _told_by(np.linspace(0.0, 1.0, 60)), np.sort(usual)
+    assert 0.0 < views._ratio(change, changes) < np.inf
+    assert views._ratio(float("nan"), changes) == 1.0
+    assert views._ratio(change, changes[:0]) == 1.0
 
 
 @pytest.mark.parametrize("is_dead", [False, True])

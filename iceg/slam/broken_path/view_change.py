@@ -66,15 +66,17 @@ class ViewChanges:
             The ratio; None where too few scans of the log see enough to tell.
         """
         changes = self._changes(steps)
-        if not len(self._usual) or not len(changes):
+        if not len(self._usual(1)) or not len(changes):
             return None
-        ratios = np.array([self._ratio(change) for change in changes.tolist()])
+        usual = [self._usual(self._usual_steps(step)) for step in steps.tolist()]
+        ratios = np.array([self._ratio(*each) for each in zip(changes.tolist(), usual, strict=True)])
         for row in np.argsort(-np.nan_to_num(changes), kind="stable").tolist():
             if ratios[row] <= 1.0:
-                break
+                continue
             step, T_track_robot = int(steps[row]), self._T_track_robot
             tracked = between(T_track_robot[step], T_track_robot[step + 1])
-            ratios[row] = self._ratio(min(float(changes[row]), self._change_where_matched(step, step + 1, tracked)))
+            change = min(float(changes[row]), self._change_where_matched(step, step + 1, tracked))
+            ratios[row] = self._ratio(change, usual[row])
         return float(np.mean(ratios))
 
     def after_largest(self, steps: Ints) -> tuple[int, int]:
@@ -93,14 +95,18 @@ class ViewChanges:
         scans = self.track.keys
         return np.arange(scans[max(key - keys, 0)].index, scans[key].index)
 
-    def _ratio(self, change: float) -> float:
-        """How many times as probable a change is from one scan to another place's as from one scan to the next.
+    def _ratio(self, change: float, usual: Floats) -> float:
+        """How many times as probable a change is from one scan to another place's as by chance.
 
-        One too few beams tell of says nothing.
+        One too few beams tell of says nothing, nor does one of which too few are like it.
+
+        Args:
+            change: of a step.
+            usual: (m,) those of steps as long, sorted.
         """
-        if not math.isfinite(change):
+        if not math.isfinite(change) or not len(usual):
             return 1.0
-        usual, share = self._usual, self.config.tail
+        share = self.config.tail
         start = max(float(usual[math.ceil((1.0 - share) * (len(usual) - 1))]), _LEAST_CHANGE)
         if change <= start:
             return self._share_elsewhere(0.0, start) / (1.0 - share)
@@ -111,14 +117,34 @@ class ViewChanges:
         low, high = max(start, change - self.config.window), min(1.0, change + self.config.window)
         return self._share_elsewhere(low, high) / max(high - low, _LEAST_CHANGE) / max(by_chance, _LEAST_DENSITY)
 
+    def _usual_steps(self, step: int) -> int:
+        """How many steps of the log usually lead as far as one, 1, 2, 4, …: the recorder may have paused meanwhile.
+
+        Where match and odometry differ it is as long as the shorter: either may be wrong.
+        """
+        poses = [self._T_track_robot, self.log.odometry] if self.log.has_odometry else []
+        far = min((math.hypot(*(each[step + 1] - each[step])[:2]) for each in poses), default=0.0)
+        return 1 << int(np.searchsorted(self._usual_lengths, far))
+
     @cached_property
-    def _usual(self) -> Floats:
-        """Of steps of the whole log, sorted; none where too few can be compared."""
-        n_steps = len(self.log) - 1
-        every = max(1, -(-n_steps // self.config.most_steps))
-        changes = self._changes(np.arange(0, n_steps, every))
-        changes = np.sort(changes[np.isfinite(changes)])
-        return changes if len(changes) >= self.config.min_steps else changes[:0]
+    def _usual_lengths(self) -> Floats:
+        """(k,) how far 1, 2, 4, … steps lead, but for few [m]; ascending, up to half of the log."""
+        lengths, n_steps = [], 1
+        while n_steps <= len(self.log) // 2:
+            moved = self._T_track_robot[n_steps:] - self._T_track_robot[:-n_steps]
+            lengths.append(np.quantile(np.hypot(moved[:, 0], moved[:, 1]), 1.0 - self.config.tail))
+            n_steps *= 2
+        return np.maximum.accumulate(lengths[:-1]) if len(lengths) > 1 else np.zeros(0)
+
+    def _usual(self, n_steps: int) -> Floats:
+        """(m,) the changes over so many steps, of the whole log, sorted; none where too few can be compared."""
+        if n_steps not in self._usual_changes:
+            every = max(1, -(-(len(self.log) - n_steps) // self.config.most_steps))
+            first = np.arange(0, len(self.log) - n_steps, every)
+            changes = self._changes(first) if n_steps == 1 else self._changes_along(first, self._T_track_robot, n_steps)
+            changes = np.sort(changes[np.isfinite(changes)])
+            self._usual_changes[n_steps] = changes if len(changes) >= self.config.min_steps else changes[:0]
+        return self._usual_changes[n_steps]
 
     def _changes(self, steps: Ints) -> Floats:
         """(n,) share of the beams of two scans that do not agree; NaN where too few can be compared.
@@ -127,15 +153,18 @@ class ViewChanges:
             steps: (n,) the earlier scan of each.
         """
         unknown = np.unique(steps[self._found[steps] == _NOT_YET])
-        for first in range(0, len(unknown), _TOGETHER):
-            some = unknown[first : first + _TOGETHER]
-            self._found[some] = self._changes_along(some, self._T_track_robot)
+        self._found[unknown] = self._changes_along(unknown, self._T_track_robot)
         return np.asarray(self._found[steps])
 
     @cached_property
     def _found(self) -> Floats:
         """(n_scans - 1,) changes of the steps that were asked for."""
         return np.full(len(self.log) - 1, _NOT_YET)
+
+    @cached_property
+    def _usual_changes(self) -> dict[int, Floats]:
+        """By number of steps, see `_usual`."""
+        return {}
 
     def _share_elsewhere(self, low: float, high: float) -> float:
         """How many scans of other places would differ by so much, had the robot been carried there."""
@@ -169,9 +198,14 @@ class ViewChanges:
         change = self._changes_by(np.array([before]), np.array([after]), T_before_after[None])
         return float(np.nan_to_num(change, nan=np.inf)[0])
 
-    def _changes_along(self, steps: Ints, poses: Floats) -> Floats:
-        """The same along (n_scans, 3) poses of the robot, all at once."""
-        return self._changes_by(steps, steps + 1, between(poses[steps], poses[steps + 1]))
+    def _changes_along(self, first: Ints, poses: Floats, n_steps: int = 1) -> Floats:
+        """The same along (n_scans, 3) poses of the robot, from (n,) scans over so many steps."""
+        changes = np.empty(len(first))
+        for start in range(0, len(first), _TOGETHER):
+            before = first[start : start + _TOGETHER]
+            after = before + n_steps
+            changes[start : start + len(before)] = self._changes_by(before, after, between(poses[before], poses[after]))
+        return changes
 
     def _changes_by(self, before: Ints, after: Ints, T_before_after: Floats) -> Floats:
         """The same from (n,) scans to others that lie to them so, (n, 3)."""
