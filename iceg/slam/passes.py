@@ -8,6 +8,7 @@ from iceg.slam.map_matcher import MapMatcher
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.foretold_steps import foretold_steps
 from iceg.slam.odometry.gyro import learn_gyro
+from iceg.slam.odometry.worth import error_beside_velocity, without_odometry
 from iceg.slam.progress import Progress, ProgressCallback
 from iceg.slam.sweep.tracking import Followed, SweepFinding, track_swept
 from iceg.slam.track import Track
@@ -40,8 +41,8 @@ class Tracker:
         """Track a log; where it has no odometry once more, guided by what the matches tell of velocity and gyro.
 
         Returns:
-            The log, corrected if its laser is mounted otherwise than it says, its track and the calibration on the way;
-            and the tracker that knows what guided it.
+            The log, corrected if its laser is mounted otherwise than it says, and without an odometry that tells less
+            than the velocity does; its track and the calibration on the way; and the tracker that knows what guided it.
         """
         tracks: list[Track] = []
 
@@ -51,6 +52,8 @@ class Tracker:
             return found
 
         followed = track_as_mounted(log, follow, self.config.front_end.mount)
+        if self._is_velocity_better(*followed):
+            followed = self.follow(without_odometry(followed[0]))
         log, track, _ = followed
         if self.progress is not None and tracks[-1] is not track:  # what was told last does not count
             tried = len(log) - 1
@@ -85,6 +88,13 @@ class Tracker:
             return followed
         placed = placed_by_odometry(followed[0], followed[1], self.config.front_end.calibration)
         return followed if placed is None else self.follow(placed)
+
+    def _is_velocity_better(self, log: Log, track: Track, calibration: OdometryCalibration) -> bool:
+        """Whether the velocity knows how far the robot came, and odometry does not."""
+        config = self.config.front_end
+        if not (log.has_odometry and config.calibrate_odometry) or track.dead:
+            return False
+        return error_beside_velocity(track, log.stamps, calibration.noise, config.calibration) > 1.0
 
     def _once(self, log: Log) -> tuple[Track, OdometryCalibration]:
         noise, config = self.config.odometry, self.config.front_end

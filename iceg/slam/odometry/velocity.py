@@ -151,6 +151,17 @@ def motions_without_odometry(
     ]
 
 
+def steps_along(track: Track, stamps: Floats) -> KeySteps:
+    """How far the robot went ahead from key scan to key scan, all of it asked of the velocity.
+
+    Args:
+        track: what the front end found.
+        stamps: (n_scans,) of the scans [s]; they tell where scans are missing.
+    """
+    poses = track.T_track_scans
+    return _steps(track, poses, pauses_along(stamps, poses), np.ones(len(track.keys) - 1, dtype=np.bool_))[0]
+
+
 def pauses_along(stamps: Floats, poses: Floats) -> Floats:
     """(n_scans - 1,) usual intervals between (n_scans, 3) poses, as far as these confirm (n_scans,) stamps [s]."""
     steps = between(poses[:-1], poses[1:])

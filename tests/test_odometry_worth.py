@@ -1,0 +1,69 @@
+"""Whether odometry tells more of the way than the velocity does, and what becomes of one that does not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from frontends.scan import Log
+from frontends.simulator.simulation import Simulation, simulate
+from graph.odometry import OdometryModel
+from iceg.config import Config
+from iceg.evaluation.degradation import odometry_noisy
+from iceg.ice.matcher import IceMatcher
+from iceg.slam.calibration_config import CalibrationConfig
+from iceg.slam.odometry.velocity import foretold, steps_along
+from iceg.slam.odometry.worth import error_beside_velocity, without_odometry
+from iceg.slam.passes import Tracker
+
+_TRACKER = Tracker(matcher=IceMatcher(), config=Config())
+
+
+@pytest.fixture(scope="module")
+def simulation() -> Simulation:
+    return simulate("office", seed=2)
+
+
+def _error(log: Log) -> float:
+    """Of its odometry beside its velocity."""
+    _, track, calibration = _TRACKER.follow(log)
+    return error_beside_velocity(track, log.stamps, calibration.noise, CalibrationConfig())
+
+
+def test_wheels_know_the_way_better_than_the_velocity_and_worse_where_they_spin(simulation: Simulation) -> None:
+    noisy = odometry_noisy(simulation.log, move=0.5, turn=0.5).log
+    assert _error(simulation.log) < 0.5
+    assert _error(noisy) > 1.0
+
+
+def test_errors_are_those_that_both_claim(simulation: Simulation) -> None:
+    """The floor alone, for a noise that does not grow: the geometric mean of one number over many."""
+    _, track, _ = _TRACKER.follow(simulation.log)
+    stamps, config, floor = simulation.log.stamps, CalibrationConfig(), 0.3
+    constant = OdometryModel(along_floor=floor, along_per_metre=0.0, position_per_radian=0.0)
+    _, by_velocity = foretold(steps_along(track, stamps), config)
+    expected = floor / np.exp(np.log(by_velocity).mean() / 2.0)
+    assert error_beside_velocity(track, stamps, constant, config) == pytest.approx(expected)
+    assert error_beside_velocity(track, stamps, constant, replace(config, velocity_min_steps=10**6)) == 0.0
+
+
+def test_a_log_whose_wheels_spin_is_tracked_as_one_without_odometry(simulation: Simulation) -> None:
+    noisy = odometry_noisy(simulation.log, move=0.5, turn=0.5).log
+    (log, track, _), _ = _TRACKER.guided(noisy)
+    (alone, without, _), _ = _TRACKER.guided(without_odometry(noisy))
+    assert not log.has_odometry
+    assert "left out" in log.warnings[-1]
+    assert log.warnings == alone.warnings
+    np.testing.assert_array_equal(track.T_track_scans, without.T_track_scans)
+
+
+def test_what_odometry_says_is_asked_where_it_is_not_calibrated(simulation: Simulation) -> None:
+    """Nothing is learned of its noise then: nobody can say that it is worse."""
+    config = replace(Config(), front_end=replace(Config().front_end, calibrate_odometry=False))
+    (log, _, _), _ = replace(_TRACKER, config=config).guided(odometry_noisy(simulation.log, move=0.5, turn=0.5).log)
+    assert log.has_odometry
+
+
+def test_good_wheels_stay(simulation: Simulation) -> None:
+    (log, _, _), _ = _TRACKER.guided(simulation.log)
+    assert log is simulation.log
