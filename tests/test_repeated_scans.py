@@ -7,9 +7,14 @@ import pytest
 
 from frontends.logs import read_log
 from frontends.scan import Log
+from graph.odometry import OdometryModel
 from iceg.demo import demo_log_path
+from iceg.ice.matcher import IceMatcher
+from iceg.slam.config import FrontEndConfig
 from iceg.slam.recording.held_readings import with_odometry_between_readings
 from iceg.slam.recording.repeated_scans import frozen_intervals, is_repeated, without_frozen_scans
+from iceg.slam.tracking.front_end import COVERED
+from iceg.slam.tracking.log_tracking import track_log
 from iceg.slam.tracking_config import StandstillConfig
 
 
@@ -54,3 +59,16 @@ def test_lines_written_twice_are_neither_a_frozen_laser_nor_a_slow_odometry(log:
     doubled = replace(log, ranges=log.ranges[twice], odometry=log.odometry[twice], stamps=log.stamps[twice])
     assert without_frozen_scans(doubled) is doubled
     assert with_odometry_between_readings(doubled, StandstillConfig()) is doubled
+
+
+def test_key_scans_wait_for_a_scan_that_sees_where_odometry_tells_the_way(log: Log) -> None:
+    """A laser that is read anew at every seventh scan only, after half a metre: no key scan is one of the others."""
+    stuck = without_frozen_scans(replace(log, ranges=log.ranges[np.arange(len(log)) // 7 * 7]))
+    matcher, config = IceMatcher(), FrontEndConfig()
+    track = track_log(stuck, matcher, OdometryModel(), config)
+    blind = [key for key in track.keys if key.match == COVERED]
+    assert len(track.keys) > 40
+    assert len(blind) < 0.05 * len(track.keys)
+    spaced = replace(config, key_scans=replace(config.key_scans, blind_spacing=1.0))
+    before = track_log(stuck, matcher, OdometryModel(), spaced)
+    assert sum(key.match == COVERED for key in before.keys) > 0.3 * len(before.keys)

@@ -38,8 +38,9 @@ class KeyScanConfig(SlamSettings, prefix="key_scans: "):
     """A new key scan after driving this far [m]."""
     angle: Radians = between(0.4, 1e-3, 1000.0)
     """A new key scan after turning this far [rad]."""
-    blind_spacing: float = between(1.5, 1.0, 1e6)
-    """A scan that sees nothing becomes a key scan after so many times the way: one that sees may come before."""
+    blind_spacing: float = between(3.0, 1.0, 1e6)
+    """A scan that sees nothing becomes a key scan after so many times the way, if odometry tells of it: one that sees
+    may come before."""
     window: int = between(25, 1, 1000)
     """Key scans in the local reference."""
     rebuild: int = positive(8)

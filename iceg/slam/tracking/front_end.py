@@ -400,7 +400,7 @@ class FrontEnd:
             return True
         distance, turn = apart(self.keys[-1].T_track_robot, self._T_track_robot)
         limits = self._config.key_scans
-        spacing = limits.blind_spacing if self.is_blind else 1.0
+        spacing = limits.blind_spacing if self.is_blind and self._knows_motion else 1.0
         return distance > spacing * limits.distance or turn > spacing * limits.angle
 
     def _add_key(self, index: int, scan: Scan) -> None:
