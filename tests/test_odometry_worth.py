@@ -1,20 +1,23 @@
 """Whether odometry tells more of the way than the velocity does, and what becomes of one that does not."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from frontends.logs import read_log
 from frontends.scan import Log
 from frontends.simulator.simulation import Simulation, simulate
 from graph.odometry import OdometryModel
 from iceg.config import Config
-from iceg.evaluation.degradation import odometry_noisy
+from iceg.evaluation.degradation import laser_stuck, odometry_noisy
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.odometry.velocity import foretold, steps_along
 from iceg.slam.odometry.worth import error_beside_velocity, without_odometry
 from iceg.slam.passes import Tracker
+from iceg.slam.recording.repeated_scans import without_frozen_scans
 
 _TRACKER = Tracker(matcher=IceMatcher(), config=Config())
 
@@ -67,3 +70,11 @@ def test_what_odometry_says_is_asked_where_it_is_not_calibrated(simulation: Simu
 def test_good_wheels_stay(simulation: Simulation) -> None:
     (log, _, _), _ = _TRACKER.guided(simulation.log)
     assert log is simulation.log
+
+
+def test_odometry_stays_where_matches_do_not_get_along_without_it(data_dir: Path) -> None:
+    """Of this laser every other scan is a repetition: MIT-CSAIL was 5.5 m off without its odometry."""
+    log = without_frozen_scans(laser_stuck(read_log(data_dir / "mit-csail.clf.gz"), 2).log)
+    assert _error(log) > 1.0
+    (tracked, _, _), _ = _TRACKER.guided(log)
+    assert tracked.has_odometry

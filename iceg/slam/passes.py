@@ -53,7 +53,10 @@ class Tracker:
 
         followed = track_as_mounted(log, follow, self.config.front_end.mount)
         if self._is_velocity_better(*followed):
-            followed = self.follow(without_odometry(followed[0]))
+            log = without_odometry(followed[0])
+            alone = (log, *follow(log))
+            if alone[1].failures <= followed[1].failures:  # else odometry leads past scans that see nothing
+                followed = alone
         log, track, _ = followed
         if self.progress is not None and tracks[-1] is not track:  # what was told last does not count
             tried = len(log) - 1
