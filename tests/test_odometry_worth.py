@@ -18,6 +18,7 @@ from iceg.slam.odometry.velocity import foretold, steps_along
 from iceg.slam.odometry.worth import error_beside_velocity, without_odometry
 from iceg.slam.passes import Tracker
 from iceg.slam.recording.repeated_scans import without_frozen_scans
+from iceg.slam.track import Track
 
 _TRACKER = Tracker(matcher=IceMatcher(), config=Config())
 
@@ -39,6 +40,13 @@ def test_wheels_know_the_way_better_than_the_velocity_and_worse_where_they_spin(
     assert _error(noisy) > 1.0
 
 
+def _steady(track: Track) -> Track:
+    """The track of a robot that never changes its velocity, as far as numbers go."""
+    poses = np.outer(np.arange(len(track.key_of_scan)), [0.05, 0.0, 0.0])
+    keys = [replace(key, T_track_robot=poses[key.index]) for key in track.keys]
+    return replace(track, keys=keys, T_key_scan=poses - poses[track.key_scans][track.key_of_scan])
+
+
 def test_errors_are_those_that_both_claim(simulation: Simulation) -> None:
     """The floor alone, for a noise that does not grow: the geometric mean of one number over many."""
     _, track, _ = _TRACKER.follow(simulation.log)
@@ -48,6 +56,9 @@ def test_errors_are_those_that_both_claim(simulation: Simulation) -> None:
     expected = floor / np.exp(np.log(by_velocity).mean() / 2.0)
     assert error_beside_velocity(track, stamps, constant, config) == pytest.approx(expected)
     assert error_beside_velocity(track, stamps, constant, replace(config, velocity_min_steps=10**6)) == 0.0
+    assert error_beside_velocity(track, stamps, OdometryModel(), config) == 0.0, "assumed, not learned"
+    steady = replace(config, velocity_min_sigma=1e-6)
+    assert error_beside_velocity(_steady(track), stamps, config.least_noise, steady) == pytest.approx(1.0)
 
 
 def test_a_log_whose_wheels_spin_is_tracked_as_one_without_odometry(simulation: Simulation) -> None:
