@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from iceg.evaluation.regression.outcome import Outcome as RegressionOutcome
 
 Groups = Annotated[
-    tuple[Literal["worlds", "logs", "faults", "simulated", "carried", "random"], ...],
+    tuple[Literal["worlds", "logs", "faults", "simulated", "carried", "random", "degraded"], ...],
     tyro.conf.arg(help="Regression table: which cells; left out: all.", help_behavior_hint=""),
 ]
 Long = Annotated[

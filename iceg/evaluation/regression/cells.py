@@ -5,13 +5,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
+from frontends.simulator.random_scenes.scene import drawn_odometry
 from iceg.evaluation.degradation import DEGRADATIONS
 from iceg.evaluation.errors import EvaluationError
 from iceg.evaluation.regression.lasers import LASERS
 
-Group = Literal["worlds", "logs", "faults", "simulated", "carried", "random"]
+Group = Literal["worlds", "logs", "faults", "simulated", "carried", "random", "degraded"]
 """Recordings with exact truth from another simulator; public logs as they are; these and the worlds with one
-fault each; own simulations, and the same with a robot that somebody carries; scenes drawn at random."""
+fault each; own simulations, and the same with a robot that somebody carries; scenes drawn at random, and others of them
+with one fault each."""
 GROUPS: tuple[Group, ...] = get_args(Group)
 
 NO_FAULT = "none"
@@ -48,7 +50,7 @@ class Cell:
     @property
     def is_simulated(self) -> bool:
         """Whether it needs no folder of recordings."""
-        return self.group in {"simulated", "carried", "random"}
+        return self.group in {"simulated", "carried", "random", "degraded"}
 
     @property
     def name(self) -> str:
@@ -89,6 +91,9 @@ _SHORT_LASERS = (0, 2, 3)
 """So far on from its first are the lasers with which a scene is simulated in the short form."""
 _RANDOM, _RANDOM_SHORT = 192, 24
 """So many scenes are drawn, and so many of them in the short form: as many of each kind of place."""
+_DEGRADED = range(200, 236)
+"""Seeds of scenes that come with each of these faults, in the short form with one, if their robots have wheels."""
+_OF_SCENES = ("carried", "gap", "odometry noise 50 %", "laser stuck 5", "crowd of 4", "half the view")
 
 
 def cells(data: Path | None) -> list[Cell]:
@@ -97,7 +102,16 @@ def cells(data: Path | None) -> list[Cell]:
     Args:
         data: folder of the public logs and of `worlds/`; without it the embedded log and the simulations are left.
     """
-    return [*_worlds(data), *_logs(data), *_faults(data), *_world_faults(data), *_simulated(), *_carried(), *_random()]
+    return [
+        *_worlds(data),
+        *_logs(data),
+        *_faults(data),
+        *_world_faults(data),
+        *_simulated(),
+        *_carried(),
+        *_random(),
+        *_degraded(),
+    ]
 
 
 def chosen(data: Path | None, groups: Sequence[Group] = (), *, short: bool = True) -> list[Cell]:
@@ -183,3 +197,12 @@ def _carried() -> Iterator[Cell]:
 def _random() -> Iterator[Cell]:
     for seed in range(_RANDOM):
         yield Cell(group="random", source=f"random:{seed}", is_short=seed < _RANDOM_SHORT)
+
+
+def _degraded() -> Iterator[Cell]:
+    with_wheels = [seed for seed in _DEGRADED if drawn_odometry(seed) != "none"]
+    for place, seed in enumerate(with_wheels):
+        for index, fault in enumerate(_OF_SCENES):
+            yield Cell(
+                group="degraded", source=f"random:{seed}", fault=fault, is_short=place % len(_OF_SCENES) == index
+            )
