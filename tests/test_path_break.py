@@ -51,7 +51,7 @@ def test_nor_does_a_match_to_what_was_before_of_a_later_key_pose() -> None:
     assert told == [("odometry", 2, 3), ("ice", 1, 4)]
 
 
-@pytest.mark.parametrize("outcome", [Outcome.JOINED, Outcome.CREDIBLE, Outcome.CONTRADICTED])
+@pytest.mark.parametrize("outcome", [Outcome.JOINED, Outcome.DRIFTED, Outcome.CONTRADICTED])
 def test_only_parts_that_nothing_joins(outcome: Outcome) -> None:
     assert _torn(_break(2, outcome)) == []
 

@@ -9,7 +9,6 @@ Kind = Literal[
     "new ground",
     "found again",
     "cut off",
-    "dead reckoning",
     "drifted",
     "contradicted",
     "conflict",
@@ -33,10 +32,6 @@ _MANY: dict[Kind, str] = {
     "cut off": (
         "tracking was lost at {n} places, first at scan {scan}, and no loop closure ties what follows to what was "
         "before: those parts of the map may be displaced"
-    ),
-    "dead reckoning": (
-        "tracking may have been lost at {n} places, first at scan {scan}; the map follows dead reckoning by odometry, "
-        "with which scans agree"
     ),
     "drifted": (
         "the path drifted more than chance explains at {n} places, first at scan {scan}; the map follows the scans"

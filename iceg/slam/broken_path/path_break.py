@@ -18,8 +18,6 @@ class Outcome(StrEnum):
     """Nothing joins what follows to what was before, and odometry alone says where it is."""
     CONTRADICTED = "contradicted"
     """Closures disagree with the path, but nothing else speaks against it or they are few; the map follows the path."""
-    CREDIBLE = "credible"
-    """Closures agree with dead reckoning, though not so many that chance is out of the question."""
     DRIFTED = "drifted"
     """Closures put it where only a systematic error of every step would explain, and the map follows them."""
     CONFLICT = "conflict"
@@ -138,7 +136,7 @@ class Break:
         key: the first key pose after it.
         outcome: what became of it.
         reason: what was noticed there.
-        closures: how many agree about it; of one that is apart, how many agree with dead reckoning.
+        closures: how many agree about it.
         moved: how far they say that the robot is from where the path puts it [m].
         across: how many closures span one that is apart, too few or too uncertain to join it.
         scan: of the log, the first that sees something else; None where the view goes on.
@@ -176,11 +174,6 @@ def _told(found: Break, where: str) -> tuple[Kind, str]:
             else ("no loop closure ties")
         )
         return "cut off", f"tracking was lost {where}: {ties} the rest to what was before, it may be displaced"
-    if found.outcome is Outcome.CREDIBLE:
-        return "dead reckoning", (
-            f"tracking may have been lost {where}: {found.closures} scans agree with dead reckoning by odometry there, "
-            "but not all; the map follows it"
-        )
     if found.outcome is Outcome.DRIFTED:
         return "drifted", (
             f"the path may have drifted {where}: {elsewhere}, more than chance explains; the map follows them"

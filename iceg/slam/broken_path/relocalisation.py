@@ -17,7 +17,7 @@ from graph.arrays import Floats, Ints
 from graph.se2 import compose, inverse
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
 from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
-from iceg.slam.broken_path.path_break import Break, FailureKind, Outcome, TrackingFailure
+from iceg.slam.broken_path.path_break import Break, Outcome, TrackingFailure
 from iceg.slam.broken_path.path_parts import PathParts
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_parts, about_single_steps
 from iceg.slam.broken_path.place_search import PlaceSearch
@@ -301,28 +301,17 @@ class _Relocalisation:
         return PathParts(len(self._now.poses), self._lost(), self._ties)
 
     def _part(self, key: int) -> None:
-        """Nothing sure ties what follows a break to what was before, unless the closures across pass verification.
-
-        Where odometry told the way it speaks, too: a robot that was carried does not happen to come where
-        several closures agree with the odometry that knows nothing of it.
-        """
+        """Nothing sure ties what follows a break to what was before, unless the closures across pass verification."""
         failure = self._steps.failures[key]
         end = min((other for other in self._breaks if other > key), default=len(self._now.poses))
         across = [a for a in self._now.attempts if a.accepted and a.spans(key) and a.key_new < end]
-        claimed, agreeing = Hypothesis(key=key, closures=across), 0
-        if claimed.support >= self._config.confirmations:
+        claimed = Hypothesis(key=key, closures=across)
+        if failure.scan is None and claimed.support >= self._config.confirmations:
             fit = replace(self._verifier.of_estimate(claimed, self._now.poses), support=claimed.support)
-            if fit.is_passed and failure.scan is None:
+            if fit.is_passed:
                 return
-            if failure.kind < FailureKind.UNKNOWN_MOTION:
-                agreeing = len(fit.agreeing)
-                view = failure.log_odds_of_path(self._config.view)
-                if fit.is_credible and (failure.scan is None or fit.log_odds + view > 0.0):
-                    found = Break(key=key, outcome=Outcome.CREDIBLE, reason=failure.reason, closures=agreeing)
-                    self._breaks[key] = found
-                    return
-        found = Break(key=key, outcome=Outcome.APART, reason=failure.reason, closures=agreeing, scan=failure.scan)
-        self._breaks[key] = replace(found, across=len(across))
+        found = Break(key=key, outcome=Outcome.APART, reason=failure.reason, across=len(across), scan=failure.scan)
+        self._breaks[key] = found
         if found.is_sudden and across:
             self._now = self._now.without(across, "too few agree to tie what a sudden loss has torn apart")
 
