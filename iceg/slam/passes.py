@@ -97,7 +97,8 @@ class Tracker:
         config = self.config.front_end
         if not (log.has_odometry and config.calibrate_odometry) or track.dead:
             return False
-        return error_beside_velocity(track, log.stamps, calibration.noise, config.calibration) > 1.0
+        error = error_beside_velocity(track, log.stamps, calibration.noise, config.calibration)
+        return error > config.calibration.worse_than_velocity
 
     def _once(self, log: Log) -> tuple[Track, OdometryCalibration]:
         noise, config = self.config.odometry, self.config.front_end
