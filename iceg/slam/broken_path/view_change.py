@@ -129,12 +129,13 @@ class ViewChanges:
     @cached_property
     def _usual_lengths(self) -> Floats:
         """(k,) how far 1, 2, 4, … steps lead, but for few [m]; ascending, up to half of the log."""
-        lengths, n_steps = [], 1
-        while n_steps <= len(self.log) // 2:
+        lengths: list[float] = []
+        n_steps = 1
+        while 2 * n_steps <= len(self.log) // 2:
             moved = self._T_track_robot[n_steps:] - self._T_track_robot[:-n_steps]
-            lengths.append(np.quantile(np.hypot(moved[:, 0], moved[:, 1]), 1.0 - self.config.tail))
+            lengths.append(float(np.quantile(np.hypot(moved[:, 0], moved[:, 1]), 1.0 - self.config.tail)))
             n_steps *= 2
-        return np.maximum.accumulate(lengths[:-1]) if len(lengths) > 1 else np.zeros(0)
+        return np.maximum.accumulate(np.array(lengths))
 
     def _usual(self, n_steps: int) -> Floats:
         """(m,) the changes over so many steps, of the whole log, sorted; none where too few can be compared."""
