@@ -81,7 +81,7 @@ def find(
         calibration = _recalibrate(track, log, first, config)
         odometry = calibration.apply(log.odometry, config.front_end.calibration.sudden) if log.has_odometry else None
         if odometry is not None:
-            track = smoothed_between_keys(track, odometry)
+            track = smoothed_between_keys(track, odometry, config.front_end.smoothing)
         heading, gyro = learn_gyro(track, log, config.front_end)
         motions = key_motions(
             track, log.stamps, odometry, calibration.lasting_noise, config.front_end.calibration, heading

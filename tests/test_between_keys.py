@@ -17,6 +17,7 @@ from iceg.slam.recording.steps import chained
 from iceg.slam.track import KeyScan, Track
 from iceg.slam.tracking import _smoothing_kernels as kernels
 from iceg.slam.tracking.between_keys import smoothed_between_keys
+from iceg.slam.tracking_config import SmoothingConfig
 
 _EVERY = 8
 _SCAN = Scan(
@@ -94,7 +95,7 @@ def _error(track: Track, truth: Floats) -> float:
 @pytest.mark.parametrize(("odometry_std", "share"), [(0.0005, 0.4), (0.002, 0.75), (0.05, 1.0)])
 def test_scans_are_known_better_the_better_odometry_is(odometry_std: float, share: float) -> None:
     track, odometry, truth = _drive(2000, 1, 0.002, odometry_std)
-    smoothed = smoothed_between_keys(track, odometry)
+    smoothed = smoothed_between_keys(track, odometry, SmoothingConfig())
     assert _error(smoothed, truth) <= share * _error(track, truth)
     assert_array_equal(smoothed.T_key_scan[track.key_scans], track.T_key_scan[track.key_scans])
 
@@ -104,7 +105,7 @@ def test_matches_without_errors_of_their_own_stay_as_they_are() -> None:
     track, _, truth = _drive(500, 4, 0.0, 0.0)
     steps = between(truth[:-1], truth[1:])
     drifting = chained(np.zeros(3), steps + 0.003 + rng.normal(0.0, 1e-5, steps.shape))
-    assert_array_equal(smoothed_between_keys(track, drifting).T_key_scan, track.T_key_scan)
+    assert_array_equal(smoothed_between_keys(track, drifting, SmoothingConfig()).T_key_scan, track.T_key_scan)
 
 
 @pytest.mark.parametrize("is_told", [True, False], ids=["odometry breaks", "it slips"])
@@ -114,5 +115,7 @@ def test_where_odometry_slips_or_breaks_scans_stay_where_they_matched(is_told: b
     odometry[1003:] = compose(compose(odometry[1003], slip), between(odometry[1003], odometry[1003:]))
     told = replace(track, breaks=[1003] if is_told else [])
     part = slice(1000, 1008)
-    assert_array_equal(smoothed_between_keys(told, odometry).T_key_scan[part], track.T_key_scan[part])
-    assert _error(smoothed_between_keys(told, odometry), truth) < 0.5 * _error(track, truth)
+    assert_array_equal(
+        smoothed_between_keys(told, odometry, SmoothingConfig()).T_key_scan[part], track.T_key_scan[part]
+    )
+    assert _error(smoothed_between_keys(told, odometry, SmoothingConfig()), truth) < 0.5 * _error(track, truth)

@@ -48,6 +48,7 @@ def _walls(k: int, each: int, seed: int = 0) -> tuple[Walls, NDArray[np.int64]]:
         lines=lines,
         residuals=0.01 * rng.normal(size=len(pieces)),
         weights=rng.uniform(0.5, 1.0, len(pieces)),
+        roughness=0.005,
         on_walls=1.0,
         residual=0.01,
     )
@@ -96,6 +97,7 @@ def test_points_of_no_weight_leave_it_to_odometry() -> None:
         lines=walls.lines,
         residuals=walls.residuals,
         weights=np.zeros(len(walls.placed)),
+        roughness=0.005,
         on_walls=0.0,
         residual=0.01,
     )
@@ -185,6 +187,7 @@ def test_marginals_do_not_depend_on_where_the_map_lies() -> None:
         lines=np.column_stack([walls.lines[:, :2] @ rotation.T + [3.0, -1.0], walls.lines[:, 2:] @ rotation.T]),
         residuals=walls.residuals,
         weights=walls.weights,
+        roughness=0.005,
         on_walls=1.0,
         residual=0.01,
     )

@@ -32,6 +32,7 @@ from iceg.slam.tracking.log_tracking import track_log
 
 Array = NDArray[np.float64]
 
+ROUGHNESS = JointRefinementConfig().roughness
 ROOM = np.array([[-4.0, -3.0], [5.0, -3.0], [5.0, 3.0], [-4.0, 3.0]])
 """Corners, counter-clockwise."""
 
@@ -213,7 +214,9 @@ def system_of(clouds: Clouds, poses: Array) -> tuple[Array, Array, NDArray[np.in
     lines, residuals, weights = np.empty((m, 4)), np.empty(n), np.empty(n)
     fit = kernels.LineFit(scale=0.04, rounds=3, elongation=4.0, facing=0.9)
     kernels.fit_lines(placed, np.ones(n), piece_of, fit, lines, residuals, weights)
-    seen = PointsOnLines(clouds.key_starts, placed.points, placed.errors, piece_of, lines, residuals, weights)
+    seen = PointsOnLines(
+        clouds.key_starts, placed.points, placed.errors, piece_of, lines, residuals, weights, ROUGHNESS
+    )
     system = normal_equations(poses, seen)
     columns = [product(system, m, e.reshape(k, 3)).ravel() for e in np.eye(3 * k)]
     filled = np.zeros((3 * k, 3 * k))
@@ -225,10 +228,10 @@ def system_of(clouds: Clouds, poses: Array) -> tuple[Array, Array, NDArray[np.in
 
 
 def feet_of(clouds: Clouds, poses: Array, normals: Array, residuals: Array) -> Array:
-    """Where the points most probably were along their beams, in the map, if surfaces are even to 5 mm."""
+    """Where the points most probably were along their beams, in the map, if surfaces are as even as said."""
     placed = placed_in_map(clouds, poses)
     across = np.vecdot(normals, placed.errors)
-    share = residuals * across / (across**2 + 0.005**2)
+    share = residuals * across / (across**2 + ROUGHNESS**2)
     return np.asarray(placed.points - share[:, None] * placed.errors)
 
 

@@ -24,6 +24,7 @@ def walls() -> Walls:
         lines=np.array([[0.2, 0.0, 0.0, 1.0], [1.0, 0.1, 1.0, 0.0]]),
         residuals=np.array([0.01, -0.01, 0.0, 0.0, 0.2, 0.0, 0.0]),
         weights=np.array([0.9, 0.9, 1.0, 1.0, 0.02, 0.0, 1.0]),
+        roughness=0.005,
         on_walls=0.9,
         residual=0.01,
     )

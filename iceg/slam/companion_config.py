@@ -16,10 +16,14 @@ class CompanionConfig(SlamSettings, prefix="companions: "):
     """Whoever goes along is no farther from the laser [m]."""
     width: float = between(0.8, 0.01, 100.0)
     """An object that may be a person, or a leg, is no wider [m]."""
+    min_returns: int = positive(2)
+    """Fewest returns of such an object: one by itself is an outlier, and some lasers have many, everywhere."""
     gap: float = between(0.3, 0.01, 100.0)
     """What is seen beside such an object is farther away by more than this [m]."""
     step: float = between(0.7, 0.05, 100.0)
     """Scans are compared after so much path by odometry [m]: by then what stands has moved, seen from the robot."""
+    min_step: float = between(0.8, 0.0, 1.0)
+    """A step tells by which an object that stands has moved at least this share of that, seen from the robot."""
     stays: float = positive(0.5)
     """Whoever goes along moves no farther from one such scan to the next, seen from the robot [m]."""
     stands: float = positive(0.25)

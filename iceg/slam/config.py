@@ -24,6 +24,7 @@ from iceg.slam.tracking_config import (
     MountConfig,
     OdometryCheckConfig,
     SightConfig,
+    SmoothingConfig,
     SplitHalfConfig,
     StandstillConfig,
     TrackingConfig,
@@ -68,6 +69,8 @@ class FrontEndConfig(SlamSettings):
     """Which pose of a scan is believed."""
     calibration: CalibrationConfig = field(default_factory=CalibrationConfig)
     """What matches tell of odometry and gyro."""
+    smoothing: SmoothingConfig = field(default_factory=SmoothingConfig)
+    """How scans between key scans are smoothed."""
     sweep: SweepConfig = field(default_factory=SweepConfig)
     """What scans tell of the sweep of the laser."""
     split_half: SplitHalfConfig = field(default_factory=SplitHalfConfig)

@@ -30,6 +30,8 @@ class JointRefinementConfig(SlamSettings, prefix="joint refinement: "):
     """A piece of wall so many times as long as thick has a direction of its own; that of another its normals give."""
     scale: float = between(0.03, 1e-4, 100.0)
     """Width of the Cauchy weight of a point [m]."""
+    roughness: float = between(0.005, 1e-6, 100.0)
+    """Standard deviation of a surface about its line: what else has a point off it is the error along its beam [m]."""
     independence: float = between(0.165, 1e-3, 1000.0)
     """Share of the points that count as independent: errors of neighbouring ones are correlated. By simulated truth."""
     correlated_points: float = between(4.0, 1.0, 1e6)

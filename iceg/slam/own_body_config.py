@@ -1,8 +1,10 @@
 """Settings of returns from the robot itself: which beams see it, and how near no wall can be."""
 
 from dataclasses import dataclass
+from math import pi
 
 from graph.ranges import between, positive
+from graph.units import Radians
 from iceg.slam.checked_settings import SlamSettings
 
 
@@ -24,6 +26,12 @@ class OwnBodyConfig(SlamSettings, prefix="own_body: "):
     """Fewest places with different surroundings that must tell."""
     change: float = positive(0.1)
     """The surroundings are different where half of the other beams return from a range that differs by more [m]."""
+    fewest_others: int = between(10, 1, 1_000_000)
+    """Fewest beams that tell whether the surroundings changed."""
+    close_by: Radians = between(pi / 180.0, 0.0, pi)
+    """Beams that pass this close to a part of the robot may hit it now and then [rad]."""
+    beside: Radians = between(pi / 36.0, 0.0, pi)
+    """What is beside a part of the robot is seen by the first beams that return, no farther off than this [rad]."""
     gap: float = between(0.2, 0.0, 100.0)
     """What is seen beside the robot is farther away by more than this [m] and a quarter of the range: where a wall goes
     on, the range does, too."""

@@ -45,6 +45,8 @@ class StandstillConfig(SlamSettings, prefix="standstill: "):
     held_scans: int = positive(10)
     """A reading that is held over no more scans than this is never long: where scans are seldom, or have no stamps,
     seconds tell little."""
+    held_freedom: float = between(3.0, 1.0, 1000.0)
+    """Degrees of freedom of Student's t for changes of velocity: robots stop and start abruptly."""
     least_change: float = positive(0.001)
     """Standard deviation of the change of velocity from one scan to the next, at least [m, rad]."""
     ends: int = 3
@@ -209,6 +211,18 @@ class TrackingConfig(SlamSettings):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_odometry_setting(self.unknown_odometry, SlamConfigError, "unknown_odometry")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SmoothingConfig(SlamSettings, prefix="smoothing: "):
+    """How scans between two key scans are smoothed by odometry."""
+
+    outlier_sigmas: float = positive(6.0)
+    """So many robust standard deviations off, a step is a slip, or the match beside it is wrong: nothing to be
+    shared."""
+    chance: float = between(0.02275, *RATES)
+    """Steps in a row share the error of the match between them where chance explains their covariance with a smaller
+    probability (normal distribution, one side; 2 σ). So much of it is not counted."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,7 +37,6 @@ _LEAST_DENSITY = 1e-12
 """A change may be so rare by chance, and no rarer: logs are short."""
 _ROUNDS = 5
 """In which the odds of one failure follow those of the others."""
-_WHOLE_TURN = 2.0 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,10 +233,10 @@ class ViewChanges:
         far = self.log.ranges[seen, :: self._every].astype(np.float64)[..., None]
         ends = np.moveaxis(transform_points(T_by_seen[:, None], far * self._directions), -1, 0)
         distance = np.sqrt(ends[0] ** 2 + ends[1] ** 2)
-        angle = (arctan2(ends[1], ends[0]) - bearings[0]) % _WHOLE_TURN
+        angle = (arctan2(ends[1], ends[0]) - bearings[0]) % (2.0 * np.pi)
         beam = np.searchsorted(bearings - bearings[0], angle)  # the first beam past it; past the last, in the gap
         neighbours = (beam[..., None] + np.arange(-2, 2)) % len(bearings)
-        is_gap = (beam == len(bearings)) & (_WHOLE_TURN - geometry.field_of_view > 2.0 * geometry.resolution)
+        is_gap = (beam == len(bearings)) & (2.0 * np.pi - geometry.field_of_view > 2.0 * geometry.resolution)
         known = np.take_along_axis(ranges[:, None, :], neighbours, axis=-1)
         is_known = np.isfinite(known)
         allowed = self.config.distance + self.config.share * distance

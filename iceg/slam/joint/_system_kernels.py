@@ -18,8 +18,6 @@ I64 = NDArray[np.int64]
 _LOOSE = 1e-3
 """Weight of a prior on a line, in points: few points alone would leave it undetermined."""
 _PRIOR_LENGTH = 0.05
-_ROUGHNESS2 = 0.005**2
-"""Variance of a surface about its line: what else has a point off it is the error along its beam [m²]."""
 
 
 class PointsOnLines(NamedTuple):
@@ -33,6 +31,7 @@ class PointsOnLines(NamedTuple):
         lines: (m, 4) a point and the unit normal of each.
         residuals: (n,) distance of each point from its line [m].
         weights: (n,) of the points.
+        roughness: standard deviation of a surface about its line [m].
     """
 
     starts: I64
@@ -42,6 +41,7 @@ class PointsOnLines(NamedTuple):
     lines: F64
     residuals: F64
     weights: F64
+    roughness: float
 
 
 class JointSystem(NamedTuple):
@@ -119,7 +119,7 @@ def _add_pose(
         jx, jy = c * mx + s * my, c * my - s * mx
         ex, ey = seen.errors[i, 0], seen.errors[i, 1]
         across = mx * ex + my * ey
-        share = r * across / (across * across + _ROUGHNESS2)
+        share = r * across / (across * across + seen.roughness * seen.roughness)
         px, py = placed[i, 0] - share * ex, placed[i, 1] - share * ey
         jt = my * (px - pose[0]) - mx * (py - pose[1])
         t = mx * (py - lines[g, 1]) - my * (px - lines[g, 0])

@@ -41,6 +41,7 @@ class Walls:
         lines: (m, 4) a point and the unit normal of each piece.
         residuals: (n,) distance of each point from its line [m].
         weights: (n,) Cauchy weights.
+        roughness: standard deviation of a surface about its line [m].
         on_walls: mean weight of the points on a piece.
         residual: weighted root mean square distance [m].
     """
@@ -51,12 +52,14 @@ class Walls:
     lines: Floats
     residuals: Floats
     weights: Floats
+    roughness: float
     on_walls: float
     residual: float
 
     def normal_equations(self, poses: Floats, starts: Ints) -> JointSystem:
         """Of the poses (k, 3) that the points hang on, pose k with those from starts[k] to starts[k + 1]."""
-        seen = PointsOnLines(starts, self.placed, self.errors, self.piece_of, self.lines, self.residuals, self.weights)
+        on_lines = self.lines, self.residuals, self.weights
+        seen = PointsOnLines(starts, self.placed, self.errors, self.piece_of, *on_lines, self.roughness)
         return normal_equations(poses, seen)
 
 

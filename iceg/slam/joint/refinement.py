@@ -316,6 +316,7 @@ class _Sight:
             lines=lines,
             residuals=self._residuals,
             weights=self._weights,
+            roughness=config.roughness,
             on_walls=total / max(1, int(np.count_nonzero(piece_of >= 0))),
             residual=float(np.sqrt(squares / max(total, 1e-9))),
         )

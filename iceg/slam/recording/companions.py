@@ -1,7 +1,7 @@
 """People who go along with the robot: they stay beside it while everything else passes by.
 
 A matcher that takes them for standing holds the robot back, and along a corridor they may be all that speaks for a
-motion. At every half metre of path, each narrow object nearby is compared with those half a metre before: one that
+motion. At every 70 cm of path, each narrow object nearby is compared with those of the step before: one that
 stands is seen where odometry foretells it, one that goes along is seen where it was. The steps are a sequential
 likelihood ratio test (Wald 1945), begun anew whenever standing is the likelier (Page 1954, CUSUM).
 """
@@ -17,11 +17,6 @@ from graph.arrays import Bools, Float32s, Floats, Ints
 from graph.elementary import cos_sin
 from graph.se2 import between, compose, transform_points
 from iceg.slam.companion_config import CompanionConfig
-
-_LEAST_RETURNS = 2
-"""A return by itself is no object but an outlier: some lasers have many, everywhere."""
-_LEAST_STEP = 0.8
-"""A step tells by which an object that stands has moved at least this share of the usual step, seen from the robot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,7 +112,7 @@ def _scores(objects: _Objects, T_now_before: Floats, config: CompanionConfig) ->
         has_stopped: Bools = np.asarray(stands.any(axis=1))
         is_explained = stands.any(axis=0) | has_stopped[nearest]
         moved2 = ((foretold - was) ** 2).sum(axis=1)[nearest]
-        tells = (from_was.min(axis=0) < config.stays**2) & (moved2 > (_LEAST_STEP * config.step) ** 2)
+        tells = (from_was.min(axis=0) < config.stays**2) & (moved2 > (config.min_step * config.step) ** 2)
         ratio = np.maximum(score[start:middle][nearest] + np.where(is_explained, doubted, told), 0.0)
         score[middle:end] = np.where(tells, ratio, 0.0)
         before[middle:end] = np.where(score[middle:end] > 0.0, start + nearest, -1)
@@ -156,7 +151,7 @@ def _objects(ranges: Float32s, geometry: ScanGeometry, config: CompanionConfig) 
     x, y = (within * c).ravel(), (within * s).ravel()
     is_narrow = (x[first] - x[last]) ** 2 + (y[first] - y[last]) ** 2 < config.width**2
     scan, column = np.divmod(first, len(beams))
-    chosen = is_free & is_narrow & (column < n_beams) & (last - first >= _LEAST_RETURNS - 1)
+    chosen = is_free & is_narrow & (column < n_beams) & (last - first >= config.min_returns - 1)
     first, last = first[chosen], last[chosen]
     n_points = last - first + 1
     sums = [np.concatenate([[0.0], np.cumsum(values)]) for values in (x, y)]

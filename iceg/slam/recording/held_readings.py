@@ -20,8 +20,6 @@ from iceg.slam.recording.standstill import scans_change
 from iceg.slam.recording.steps import is_moving
 from iceg.slam.tracking_config import StandstillConfig
 
-_FREEDOM = 3.0
-"""Degrees of freedom of Student's t for changes of velocity."""
 _ROUNDS = 20
 """The share of held readings and which of them are held follow each other; few rounds settle both."""
 _ALL_BUT_FEW = 0.99
@@ -90,7 +88,8 @@ def held_readings(odometry: Floats, periods: Floats, config: StandstillConfig) -
         before = velocities[max(k - 2, 0) : k].mean(axis=0)
         after = velocities[k + 1 : k + 3].mean(axis=0) if k + 1 < len(moves) else before
         since_each = clock[moves[k] + 1] - clock[moves[k] + 1 - since[k] : moves[k] + 1]
-        gains[row], spans[row] = _likeliest_span(before, steps[k] / since_each[::-1, None], after, fastest)
+        during = steps[k] / since_each[::-1, None]
+        gains[row], spans[row] = _likeliest_span(before, during, after, fastest, config.held_freedom)
     most = 1.0 - config.held_prior
     started = config.stops * len(moves) / len(after_standstill)
     share = least = min(max(1.0 - started, config.held_prior), most)
@@ -101,7 +100,9 @@ def held_readings(odometry: Floats, periods: Floats, config: StandstillConfig) -
     return moves, spread
 
 
-def _likeliest_span(before: Floats, during: Floats, after: Floats, fastest: Floats) -> tuple[float, int]:
+def _likeliest_span(
+    before: Floats, during: Floats, after: Floats, fastest: Floats, freedom: float
+) -> tuple[float, int]:
     """By how much it is more probable that a step took several scans than one, and over how many that is so.
 
     Args:
@@ -109,9 +110,10 @@ def _likeliest_span(before: Floats, during: Floats, after: Floats, fastest: Floa
         during: (h, 2) those of the step if it took 1, 2, … scans, as many as there are since the reading before.
         after: (2,) those after it.
         fastest: (2,) that a robot may have.
+        freedom: degrees of freedom of Student's t for changes of velocity.
     """
-    costs = _cost(_length(before)) + _cost(_length(during) + _length(after - during))
-    costs[-1] = _cost(_length(during[-1] - before)) + _cost(_length(after - during[-1]))
+    costs = _cost(_length(before), freedom) + _cost(_length(during) + _length(after - during), freedom)
+    costs[-1] = _cost(_length(during[-1] - before), freedom) + _cost(_length(after - during[-1]), freedom)
     several = costs[1:] + log(np.arange(2, len(costs) + 1))
     several[(np.abs(during[1:]) > fastest).any(axis=1)] = np.inf
     return costs[0] - several.min(), 2 + int(several.argmin())
@@ -157,6 +159,6 @@ def _length(vectors: Floats) -> Floats:
     return np.asarray(np.sqrt((vectors * vectors).sum(axis=-1)), dtype=np.float64)
 
 
-def _cost(changes: Floats) -> Floats:
-    """Negative log-likelihood of changes of velocity, by Student's t: robots stop and start abruptly."""
-    return np.asarray(0.5 * (_FREEDOM + 2.0) * log(1.0 + changes * changes / _FREEDOM), dtype=np.float64)
+def _cost(changes: Floats, freedom: float) -> Floats:
+    """Negative log-likelihood of changes of velocity, by Student's t."""
+    return np.asarray(0.5 * (freedom + 2.0) * log(1.0 + changes * changes / freedom), dtype=np.float64)

@@ -17,12 +17,6 @@ from iceg.slam.own_body_config import OwnBodyConfig
 
 _SCANS = 1000
 """Most scans that are asked, spread over the log."""
-_FEWEST_OTHERS = 10
-"""Fewest beams that tell whether the surroundings changed."""
-_AROUND_HALF = np.radians(1.0)
-"""Beams that pass this close to a part of the robot may hit it now and then [rad]."""
-_BESIDE = np.radians(5.0)
-"""What is beside a part of the robot is seen by the first beams that return, no farther off than this [rad]."""
 
 
 def without_own_body(log: Log, config: OwnBodyConfig) -> Log:
@@ -54,7 +48,7 @@ def intervals_in_hands(ranges: Float32s, config: OwnBodyConfig) -> list[tuple[in
             continue
         first, last = int(scans[0]), int(scans[-1])
         around = ranges[first : last + 1]
-        if len(_different(np.where(around < config.nearest, np.float32(np.nan), around), config.change)):
+        if len(_different(np.where(around < config.nearest, np.float32(np.nan), around), config)):
             found.append((first, last))
     return found
 
@@ -90,14 +84,14 @@ def own_body(ranges: Float32s, geometry: ScanGeometry, config: OwnBodyConfig) ->
     stays = _stays(asked[:, often], nearest, config)
     candidates, nearest = often[stays], nearest[stays]
     others = np.setdiff1d(np.arange(geometry.n_beams), candidates)
-    if not len(candidates) or len(others) < _FEWEST_OTHERS:
+    if not len(candidates) or len(others) < config.fewest_others:
         return body
-    asked = asked[_different(asked[:, others], config.change)]
+    asked = asked[_different(asked[:, others], config)]
     if len(asked) < config.places:
         return body
     stays = _stays(asked[:, candidates], nearest, config)
     found[candidates[stays]] = nearest[stays]
-    half = max(2, int(np.ceil(_AROUND_HALF / geometry.resolution)))
+    half = max(2, int(np.ceil(config.close_by / geometry.resolution)))
     for part in _parts(found > 0.0, half, geometry.is_full_circle):
         if _ends_with_leaps(asked, found, part, half, geometry, config):
             body[part] = found[part] + config.margin
@@ -122,25 +116,25 @@ def _stays(ranges: Float32s, nearest: Float32s, config: OwnBodyConfig) -> Bools:
     return np.asarray((n_own >= config.seen * n_seen) & (n_own >= config.agreement * within.sum(axis=0)) & (n_own > 0))
 
 
-def _different(ranges: Float32s, change: float) -> Ints:
+def _different(ranges: Float32s, config: OwnBodyConfig) -> Ints:
     """Scans each of which is taken elsewhere than the one before: half of what both see has changed.
 
     Args:
         ranges: (n, k) [m], NaN where nothing came back, which tells nothing: some lasers lose most returns.
-        change: least difference [m].
+        config: what a change is, and how many beams tell of it.
 
     Returns:
         (m,) increasing.
     """
     places: list[int] = []
-    seen = np.flatnonzero(np.isfinite(ranges).sum(axis=1) >= _FEWEST_OTHERS).tolist()
+    seen = np.flatnonzero(np.isfinite(ranges).sum(axis=1) >= config.fewest_others).tolist()
     last = seen[0] if seen else 0
     for scan in seen:
         changes = np.abs(ranges[scan] - ranges[last])
         n_both = int(np.count_nonzero(changes >= 0.0))
-        if n_both < _FEWEST_OTHERS:
+        if n_both < config.fewest_others:
             last = scan
-        elif 2 * int(np.count_nonzero(changes <= change)) < n_both:
+        elif 2 * int(np.count_nonzero(changes <= config.change)) < n_both:
             places.append(scan)
             last = scan
     return np.array(places, dtype=np.int64)
@@ -175,7 +169,7 @@ def _ends_with_leaps(
         geometry: of the laser; beyond its first and last beam nothing is asked.
         config: how much farther.
     """
-    n_beams, reach = geometry.n_beams, half + max(half, int(_BESIDE / geometry.resolution))
+    n_beams, reach = geometry.n_beams, half + max(half, int(config.beside / geometry.resolution))
     told = False
     for end, step in ((int(part[0]), -1), (int(part[-1]), 1)):
         beside = end + step * np.arange(half + 1, reach + 1)

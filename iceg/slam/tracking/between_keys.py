@@ -12,20 +12,18 @@ import numpy as np
 from graph import dense
 from graph.arrays import Floats
 from graph.elementary import cos_sin
+from graph.noise import chi2_gate
 from graph.se2 import between, wrap_angle
 from iceg.slam.odometry.noise import robust_deviation
 from iceg.slam.track import Track
 from iceg.slam.tracking import _smoothing_kernels as kernels
+from iceg.slam.tracking_config import SmoothingConfig
 
-_OUTLIER = 6.0
-"""So many robust standard deviations off, a step is a slip, or the match beside it is wrong: nothing to be shared."""
-_CHANCE = 2.0
-"""Of the covariance of steps in a row so many standard deviations may be chance, and are not counted."""
 _LEAST_MOVED = 1e-4
 """Odometry errs by no less than this share of what steps and matches differ by, squared."""
 
 
-def smoothed_between_keys(track: Track, odometry: Floats) -> Track:
+def smoothed_between_keys(track: Track, odometry: Floats, config: SmoothingConfig) -> Track:
     """The track with the most probable poses of the scans between key scans.
 
     How much either errs is learned from the log: two steps in a row share the error of the match between them, with
@@ -36,6 +34,7 @@ def smoothed_between_keys(track: Track, odometry: Floats) -> Track:
     Args:
         track: of a log with odometry.
         odometry: (n_scans, 3) calibrated.
+        config: what is a slip, and what is chance.
 
     Returns:
         The same, but for `T_key_scan`.
@@ -52,17 +51,18 @@ def smoothed_between_keys(track: Track, odometry: Floats) -> Track:
     errors = np.zeros_like(steps)
     errors[1:] = arrived[1:] - track.T_key_scan[:-1] - steps[1:]
     errors[:, 2] = wrap_angle(errors[:, 2])
-    limits = _OUTLIER * np.array([robust_deviation(axis) for axis in errors[follows].T])
+    limits = config.outlier_sigmas * np.array([robust_deviation(axis) for axis in errors[follows].T])
     is_kept = np.zeros(len(firsts), dtype=np.bool_)
     is_kept[part_of[:-1][(np.abs(errors[1:]) > limits).any(axis=1)]] = True
     is_kept[[key - 1 for key in track.keys_without_odometry() if 0 < key <= len(firsts)]] = True
     smoothed = track.T_key_scan.copy()
     in_a_row = follows[1:][np.diff(follows) == 1]
+    by_chance = math.sqrt(chi2_gate(2.0 * config.chance, freedom=1))
     for axis in range(3):
         usual = np.clip(errors[:, axis], -limits[axis], limits[axis])
         whole = dense.vecdot(usual[follows], usual[follows]) / len(follows)
         shared = -dense.vecdot(usual[in_a_row], usual[in_a_row - 1]) / max(1, len(in_a_row))
-        measured = shared - _CHANCE * whole / math.sqrt(max(1, len(in_a_row)))
+        measured = shared - by_chance * whole / math.sqrt(max(1, len(in_a_row)))
         if measured <= 0.0:
             continue
         kernels.smooth(
