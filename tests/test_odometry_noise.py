@@ -97,6 +97,27 @@ def test_what_the_match_errs_by_is_not_odometrys() -> None:
     assert odometry_noise(boasting, boasting, odometry, CalibrationConfig())[0].across_per_metre < 0.004
 
 
+def test_matches_that_say_they_are_led_by_people_are_believed_that() -> None:
+    differences, odometry, truth = _observed(8000, _TRUE, 0.001, seed=6)
+    led = 0.06 * np.repeat(np.random.default_rng(6).normal(size=len(differences.errors) // 8), 8)  # nothing cancels
+    is_led = np.arange(len(led)) % 40 < 24
+    differences.errors[:, 0] += np.where(is_led, led, 0.0)
+    claimed = differences.claimed + np.outer(is_led, [0.08**2, 0.0, 0.0])
+    told = replace(differences, claimed=claimed)
+    noise, _ = odometry_noise(told, told, odometry, CalibrationConfig())
+    np.testing.assert_allclose(_nees(noise, odometry, truth), 1.0, atol=0.2)
+    boasting, _ = odometry_noise(differences, differences, odometry, CalibrationConfig())
+    assert _nees(boasting, odometry, truth)[0] < 0.4
+
+
+def test_matches_that_claim_to_be_unsure_and_are_not_make_odometry_no_better() -> None:
+    differences, odometry, truth = _observed(8000, _TRUE, 0.001, seed=7)
+    is_unsure = np.arange(len(differences.errors)) % 2
+    modest = replace(differences, claimed=differences.claimed + np.outer(is_unsure, [0.05**2, 0.05**2, 0.02**2]))
+    noise, _ = odometry_noise(modest, modest, odometry, CalibrationConfig())
+    np.testing.assert_allclose(_nees(noise, odometry, truth), 1.0, atol=0.25)
+
+
 def test_slips_are_no_noise() -> None:
     differences, odometry, _ = _observed(4000, _TRUE, 0.001, seed=3)
     usual, _ = odometry_noise(differences, differences, odometry, CalibrationConfig())

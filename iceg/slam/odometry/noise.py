@@ -3,8 +3,10 @@
 What a match and odometry differ by is of three kinds, told apart by how it goes on. The match's own error ends with its
 key scan: the next difference has it with the other sign. The error of odometry adds up. And the error of its heading
 carries the robot aside: the model makes that of it by itself, so that only what the heading does not explain is noise
-of the position. A few differences far beyond all others are slips, which are dealt with where a match contradicts
-odometry, and not by a variance that holds for all.
+of the position. Matches among people, or along a corridor, err the same way for a while, so that nothing cancels; but
+they say that they are less sure than others, and are believed as far as they differ more from odometry than those. A
+few differences far beyond all others are slips, which are dealt with where a match contradicts odometry, and not by a
+variance that holds for all.
 """
 
 import math
@@ -248,7 +250,8 @@ def _shares(errors: Floats, following: Floats, claimed: Floats, config: Calibrat
 
     Neighbours share the error of the match between them, with opposite signs. By how much a chain exceeds the sum of
     its motions is the sum of the autocovariances under Bartlett's window (Newey and West 1987), in which the error of
-    matches cancels; it counts where it is beyond chance.
+    matches cancels; it counts where it is beyond chance. By how much differences are larger where matches claim to be
+    less sure is theirs, too, whether it cancels or not.
 
     Args:
         errors: (n,) differences.
@@ -272,7 +275,16 @@ def _shares(errors: Floats, following: Floats, claimed: Floats, config: Calibrat
     persistence = chain / max(lags[0] - share * claim, 0.5 * lags[0], _NOTHING)
     chance = 2.0 * math.sqrt(4.0 * last / (3.0 * len(e)))  # two relative standard deviations of the sum
     is_clear = persistence * (1.0 - chance) > 1.0
-    return share * claimed, min(persistence, config.max_persistence) if is_clear else 1.0
+    by_match = share * claimed
+    unsure = claimed - claimed.min()
+    by_match += _growth(errors**2, by_match, unsure, config.outlier_sigmas) * unsure
+    return by_match, min(persistence, config.max_persistence) if is_clear else 1.0
+
+
+def _growth(squared: Floats, known: Floats, unsure: Floats, outlier: float) -> float:
+    """By what share of a variance that matches claim, no more than all of it, squared errors grow with it."""
+    rows, usual = np.column_stack([np.ones(len(squared)), unsure]), np.full(len(squared), float(np.median(squared)))
+    return min(float(_reweighted(squared, known, rows, usual, outlier)[1]), 1.0)
 
 
 def robust_deviation(residual: Floats) -> float:
