@@ -73,11 +73,13 @@ def odometry_noise(
     heading, persistence[2] = _heading_fit(turns.errors[:, 2], turns.claimed[:, 2], turned_paths, config)
     lever, left = paths.carried_by(heading)
     own = errors[:, :2] - lever * errors[:, 2:]
+    rows = [paths.rows_x, paths.rows_y]
     known, following = np.empty_like(own), _turned(own[1:], moves.turns[1:])
     for k in range(2):
         by_match, persistence[k] = _shares(own[:, k], following[:, k], claimed[:, k], config)
         known[:, k] = by_match + left[:, k]
-    position = _variance_fit(list(own.T), list(known.T), [paths.rows_x, paths.rows_y], config, n_floors=2)
+        known[:, k] += _unsure(own[:, k], known[:, k], claimed[:, k], rows[k], config)
+    position = _variance_fit(list(own.T), list(known.T), rows, config, n_floors=2)
     variances = {
         "along_floor": max(position[0], _least_floor(paths.rows_x, position, config)),
         "across_floor": max(position[1], _least_floor(paths.rows_y, position, config)),
@@ -114,6 +116,7 @@ def heading_noise(
 def _heading_fit(errors: Floats, claimed: Floats, paths: "_Paths", config: CalibrationConfig) -> tuple[Floats, float]:
     """(3,) variances of the heading: floor, per metre, per radian; and the persistence of its errors."""
     by_match, persistence = _shares(errors, errors[1:], claimed, config)
+    by_match += _unsure(errors, by_match, claimed, paths.rows_heading, config)
     return _variance_fit([errors], [by_match], [paths.rows_heading], config, n_floors=1), persistence
 
 
@@ -250,8 +253,7 @@ def _shares(errors: Floats, following: Floats, claimed: Floats, config: Calibrat
 
     Neighbours share the error of the match between them, with opposite signs. By how much a chain exceeds the sum of
     its motions is the sum of the autocovariances under Bartlett's window (Newey and West 1987), in which the error of
-    matches cancels; it counts where it is beyond chance. By how much differences are larger where matches claim to be
-    less sure is theirs, too, whether it cancels or not.
+    matches cancels; it counts where it is beyond chance.
 
     Args:
         errors: (n,) differences.
@@ -275,16 +277,25 @@ def _shares(errors: Floats, following: Floats, claimed: Floats, config: Calibrat
     persistence = chain / max(lags[0] - share * claim, 0.5 * lags[0], _NOTHING)
     chance = 2.0 * math.sqrt(4.0 * last / (3.0 * len(e)))  # two relative standard deviations of the sum
     is_clear = persistence * (1.0 - chance) > 1.0
-    by_match = share * claimed
-    unsure = claimed - claimed.min()
-    by_match += _growth(errors**2, by_match, unsure, config.outlier_sigmas) * unsure
-    return by_match, min(persistence, config.max_persistence) if is_clear else 1.0
+    return share * claimed, min(persistence, config.max_persistence) if is_clear else 1.0
 
 
-def _growth(squared: Floats, known: Floats, unsure: Floats, outlier: float) -> float:
-    """By what share of a variance that matches claim, no more than all of it, squared errors grow with it."""
-    rows, usual = np.column_stack([np.ones(len(squared)), unsure]), np.full(len(squared), float(np.median(squared)))
-    return min(float(_reweighted(squared, known, rows, usual, outlier)[1]), 1.0)
+def _unsure(errors: Floats, known: Floats, claimed: Floats, rows: Floats, config: CalibrationConfig) -> Floats:
+    """What else is the matches', whether it cancels or not: by how much differences grow with what these claim.
+
+    Args:
+        errors: (n,) differences.
+        known: (n,) variance of them that is known.
+        claimed: (n,) variances of the matches.
+        rows: (n, m) what the coefficients of odometry's noise are multiplied by, which may grow alike.
+        config: what is an outlier.
+
+    Returns:
+        (n,) variances, no more than claimed.
+    """
+    unsure, usual = claimed - claimed.min(), np.full(len(errors), robust_deviation(errors) ** 2)
+    fit = _reweighted(errors**2, known, np.column_stack([rows, unsure]), usual, config.outlier_sigmas)
+    return np.asarray(min(float(fit[-1]), 1.0) * unsure)
 
 
 def robust_deviation(residual: Floats) -> float:
