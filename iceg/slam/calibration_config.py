@@ -110,9 +110,8 @@ class CalibrationConfig(SlamSettings, prefix="calibration: "):
     velocity_told: float = positive(0.1)
     """A match tells of the velocity where it leaves no more than this share of the variance by which the velocity
     changes meanwhile."""
-    worse_than_velocity: float = positive(1.4)
-    """Odometry is left out whose error along the way is more than so many times that of the velocity: clearly more, for
-    nothing else tells of a robot that slips or is carried."""
+    worse_than_velocity: float = positive(1.0)
+    """Odometry is left out whose error along the way is more than so many times that of the velocity."""
 
     def __post_init__(self) -> None:
         check_odometry_setting(self.least_noise, SlamConfigError, "least_noise")
