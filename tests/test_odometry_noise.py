@@ -50,8 +50,8 @@ def _observed(n: int, noise: OdometryModel, match: float, seed: int) -> tuple[Di
     """Matches minus odometry every few scans; the odometry; the true motions."""
     rng = np.random.default_rng(seed)
     steps = _drive(n, seed)
-    own = np.array([noise.covariance(step[None]) for step in steps])
-    noisy = compose(steps, expmap(np.array([rng.multivariate_normal(np.zeros(3), c) for c in own])))
+    roots = np.linalg.cholesky(noise.covariance(steps[:, None]))
+    noisy = compose(steps, expmap((roots @ rng.normal(size=(n, 3, 1)))[..., 0]))
     odometry, truth = _chained(noisy), _chained(steps)
     indices = np.arange(0, n + 1, _EVERY)
     seen = compose(truth[indices], expmap(match * np.array([1.0, 1.0, 0.4]) * rng.normal(size=(len(indices), 3))))
