@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 import numpy as np
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from graph.errors import IcegError
@@ -77,6 +77,7 @@ def test_a_choice_that_there_is_not_is_refused_in_python_too(make: Callable[[], 
         make()
 
 
+@settings(max_examples=40)  # each draws every setting there is
 @given(configs())
 def test_a_written_configuration_reads_back_the_same(config: Config) -> None:
     assert parse_config(format_config(config)) == config
