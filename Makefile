@@ -38,8 +38,7 @@ bench: $(VENV)/installed-dev.stamp
 test: $(VENV)/installed-dev.stamp
 	@$(MAKE) --no-print-directory --keep-going -j1 lint types imports docs pytest
 
-# Links within the pages are checked, those to elsewhere are not followed. A notebook is executed when its code has
-# changed; its outputs are kept in $(VENV)/docs-notebooks.
+# Links within the pages are checked, those to elsewhere are not followed. Notebooks are executed and must hold.
 docs: $(VENV)/installed-dev.stamp
 	$(BIN)/sphinx-build -q -W --keep-going -d $(VENV)/docs-cache -b html docs $(PAGES)
 

@@ -37,8 +37,7 @@ extensions = [
 exclude_patterns = ["_build", "_extensions", "**/.ipynb_checkpoints"]
 
 os.environ.pop("ICEG_DATA", None)  # the notebooks' pages show the embedded log: all public ones take minutes
-nb_execution_mode = "cache"  # again only when the code of a notebook has changed
-nb_execution_cache_path = str(Path(sys.prefix) / "docs-notebooks")
+nb_execution_mode = "force"
 nb_execution_excludepatterns = ["notebooks/paper_experiments.ipynb"]
 nb_execution_raise_on_error = True
 nb_execution_timeout = 600

@@ -1,6 +1,7 @@
 """What several test files share."""
 
 import os
+import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +14,7 @@ from iceg.kernels.ahead import compile_ahead
 # Compiling a kernel inside an example is no slowness of the example. The same examples every time, kept nowhere: what
 # one run finds, all find; `--hypothesis-profile others` draws new ones.
 settings.register_profile("others", deadline=None, suppress_health_check=[HealthCheck.too_slow])
-settings.register_profile("same", settings.get_profile("others"), derandomize=True, database=None)
+settings.register_profile("same", settings.get_profile("others"), derandomize=True, database=None, max_examples=50)
 settings.load_profile("same")
 
 REPOSITORY = Path(__file__).parent.parent
@@ -23,8 +24,16 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:  # as in a shell's backgro
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+_MEMORY_DISK, _ROOM = Path("/dev/shm"), 2 << 30
+
+
 def pytest_configure(config: pytest.Config) -> None:
-    """Compile before the workers begin: else each would compile for itself what both need first."""
+    """Compile before the workers begin: else each would compile for itself what both need first.
+
+    The tests' folders lie in memory where there is room: some disks take half a minute to rename a thousand files.
+    """
+    if _MEMORY_DISK.is_dir() and shutil.disk_usage(_MEMORY_DISK).free > _ROOM:
+        os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", str(_MEMORY_DISK))
     is_worker = hasattr(config, "workerinput")
     if not is_worker and config.getoption("numprocesses", None) and os.environ.get("NUMBA_DISABLE_JIT") != "1":
         compile_ahead()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
@@ -172,6 +172,7 @@ def test_log_without_scans(write: Write, lines: tuple[str, ...], message: str) -
         read_log(write(*lines))
 
 
+@settings(max_examples=25)
 @given(
     ranges=st.lists(
         st.lists(st.one_of(st.none(), st.integers(20, 7900)), min_size=181, max_size=181), min_size=1, max_size=3

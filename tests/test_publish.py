@@ -85,12 +85,12 @@ def test_whatever_ends_it_all_is_old_or_all_is_new(tmp_path: Path, fault: Fault,
 
 
 def test_whatever_kills_a_recovery_too_it_is_the_same_result_still(tmp_path: Path) -> None:
-    for first in itertools.count(step=2):
+    for first in itertools.count(step=3):
         directory = with_notes(tmp_path / str(first), OLD)
         if not ends_at(first, "kill", lambda: publish(directory, NEW)):  # noqa: B023
             break
         found = read(directory)
-        for again in range(first % 3, 40, 3):
+        for again in range(first % 5, 40, 5):
             went_on = ends_at(again, "kill", lambda: settle(directory))  # noqa: B023
             assert read(directory) == found, (first, again)
             if not went_on:

@@ -14,12 +14,10 @@ from iceg.evaluation.regression.likelihood import (
     JudgeFactors,
     Likelihood,
     compared,
-    likelihood_of,
     log_densities,
     main,
     read_likelihoods,
 )
-from iceg.evaluation.regression.random_cells import random_cells
 
 _SIGMAS = np.array([0.1, 0.2, 0.05])
 _TRUTH = np.array([[0.0, 0.0, 0.0], [1.0, 0.5, 0.3], [2.0, 0.0, -1.0]])
@@ -70,7 +68,6 @@ def test_a_table_is_written_and_compared_with(tmp_path: Path, capsys: pytest.Cap
     JudgeFactors(output=first, seeds="26014", workers=1)()
     (found,) = read_likelihoods(first)
     assert found.scene == "random:26014"
-    assert found.row() == likelihood_of(*random_cells("26014")).row()
     JudgeFactors(output=again, seeds="26014", workers=1, baseline=first)()
     assert first.read_bytes() == again.read_bytes()
     told = capsys.readouterr().out

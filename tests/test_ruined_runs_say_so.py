@@ -9,7 +9,7 @@ from iceg.evaluation.regression.recordings import recording_of
 from iceg.evaluation.regression.runner import outcomes
 
 
-@pytest.mark.parametrize("seed", [4, 82, 152, 196, 236])
+@pytest.mark.parametrize("seed", [82, 152, 236])
 def test_a_ruined_run_says_so(seed: int) -> None:
     """Markets, corridors and rings in which the path slides along, most of them without odometry."""
     cell = Cell(group="random", source=f"random:{seed}")
