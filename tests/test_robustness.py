@@ -21,12 +21,12 @@ _QUICK = Config(grid=GridConfig(resolution=0.2))
 
 @pytest.fixture(scope="module")
 def log() -> Log:
-    return read_log(demo_log_path())
+    return read_log(demo_log_path()).select(slice(1000))
 
 
 @pytest.fixture(scope="module")
 def truth() -> NDArray[np.float64]:
-    return read_truth_csv(demo_truth_path())
+    return read_truth_csv(demo_truth_path())[:1000]
 
 
 def _rmse(result: SlamResult, truth: NDArray[np.float64]) -> float:
