@@ -237,8 +237,6 @@ class RelocalisationConfig(SlamSettings, prefix="relocalisation: "):
     """The path explains an offset if a bias of up to so many standard deviations at every step does."""
     min_agreeing: int = 6
     """Fewest scans that must agree with a hypothesis."""
-    min_credible: int = 3
-    """Fewest scans, and more than contradict it, that are enough where something else says the same."""
     contradiction: ContradictionConfig = field(default_factory=ContradictionConfig)
     """What share of the scans contradicts a hypothesis."""
     odds: float = positive(3.0)
@@ -256,8 +254,6 @@ class RelocalisationConfig(SlamSettings, prefix="relocalisation: "):
     """Sets of closures about a wrong place get rarer by this power of how many key scans agree."""
     reach: float = 8.0
     """Farthest along the path from a closure that key scans verify it [m]."""
-    pass_length: float = 16.0
-    """Farthest along the path from a closure that they are matched against [m]."""
     spacing: float = between(1.4, 0.0, 1000.0)
     """Path from one such key scan to the next [m], lest few be left in a log of few scans."""
     max_keys: int = positive(96)

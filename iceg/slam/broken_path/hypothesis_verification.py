@@ -26,7 +26,7 @@ class FitCount:
     Attributes:
         agreeing: matches that say the same.
         against: how many scans contradict what else was seen there, or fit better elsewhere.
-        support: how many key scans said so before these were asked; 0 where that is no evidence of its own.
+        support: how many key scans said so before these were asked; 0 where none was.
         config: how many it takes.
     """
 
@@ -39,11 +39,6 @@ class FitCount:
     def is_passed(self) -> bool:
         """Whether enough agree, and so few do not that they may well be put rightly."""
         return len(self.agreeing) >= self.config.min_agreeing and self.log_odds > -log(self.config.odds)
-
-    @property
-    def is_credible(self) -> bool:
-        """Whether some agree, and more than do not: enough where something else says the same."""
-        return len(self.agreeing) >= self.config.min_credible and len(self.agreeing) > self.against
 
     @property
     def is_sure(self) -> bool:
@@ -91,10 +86,7 @@ class HypothesisVerifier:
         for key, nearest in self._to_verify(hypothesis):
             # Key scans lie to the later end of the closure as the front end saw them.
             T_near_key = between(self._keys[nearest.key_new].T_track_robot, self._keys[key].T_track_robot)
-            around = self._around(key, compose(closed_pose(nearest, poses), T_near_key), poses, hypothesis)
-            # other passes may have drifted away from this one
-            most, at = self._config.pass_length, self._path[nearest.key_old]
-            seen += [candidate for candidate in around if abs(self._path[candidate.key_old] - at) <= most]
+            seen += self._around(key, compose(closed_pose(nearest, poses), T_near_key), poses, hypothesis)
         return replace(self._count(seen, poses), support=hypothesis.support)
 
     def of_estimate(self, hypothesis: Hypothesis, poses: Floats, among: Bools | None = None) -> FitCount:

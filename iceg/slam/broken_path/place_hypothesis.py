@@ -37,11 +37,6 @@ class Hypothesis:
         """How many key scans say so."""
         return len({closure.key_new for closure in self.closures})
 
-    @property
-    def breadth(self) -> int:
-        """How many places say so, of the side where fewer do: a few scans that fit many places know little."""
-        return min(self.support, len({closure.key_old for closure in self.closures}))
-
     def without(self, pairs: Collection[tuple[int, int]]) -> "Hypothesis":
         """The same without the closures that join some pairs of key poses."""
         return Hypothesis(key=self.key, closures=[c for c in self.closures if c.pair not in pairs])

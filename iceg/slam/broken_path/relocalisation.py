@@ -104,7 +104,7 @@ class _Relocalisation:
         return self._places.agreeing(parts, self._now.poses, along, most)
 
     def _join(self, found: Sequence[Sequence[Attempt]]) -> bool:
-        """Act on sets of closures that agree, and tell what is too little to act on; whether they join any parts."""
+        """Act on sets of closures that agree; whether they join any parts."""
         sets = [
             self._places.settled(claims, self._now.poses)
             for claims in found[: self._config.relocalisation.max_hypotheses]
@@ -112,22 +112,17 @@ class _Relocalisation:
         has_joined = False
         while sets and self._join_one(sets):  # what is joined may decide what was left open
             has_joined = True
-        for hypothesis in self._hypotheses(sets):
-            self._tell(hypothesis)
         return has_joined
 
     def _join_one(self, sets: list[list[Attempt]]) -> bool:
         """Try what the sets claim, up to the first that joins two parts; whether one did.
-
-        Closures that span several steps that may be broken cannot tell which of them is. So those that span the fewest
-        are heard first: with their answers the others say the rest.
 
         Args:
             sets: of closures that agree; those that were acted on leave them.
         """
         self._ambiguous.clear()
         gone: set[tuple[int, int]] = set()
-        for claimed in sorted(self._hypotheses(sets), key=self._refuted_within):
+        for claimed in self._hypotheses(sets):
             hypothesis = claimed.without(gone)
             if hypothesis.key in self._ambiguous or not self._is_supported(hypothesis):
                 continue  # where stronger ones are ambiguous none decides
@@ -147,11 +142,6 @@ class _Relocalisation:
             found += [*about_parts(closures, parts), *about_single_steps(inside, self._steps)]
         return found
 
-    def _refuted_within(self, hypothesis: Hypothesis) -> int:
-        """How many steps at which odometry and match contradict each other most closures of a hypothesis span."""
-        closures = hypothesis.closures
-        return sum(sum(c.spans(key) for c in closures) > 0.5 * len(closures) for key in self._steps.refuted())
-
     def _is_supported(self, hypothesis: Hypothesis) -> bool:
         """Whether enough key scans fit one place only, or where the robot was lost anyway, this one among others."""
         fewest = self._config.place_confirmations
@@ -167,8 +157,6 @@ class _Relocalisation:
         path, config = self._places.path, self._config.relocalisation
         is_chance = hypothesis.is_chance(path, poses, config)
         fit = self._verifier.of_hypothesis(hypothesis, poses)
-        if is_chance:
-            fit = replace(fit, support=0)  # places that only look alike do not happen to lie where the path has them
         closures = _distinct([*fit.agreeing, *hypothesis.closures])
         is_confirmed = self._is_confirmed(closures)
         if not fit.is_passed:
@@ -232,24 +220,6 @@ class _Relocalisation:
                 return Vote(first=min(ends), last=max(ends), count=count, rival=rival, apart=apart)
         return None
 
-    def _against_the_path(self, key: int, fit: FitCount) -> FitCount:
-        """The same count, the closures that span the step to a key pose speaking against it, too."""
-        return replace(fit, against=fit.against + int(self._steps.closures_across(self._now.factors)[key]))
-
-    def _tell(self, hypothesis: Hypothesis) -> None:
-        """Say what is too little to act on, where odometry and match contradict each other and nothing else agrees."""
-        key, poses = hypothesis.key, self._now.poses
-        if key not in self._steps.refuted() or key in self._lost() or key in self._breaks or key in self._ambiguous:
-            return
-        if self._places.sure_support(hypothesis) < self._config.confirmations:
-            return
-        fit = self._against_the_path(key, self._verifier.of_hypothesis(hypothesis, poses))
-        closures = _distinct([*fit.agreeing, *hypothesis.closures])
-        if not fit.is_credible or self._is_confirmed(closures):
-            return
-        if fit.log_odds > self._verifier.of_estimate(hypothesis, poses).log_odds:
-            self._note(key, Outcome.CONTRADICTED, closures, hypothesis.correction(poses))
-
     # What becomes of a break.
 
     def _break(self, key: int, hypothesis: Hypothesis, fit: FitCount, closures: list[Attempt]) -> _Decision:
@@ -258,17 +228,16 @@ class _Relocalisation:
         Where what the laser sees changed no more than usual nothing did: only perceptual aliasing puts a robot
         elsewhere that was not carried.
 
-        It needs to be sure where nothing did, where places are compared anew, and where a few scans are all there
-        is to compare: the three metres before a loss fit many places along a corridor of evenly spaced doors.
+        It needs to be sure where nothing did, and where places are compared anew.
         """
         failure = self._steps.failures.get(key)
         is_known = failure is not None and failure.may_be_carried(fit.log_odds)
         if not is_known:
             if self._steps.failure(key).rank <= 1.0 - self._config.failures.believed_inlier_ratio:
                 return _Decision.OPEN
-            fit = self._against_the_path(key, fit)
-        is_broad = hypothesis.breadth >= self._config.place_confirmations
-        if not (fit.is_sure or (is_known and is_broad and not self._looks_again)):
+            # the closures that span the step speak against it, too
+            fit = replace(fit, against=fit.against + int(self._steps.closures_across(self._now.factors)[key]))
+        if not (fit.is_sure or (is_known and not self._looks_again)):
             return _Decision.OPEN
         first, correction = hypothesis.closures[0], hypothesis.correction(self._now.poses)
         moving = self._parts().moved_by(first, key)
