@@ -108,7 +108,9 @@ def test_no_robot_turns_so_far_between_two_scans() -> None:
     assert _is_believed(found, odometry)
     slow = replace(_EXPECTED, reach=replace(_EXPECTED.reach, most=np.array([0.1, 0.2])))
     assert not _is_believed(found, odometry, slow)
-    assert _is_believed(_STATIC, _ELSEWHERE, slow)  # carried, it seems
+    assert not _is_believed(_STATIC, _ELSEWHERE, slow)
+    nowhere = Agreement(points=180, known=170, inliers=5, contradicted=300)
+    assert _is_believed(_STATIC, nowhere, slow)  # carried, it seems
 
 
 def test_odometry_that_claims_what_no_robot_does_is_worth_as_little() -> None:

@@ -131,9 +131,9 @@ class OdometryCheckConfig(SlamSettings, prefix="odometry check: "):
     """Steps reach so many times as far as those that the newest matches tell of, in the mean, if odometry says less."""
     reach_scans: int = positive(64)
     """Scans over which that mean is taken."""
-    carried: float = between(0.001, *RATES)
+    carried: float = between(1e-6, *RATES)
     """Probability that a robot of which odometry knows nothing went farther than its steps reach, as one that is
-    carried."""
+    carried, and yet no farther than the local map."""
     contradiction: ContradictionConfig = field(default_factory=ContradictionConfig)
     """What share of what is seen contradicts a pose."""
     ground: ContradictionConfig = field(

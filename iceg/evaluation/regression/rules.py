@@ -22,6 +22,7 @@ from graph.ranges import RATES
 from iceg.config import Config
 from iceg.evaluation.errors import EvaluationError
 from iceg.slam.broken_path.path_break import TrackingFailure
+from iceg.slam.broken_path.place_hypothesis import Hypothesis
 from iceg.slam.broken_path.place_votes import Vote
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.closure_config import ConfirmedAreaConfig
@@ -89,6 +90,14 @@ def _only_after_a_loss(closer: LoopCloser, solution: Solution, failures: Mapping
     return relocalise(closer, solution, failures)
 
 
+def _support(_self: object, hypothesis: Hypothesis) -> int:
+    return hypothesis.support
+
+
+def _no_variance(errors: NDArray[np.float64], *_args: object) -> NDArray[np.float64]:
+    return np.zeros(len(errors))
+
+
 def _with_loops(**settings: Any) -> Change:  # noqa: ANN401
     return lambda config: replace(config, loops=replace(config.loops, **settings))
 
@@ -109,6 +118,11 @@ def _running_away(config: Config) -> Config:
     return replace(config, front_end=replace(config.front_end, tracking=tracking))
 
 
+def _with_any_odometry(config: Config) -> Config:
+    calibration = replace(config.front_end.calibration, worse_than_velocity=1e6)
+    return replace(config, front_end=replace(config.front_end, calibration=calibration))
+
+
 def _without_joint_refinement(config: Config) -> Config:
     joint = replace(config.finish.joint, enabled=False)
     return replace(config, finish=replace(config.finish, joint=joint))
@@ -127,6 +141,14 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "relocalisation without a loss": Rule(
             what="the same where something always matched: against drift, and matches that lead astray",
             without={f"{_SLAM}.back_end:relocalise": _only_after_a_loss},
+        ),
+        "rivals": Rule(
+            what="two places that fit about as well join nothing",
+            without={f"{_SLAM}.broken_path.relocalisation:_Relocalisation._rival": _nothing},
+        ),
+        "sure places": Rule(
+            what="places that fit elsewhere as well count only after a loss",
+            without={f"{_SLAM}.broken_path.place_search:PlaceSearch.sure_support": _support},
         ),
         "view": Rule(
             what="only who sees something else at once may have been carried",
@@ -197,6 +219,14 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "lasting noise": Rule(
             what="errors of odometry persist for a while",
             without={f"{_SLAM}.odometry.calibration:lasting_noise": _first},
+        ),
+        "doubtful matches": Rule(
+            what="what matches err by where they claim to be less sure is not the odometry's noise",
+            without={f"{_SLAM}.odometry.noise:_unsure": _no_variance},
+        ),
+        "worse than velocity": Rule(
+            what="odometry that tells less than the velocity does is left out",
+            config=_with_any_odometry,
         ),
         "mount": Rule(
             what="finds lasers that look backwards or are upside down",
