@@ -56,7 +56,6 @@ GONE = {
     "loops.relocalisation.lead": "places are weighed by how probable they are, see loops.relocalisation.odds",
     "loops.relocalisation.majority": "places are weighed by how probable they are, see loops.relocalisation.odds",
     "loops.relocalisation.min_credible": "what is too little to act on is not told of",
-    "loops.relocalisation.pass_length": "scans are matched against every pass around",
     "loops.relocalisation.right_contradicted": "see loops.relocalisation.contradiction",
     "loops.view.carried_chance": "whether the robot was carried is weighed, see loops.view.carried_prior",
     "loops.view.false_alarm": "whether the robot was carried is weighed, see loops.view.carried_prior",

@@ -254,6 +254,8 @@ class RelocalisationConfig(SlamSettings, prefix="relocalisation: "):
     """Sets of closures about a wrong place get rarer by this power of how many key scans agree."""
     reach: float = 8.0
     """Farthest along the path from a closure that key scans verify it [m]."""
+    pass_length: float = 16.0
+    """Farthest along the path from a closure that they are matched against [m]."""
     spacing: float = between(1.4, 0.0, 1000.0)
     """Path from one such key scan to the next [m], lest few be left in a log of few scans."""
     max_keys: int = positive(96)

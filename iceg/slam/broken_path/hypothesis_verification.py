@@ -86,7 +86,10 @@ class HypothesisVerifier:
         for key, nearest in self._to_verify(hypothesis):
             # Key scans lie to the later end of the closure as the front end saw them.
             T_near_key = between(self._keys[nearest.key_new].T_track_robot, self._keys[key].T_track_robot)
-            seen += self._around(key, compose(closed_pose(nearest, poses), T_near_key), poses, hypothesis)
+            around = self._around(key, compose(closed_pose(nearest, poses), T_near_key), poses, hypothesis)
+            # other passes may have drifted away from this one
+            most, at = self._config.pass_length, self._path[nearest.key_old]
+            seen += [candidate for candidate in around if abs(self._path[candidate.key_old] - at) <= most]
         return replace(self._count(seen, poses), support=hypothesis.support)
 
     def of_estimate(self, hypothesis: Hypothesis, poses: Floats, among: Bools | None = None) -> FitCount:
