@@ -17,7 +17,7 @@ class Outcome(StrEnum):
     APART = "apart"
     """Nothing joins what follows to what was before, and odometry alone says where it is."""
     CONTRADICTED = "contradicted"
-    """Closures disagree with the path, but nothing else speaks against it or they are few; the map follows the path."""
+    """Closures disagree with the path, but nothing else speaks against it; the map follows the path."""
     DRIFTED = "drifted"
     """Closures put it where only a systematic error of every step would explain, and the map follows them."""
     CONFLICT = "conflict"
