@@ -57,7 +57,7 @@ browser: $(VENV)/installed-dev.stamp
 	@$(BIN)/python -m tests.browser
 
 pytest: $(VENV)/installed-dev.stamp browser
-	$(BIN)/python -m pytest -n $(WORKERS) $(ARGS)
+	$(BIN)/python -m pytest -n $(WORKERS) --dist worksteal $(ARGS)
 
 pytest-bounds: $(VENV)/installed-dev.stamp
 	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/numba-bounds $(BIN)/python -m pytest -n $(WORKERS) $(ARGS)

@@ -26,7 +26,7 @@ _QUICK = Config(grid=GridConfig(resolution=0.5))
 
 @pytest.fixture(scope="module")
 def log() -> Log:
-    return read_log(demo_log_path()).select(slice(0, 160))
+    return read_log(demo_log_path()).select(slice(0, 110))
 
 
 def _found(path: str) -> Any:

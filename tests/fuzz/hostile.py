@@ -17,7 +17,7 @@ from tests.fuzz.cases.settings import experiments, settings
 from tests.fuzz.cases.tables import tables
 from tests.fuzz.sandbox import run_command
 
-SLOW = ("endless blank", "endless comments", "RGBA", "30,000² bits", "4 million")
+SLOW = ("endless blank", "endless comments", "RGBA", "30,000² bits", "4 million", "uses of uses")
 """Cases that take seconds to write or to refuse, by a part of their names."""
 
 CASES: tuple[Case, ...] = (
