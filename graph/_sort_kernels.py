@@ -21,6 +21,28 @@ def _sort(values: NDArray[Any]) -> None:
 
 
 @compiled
+def _smallest(values: NDArray[Any], n: int) -> Any:  # noqa: ANN401
+    """The n-th smallest, counted from 0, of numbers (m,), which change places; none is NaN. Hoare's FIND (1961)."""
+    first, last = ZERO, len(values) - 1
+    while first < last:
+        middle = values[(first + last) // 2]
+        i, j = first, last
+        while i <= j:
+            while values[i] < middle:
+                i += 1
+            while middle < values[j]:
+                j -= 1
+            if i <= j:
+                values[i], values[j] = values[j], values[i]
+                i, j = i + 1, j - 1
+        if j < n:
+            first = i
+        if n < i:
+            last = j
+    return values[n]
+
+
+@compiled
 def _sift(values: NDArray[Any], root: int, end: int) -> None:
     """Let a number sink to its place in the heap below `root`, which ends before `end`."""
     value = values[root]

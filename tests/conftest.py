@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 
 from iceg.kernels.ahead import compile_ahead
+from tests.rival_kernels import compile_rivals
 
 # Compiling a kernel inside an example is no slowness of the example. The same examples every time, kept nowhere: what
 # one run finds, all find; `--hypothesis-profile others` draws new ones.
@@ -37,6 +38,12 @@ def pytest_configure(config: pytest.Config) -> None:
     is_worker = hasattr(config, "workerinput")
     if not is_worker and config.getoption("numprocesses", None) and os.environ.get("NUMBA_DISABLE_JIT") != "1":
         compile_ahead()
+        compile_rivals()
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests that fork hundreds of times come first: a copy of a process takes five times as long once it has grown."""
+    items.sort(key=lambda item: item.path.name != "test_publish.py")
 
 
 @pytest.fixture(scope="session")

@@ -39,14 +39,22 @@ def covariance_parts(
         count += 1
         total += (nx * (x - jx) + ny * (y - jy)) ** 2
         a[0], a[1], a[2] = nx, ny, ny * x - nx * y
-        H += np.outer(a, a)
+        _add_square(H, a, 1.0)
         bx, by = x - pose[0], y - pose[1]
-        M += np.outer(a, a) * ((nx * bx + ny * by) / max(math.hypot(bx, by), 1e-9)) ** 2
+        _add_square(M, a, ((nx * bx + ny * by) / max(math.hypot(bx, by), 1e-9)) ** 2)
         # Where the foot of the perpendicular lies between the two reference points decides how much each moves it.
         ex, ey = kx - jx, ky - jy
         share = ((x - jx) * ex + (y - jy) * ey) / (ex * ex + ey * ey)
         of_reference[j] -= a * ((1.0 - share) * (nx * jx + ny * jy) / max(math.hypot(jx, jy), 1e-9))
         of_reference[k] -= a * (share * (nx * kx + ny * ky) / max(math.hypot(kx, ky), 1e-9))
     for j in range(n):
-        M += np.outer(of_reference[j], of_reference[j])
+        _add_square(M, of_reference[j], 1.0)
     return H, M, np.array([float(count), total])
+
+
+@compiled
+def _add_square(total: NDArray[np.float64], a: NDArray[np.float64], weight: float) -> None:
+    """Add a weighted aaᵀ to a sum (3, 3)."""
+    for i in range(3):
+        for j in range(3):
+            total[i, j] += a[i] * a[j] * weight

@@ -88,12 +88,15 @@ def _accelerate(before: NDArray[np.float64], pose: NDArray[np.float64], steps: N
         pose: (3,) after it; moved.
         steps: (2, 3) the last two plain steps, zero where there are none.
     """
-    steps[0] = steps[1]
     for i in range(3):
+        steps[0, i] = steps[1, i]
         steps[1, i] = pose[i] - before[i]
     steps[1, 2] = _TURN_LENGTH * ((steps[1, 2] + math.pi) % (2.0 * math.pi) - math.pi)
-    first, second = np.sum(steps[0] ** 2), np.sum(steps[1] ** 2)
-    along = np.sum(steps[0] * steps[1])
+    first = second = along = 0.0
+    for i in range(3):
+        first += steps[0, i] ** 2
+        second += steps[1, i] ** 2
+        along += steps[0, i] * steps[1, i]
     if second > _SHORT**2 or first == 0.0 or second == 0.0 or along < _SAME_WAY * math.sqrt(first * second):
         return
     ratio = math.sqrt(second / first)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from frontends.matchers._fit_kernels import move
 from frontends.matchers._outline_kernels import Outline, closest, matching_range
+from graph._sort_kernels import _smallest
 from graph.compiled import compiled, compiled_for_both
 
 
@@ -170,9 +171,9 @@ def trim(trimming: Trimming, pairs: Pairs) -> int:
     last = len(finite) - 1
     fixed = min(last, math.ceil(trimming.share * len(finite)) - 1)
     middle = min(last, int(trimming.order * len(finite)))
-    limit = np.partition(finite, fixed)[fixed]
+    limit = _smallest(finite, fixed)
     if math.isfinite(trimming.factor):
-        limit = min(limit, trimming.factor**2 * np.partition(finite, middle)[middle])
+        limit = min(limit, trimming.factor**2 * _smallest(finite, middle))
     count = 0
     for i in range(len(pairs.squares)):
         pairs.kept[i] = pairs.squares[i] <= limit

@@ -69,7 +69,8 @@ def build_tree(xy: NDArray[np.float64]) -> Nodes:
                     leaves[count, 0], leaves[count, 1] = begin, place_in - begin
                     depth[count] = depth[node] + 1
                     count += 1
-            order[first : first + size] = sorted_[first : first + size]
+            for k in range(first, first + size):
+                order[k] = sorted_[k]
         node += 1
     return Nodes(boxes[:count].copy(), children[:count].copy(), leaves[:count].copy(), order)
 

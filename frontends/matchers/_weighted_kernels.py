@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from frontends.matchers._point_noise_kernels import rotated
 from frontends.matchers._quad_tree_kernels import Nodes, nearest
+from graph._sort_kernels import _smallest
 from graph.compiled import compiled
 
 
@@ -206,7 +207,7 @@ def _select(
     if found == 0:
         return 0
     last = min(found, math.ceil(trim * found)) - 1
-    limit = np.partition(squares, last)[last]
+    limit = _smallest(squares.copy(), last)
     count = 0
     for i in range(n):
         if pairs[i] >= 0 and squares[i] <= limit:
