@@ -3,14 +3,16 @@
 import os
 import shutil
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
 
 from iceg.kernels.ahead import compile_ahead
-from tests.rival_kernels import compile_rivals
 
 # Compiling a kernel inside an example is no slowness of the example. The same examples every time, kept nowhere: what
 # one run finds, all find; `--hypothesis-profile others` draws new ones.
@@ -38,7 +40,16 @@ def pytest_configure(config: pytest.Config) -> None:
     is_worker = hasattr(config, "workerinput")
     if not is_worker and config.getoption("numprocesses", None) and os.environ.get("NUMBA_DISABLE_JIT") != "1":
         compile_ahead()
-        compile_rivals()
+        _compile_rivals()
+
+
+def _compile_rivals() -> None:
+    """What the matchers of the literature call, about as much in either of two processes: 3 s where that was done."""
+    together = (("icp", "plicp", "idc", "mbicp", "csm"), ("wsm", "qwsm", "ndt"))
+    commands = [[sys.executable, "-m", "tests.rival_kernels", *names] for names in together]
+    with ExitStack() as running:
+        for process in [running.enter_context(subprocess.Popen(command, cwd=REPOSITORY)) for command in commands]:
+            assert process.wait() == 0, process.args
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

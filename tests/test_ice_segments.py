@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from frontends.scan import Scan, ScanGeometry
 from graph.se2 import transform_points
 from iceg.ice import _feature_kernels as kernels
-from iceg.ice._point_kernels import range_noise
+from iceg.ice._point_kernels import Evenness, RangeNoise, range_noise
 from iceg.ice.config import IceConfigError, SegmentConfig
 from iceg.ice.points import ScanPoints, extract_points, thinned_points
 from iceg.ice.segments import extract_segments, segment_rows, smoothed_on_segments
@@ -57,7 +57,7 @@ def test_thinned_points_are_some_of_all_points() -> None:
         scan.ranges[rng.integers(0, 181, 40)] = np.nan
     scans[2].ranges[:] = np.nan
     offsets = np.arange(7) % 3
-    thinned = thinned_points(scans, offsets, 3)
+    thinned = thinned_points(scans, offsets, 3, Evenness(roughness=1.0, factor=1e6))
     starts = thinned.starts
     for k, scan in enumerate(scans):
         every = extract_points(scan)
@@ -66,6 +66,34 @@ def test_thinned_points_are_some_of_all_points() -> None:
     assert starts[-1] == len(thinned.points) == len(thinned.normals) == len(thinned.spreads) == len(thinned.errors)
     assert (thinned.spreads == 1.0).all()
     assert (thinned.errors == 0.0).all()
+
+
+def test_at_a_step_of_a_wall_one_of_its_surfaces_gives_the_normal() -> None:
+    niche = np.array([[-8.0, 2.0, 0.5, 2.0], [0.5, 2.0, 0.5, 2.15], [0.5, 2.15, 1.5, 2.15], [1.5, 2.15, 1.5, 2.0]])
+    walls = np.vstack([niche, [[1.5, 2.0, 8.0, 2.0]]])
+    noise = RangeNoise(constant=1e-4, per_metre2=0.0, allowed=6e-4, typical=0.0)
+    rng = np.random.default_rng(2)
+    x = np.arange(-2.0, 4.0, 0.3)
+    scans = [scan_of(walls, np.array([at, 0.0, np.pi / 2]), rng.normal(0, 0.01, 181)) for at in x]
+
+    def turned(even: Evenness) -> tuple[F64, F64]:
+        """By how much normals are turned from the wall's, beside a step and elsewhere; NaN without one [rad]."""
+        seen = thinned_points(scans, np.zeros(len(scans), np.int64), 1, even, noise=noise)
+        along = np.repeat(x, np.diff(seen.starts)) - seen.points[:, 1]
+        off = np.where(seen.normals.any(axis=1), np.abs(np.arctan2(seen.normals[:, 1], -seen.normals[:, 0])), np.nan)
+        is_near, to_step = np.hypot(*seen.points.T) < 4.0, np.minimum(np.abs(along - 0.5), np.abs(along - 1.5))
+        return off[is_near & (to_step < 0.1)], off[is_near & (to_step > 0.3)]
+
+    def slantwise(off: F64) -> float:
+        return float(np.mean(np.abs(off - 0.45) < 0.25))
+
+    whole, elsewhere = turned(Evenness(roughness=1.0, factor=1e6))
+    parts, elsewhere_too = turned(Evenness(roughness=0.005, factor=2.5))
+    assert slantwise(whole) > 0.5
+    assert slantwise(parts) < 0.05
+    assert np.mean(np.isfinite(parts)) > 0.8
+    assert np.mean(np.isnan(elsewhere_too)) < 0.02
+    assert np.nanmedian(elsewhere_too) < 1.05 * np.nanmedian(elsewhere)
 
 
 def test_normals_against_a_slow_twin() -> None:

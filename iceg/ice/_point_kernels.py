@@ -30,6 +30,10 @@ _THICKEST = 0.1
 """Neighbours are a line where their variance across is at most this share of that along, noise left out of both."""
 _LINE = 2
 """Steps from the first to the last point of a surface that may be a line."""
+_PART = 3
+"""Steps from the first to the last point of a part of a neighbourhood that may give a normal."""
+_PARTS = ((2, 0), (0, 2), (1, 1), (1, 0), (0, 1))
+"""Parts of a neighbourhood: so many halves of what lies before a point, and after it."""
 _MOSTLY_SLIM = 0.5
 """Share of the points on what is slim from which on it may face the laser."""
 _STRETCH = 4
@@ -59,6 +63,18 @@ class RangeNoise(NamedTuple):
     per_metre2: float
     allowed: float
     typical: float
+
+
+class Evenness(NamedTuple):
+    """When neighbours lie on one surface.
+
+    Attributes:
+        roughness: standard deviation of a surface about its line [m].
+        factor: so many times their variance by noise and roughness may be that about their line.
+    """
+
+    roughness: float
+    factor: float
 
 
 @compiled_for_both
@@ -94,7 +110,9 @@ def scan_points(
     n = _returns(ranges, directions, origin, points, beams)
     surfaces, moments = _room_for_surfaces(n), _room_for_moments(n)
     _surfaces(points[:n], beams, origin, _resolution(directions), jump, noise, surfaces)
-    _sum_up(points, surfaces, n, ZERO, ONE, n, reach * reach, moments)
+    before, after = np.empty(n), np.empty(n)
+    _neighbourhoods(points[:n], surfaces, reach * reach, before, after)
+    _sum_up(surfaces, before, after, ZERO, ONE, n, moments)
     _normals(moments, n, points, origin, normals)
     _face_slim(points, beams, surfaces, n, origin, normals)
     _spread(points[:n], normals, origin, noise, spreads)
@@ -111,6 +129,7 @@ def thinned_points(
     reach: float,
     jump: float,
     noise: RangeNoise,
+    even: Evenness,
     offsets: I64,
     every: int,
     points: F64,
@@ -121,7 +140,7 @@ def thinned_points(
 ) -> None:
     """As `scan_points`, for many scans of one laser, of each of which only every so many returns are kept.
 
-    What is slim has no normal here.
+    What is slim has no normal here, and at a step or corner of a wall only one of its surfaces gives it.
 
     Args:
         ranges: (m, n_beams) [m], NaN without return.
@@ -130,6 +149,7 @@ def thinned_points(
         reach: …
         jump: …
         noise: …
+        even: which neighbourhoods are one surface.
         offsets: (m,) the first return of each scan that is kept, below `every`.
         every: one in so many is kept.
         points: (capacity, 2) output [m].
@@ -142,6 +162,7 @@ def thinned_points(
     resolution = _resolution(directions)
     returns, beams = np.empty((n_beams, 2)), np.empty(n_beams, np.int32)
     surfaces, moments = _room_for_surfaces(n_beams), _room_for_moments(n_beams)
+    before, after = np.empty(n_beams), np.empty(n_beams)
     count = 0
     starts[0] = 0
     for scan in range(len(ranges)):
@@ -150,8 +171,22 @@ def thinned_points(
         kept = max(0, -((offsets[scan] - n) // every))
         for k in range(kept):
             assign(points[count + k], returns[offsets[scan] + k * every])
-        _sum_up(returns, surfaces, n, offsets[scan], every, kept, reach * reach, moments)
+        _neighbourhoods(returns[:n], surfaces, reach * reach, before, after)
+        _sum_up(surfaces, before, after, offsets[scan], every, kept, moments)
         _normals(moments, kept, points[count:], origin, normals[count:])
+        _keep_to_one_surface(
+            points[count : count + kept],
+            origin,
+            surfaces,
+            before,
+            after,
+            offsets[scan],
+            every,
+            moments.yy,
+            noise,
+            even,
+            normals[count:],
+        )
         _spread(points[count : count + kept], normals[count:], origin, noise, spreads[count:])
         _err_along_beams(points[count : count + kept], origin, noise, errors[count:])
         count += kept
@@ -286,12 +321,8 @@ def _surfaces(
 
 
 @compiled
-def _sum_up(
-    points: F64, surfaces: Surfaces, size: int, first: int, every: int, n: int, reach2: float, moments: Moments
-) -> None:
-    """Moments of the neighbourhoods of n of `size` points: the first, and one in so many after it."""
-    before, after = np.empty(size), np.empty(size)
-    _neighbourhoods(points[:size], surfaces, reach2, before, after)
+def _sum_up(surfaces: Surfaces, before: F64, after: F64, first: int, every: int, n: int, moments: Moments) -> None:
+    """Moments of n neighbourhoods, so many points before and after each: the first, and one in so many after it."""
     sums = surfaces.sums
     for k in range(n):
         i = first + k * every
@@ -360,9 +391,10 @@ def _centre(n: F64, x: F64, y: F64, xx: F64, xy: F64, yy: F64) -> None:
 
 @compiled
 def _least_spread(n: F64, xx: F64, xy: F64, yy: F64, noise: F64) -> None:
-    """Along which direction points spread least: its x, y in the place of xx, xy, and in that of n its length.
+    """Along which direction points spread least: its x, y in the place of xx, xy, and how much in that of yy.
 
-    The length is 0 where the points are too few, or no line but for the noise of their ranges.
+    In the place of n comes the length of that direction. It is 0 where the points are too few, or no line but for the
+    noise of their ranges.
     """
     for i in range(len(n)):
         cxx, cxy, cyy = xx[i], xy[i], yy[i]
@@ -381,6 +413,7 @@ def _least_spread(n: F64, xx: F64, xy: F64, yy: F64, noise: F64) -> None:
         xy[i] = 1.0 - across if is_zero else ay
         length = 1.0 if is_zero else length
         n[i] = length if is_line else 0.0
+        yy[i] = small
 
 
 @compiled
@@ -391,6 +424,93 @@ def _turn_to_laser(x: F64, y: F64, lengths: F64, points: F64, x0: float, y0: flo
         length = -lengths[i] if away > 0.0 else lengths[i]
         normals[i, 0] = x[i] / length if length != 0.0 else 0.0
         normals[i, 1] = y[i] / length if length != 0.0 else 0.0
+
+
+@compiled
+def _keep_to_one_surface(
+    points: F64,
+    origin: F64,
+    surfaces: Surfaces,
+    before: F64,
+    after: F64,
+    first: int,
+    every: int,
+    across: F64,
+    noise: RangeNoise,
+    even: Evenness,
+    normals: F64,
+) -> None:
+    """Where a neighbourhood is no single surface, the widest part of it that is one gives the normal.
+
+    At a step of a wall, as beside a door in its niche, the line through both surfaces runs slantwise from one to the
+    other, and which part of either a scan sees changes with where it stands: such a line goes along with the robot.
+
+    Args:
+        points: (n, 2) of a scan: the first, and one in so many after it [m].
+        origin: (2,) position of the laser [m].
+        surfaces: of all its points.
+        before: how many neighbours each of these has before it …
+        after: … and after it.
+        first: …
+        every: …
+        across: (n,) variance of the neighbourhood of each about its line [m²].
+        noise: of the ranges.
+        even: when neighbours are one surface.
+        normals: (n, 2) of the lines through whole neighbourhoods; changed in place, 0, 0 where no part is one surface.
+    """
+    for k in range(len(points)):
+        x, y = points[k, 0] - origin[0], points[k, 1] - origin[1]
+        nx, ny = normals[k, 0], normals[k, 1]
+        if (nx != 0.0 or ny != 0.0) and across[k] <= _unevenness(x, y, nx, ny, noise, even):
+            continue
+        i = first + k * every
+        most_before, most_after = int(before[i]), int(after[i])
+        nx, ny, widest = 0.0, 0.0, 0.0
+        for half_before, half_after in _PARTS:
+            a, b = i - half_before * most_before // 2, i + half_after * most_after // 2
+            if b - a < _PART:
+                continue
+            small, large, ux, uy = _line_through(surfaces.sums, a, b)
+            is_line = small <= min(_THICKEST * large, _unevenness(x, y, ux, uy, noise, even))
+            if is_line and large > widest:
+                nx, ny, widest = ux, uy, large
+        is_away = nx * x + ny * y > 0.0
+        normals[k, 0], normals[k, 1] = -nx if is_away else nx, -ny if is_away else ny
+
+
+@compiled
+def _unevenness(x: float, y: float, nx: float, ny: float, noise: RangeNoise, even: Evenness) -> float:
+    """Largest variance about their line of points of one surface, seen at (x, y) from the laser, its normal (nx, ny).
+
+    Of a laser whose noise nobody knows, it is what is allowed for.
+    """
+    range2 = x * x + y * y
+    toward = nx * x + ny * y
+    is_known = noise.constant + noise.per_metre2 > 0.0
+    of_range = noise.constant + noise.per_metre2 * range2 if is_known else noise.allowed
+    across = max(_FLATTEST2, toward * toward / range2) * of_range
+    return even.factor * (across + even.roughness * even.roughness)
+
+
+@compiled
+def _line_through(sums: F64, a: int, b: int) -> tuple[float, float, float, float]:
+    """Variance across and along the line through the points from a to b, and its unit normal, either way."""
+    n = float(b + 1 - a)
+    begin, end = sums[a], sums[b + 1]
+    mx, my = (end[0] - begin[0]) / n, (end[1] - begin[1]) / n
+    xx = (end[2] - begin[2]) / n - mx * mx
+    xy = (end[3] - begin[3]) / n - mx * my
+    yy = (end[4] - begin[4]) / n - my * my
+    half, difference = 0.5 * (xx + yy), xx - yy
+    root = sqrt(0.25 * (difference * difference) + xy * xy)
+    small, large = half - root, half + root
+    ax, ay, bx, by = xy, small - xx, small - yy, xy
+    if ax * ax + ay * ay < bx * bx + by * by:
+        ax, ay = bx, by
+    length = sqrt(ax * ax + ay * ay)
+    if length < 1e-12:
+        return small, large, 1.0 if xx < yy else 0.0, 0.0 if xx < yy else 1.0
+    return small, large, ax / length, ay / length
 
 
 @compiled

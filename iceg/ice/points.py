@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from frontends.scan import Scan
 from iceg.ice import _point_kernels as kernels
-from iceg.ice._point_kernels import RangeNoise
+from iceg.ice._point_kernels import Evenness, RangeNoise
 from iceg.ice.noise import PLAIN
 from iceg.ice.sweeps import joined
 
@@ -89,7 +89,12 @@ class ThinnedPoints:
 
 
 def thinned_points(
-    scans: Sequence[Scan], offsets: NDArray[np.int64], every: int, reach: float = 0.2, noise: RangeNoise = PLAIN
+    scans: Sequence[Scan],
+    offsets: NDArray[np.int64],
+    every: int,
+    even: Evenness,
+    reach: float = 0.2,
+    noise: RangeNoise = PLAIN,
 ) -> ThinnedPoints:
     """Some returns of many scans, at a fraction of the cost of all.
 
@@ -97,11 +102,12 @@ def thinned_points(
         scans: m of them.
         offsets: (m,) the first return of each that is kept, below `every` …
         every: … and one in so many after it.
+        even: when neighbours are one surface.
         reach: see `extract_points`.
         noise: of the ranges.
 
     Returns:
-        The points; what is slim has no normal.
+        The points; what is slim has no normal, and what lies on no part of a neighbourhood that is one surface.
     """
     lasers = [list(some) for _, some in groupby(scans, key=lambda scan: id(scan.geometry))]
     found: list[ThinnedPoints] = []
@@ -118,6 +124,7 @@ def thinned_points(
             reach,
             JUMP,
             noise,
+            even,
             offsets[first : first + len(some)],
             every,
             points,

@@ -128,6 +128,11 @@ def _without_joint_refinement(config: Config) -> Config:
     return replace(config, finish=replace(config.finish, joint=joint))
 
 
+def _with_normals_across_steps(config: Config) -> Config:
+    joint = replace(config.finish.joint, evenness=1e6)
+    return replace(config, finish=replace(config.finish, joint=joint))
+
+
 _SLAM = "iceg.slam"
 _FRONT_END = f"{_SLAM}.tracking.front_end:FrontEnd"
 _CHECK = f"{_SLAM}.tracking.odometry_check:OdometryCheck"
@@ -208,6 +213,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             without={"iceg.finding:with_measured_covariance_scale": _first},
         ),
         "joint refinement": Rule(what="poses and walls refined together", config=_without_joint_refinement),
+        "one surface": Rule(
+            what="normals of the joint refinement come from one surface, not from both sides of a step",
+            config=_with_normals_across_steps,
+        ),
         "calibration": Rule(
             what="of the odometry, from the log's own matches",
             config=lambda config: replace(config, front_end=replace(config.front_end, calibrate_odometry=False)),

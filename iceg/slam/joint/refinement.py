@@ -17,7 +17,7 @@ from graph.dense import vecdot
 from graph.factors import Factor
 from graph.problem import Linearization, Problem
 from graph.se2 import between, compose, expmap, inverse, logmap
-from iceg.ice._point_kernels import RangeNoise
+from iceg.ice._point_kernels import Evenness, RangeNoise
 from iceg.ice.noise import PLAIN
 from iceg.ice.points import thinned_points
 from iceg.memory import release_freed_memory
@@ -239,7 +239,8 @@ def key_clouds(
     ]
     key_of_scan = np.repeat(np.arange(len(members)), [len(some) for some in members])
     offsets = np.concatenate([np.arange(len(some)) % every for some in members])
-    seen = thinned_points(taken, offsets, every, noise=noise)
+    even = Evenness(roughness=config.roughness, factor=config.evenness)
+    seen = thinned_points(taken, offsets, every, even, noise=noise)
     points, normals, spreads = seen.points, seen.normals, seen.spreads
     normals[np.hypot(points[:, 0], points[:, 1]) > config.reach] = 0.0
     # One that errs by more would meet, on either side of its wall, only those that err as it does.
