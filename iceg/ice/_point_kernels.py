@@ -30,7 +30,7 @@ _THICKEST = 0.1
 """Neighbours are a line where their variance across is at most this share of that along, noise left out of both."""
 _LINE = 2
 """Steps from the first to the last point of a surface that may be a line."""
-_PART = 3
+_PART = 2
 """Steps from the first to the last point of a part of a neighbourhood that may give a normal."""
 _PARTS = ((2, 0), (0, 2), (1, 1), (1, 0), (0, 1))
 """Parts of a neighbourhood: so many halves of what lies before a point, and after it."""
