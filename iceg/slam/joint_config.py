@@ -34,7 +34,8 @@ class JointRefinementConfig(SlamSettings, prefix="joint refinement: "):
     """Standard deviation of a surface about its line: what else has a point off it is the error along its beam [m]."""
     evenness: float = between(2.5, 1.0, 1e6)
     """Neighbours of a point are one surface where they scatter about their line by at most so many times the variance
-    that noise and roughness explain. Others give no normal: at a step or corner it is that of neither wall."""
+    that noise and roughness explain. Across a step or corner the normal would be that of neither wall: there the widest
+    part of the neighbours that is one surface gives it."""
     independence: float = between(0.165, 1e-3, 1000.0)
     """Share of the points that count as independent: errors of neighbouring ones are correlated. By simulated truth."""
     correlated_points: float = between(4.0, 1.0, 1e6)
