@@ -10,7 +10,7 @@ from iceg.config import Config
 from iceg.corrections.corrected import Corrected, corrected
 from iceg.corrections.corrections import Corrections
 from iceg.corrections.forbidden import forbids
-from iceg.ice._point_kernels import RangeNoise
+from iceg.ice._noise_kernels import RangeNoise
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.noise import beyond_allowed
 from iceg.slam.back_end import solve_track

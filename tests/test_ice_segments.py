@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from frontends.scan import Scan, ScanGeometry
 from graph.se2 import transform_points
 from iceg.ice import _feature_kernels as kernels
-from iceg.ice._point_kernels import Evenness, RangeNoise, range_noise
+from iceg.ice._noise_kernels import RangeNoise, range_noise
+from iceg.ice._normal_kernels import Evenness
 from iceg.ice.config import IceConfigError, SegmentConfig
 from iceg.ice.points import ScanPoints, extract_points, thinned_points
 from iceg.ice.segments import extract_segments, segment_rows, smoothed_on_segments

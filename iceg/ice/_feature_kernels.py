@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from graph._assign_kernels import assign
 from graph.compiled import ZERO, compiled
-from iceg.ice._point_kernels import range_noise
+from iceg.ice._noise_kernels import range_noise
 
 F64 = NDArray[np.float64]
 I8 = NDArray[np.int8]

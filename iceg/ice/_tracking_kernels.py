@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from graph._assign_kernels import assign
 from graph._odometry_kernels import carry
 from graph.compiled import ONE, compiled
-from iceg.ice._point_kernels import RangeNoise, _count_returns, scan_points
+from iceg.ice._noise_kernels import RangeNoise
+from iceg.ice._point_kernels import _count_returns, scan_points
 from iceg.ice._refinement_kernels import refine
 
 F32 = NDArray[np.float32]

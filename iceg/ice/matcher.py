@@ -13,7 +13,7 @@ from frontends.scan import Scan, ScanGeometry
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between
-from iceg.ice._point_kernels import RangeNoise
+from iceg.ice._noise_kernels import RangeNoise
 from iceg.ice.config import IceConfig
 from iceg.ice.covariance import score_covariance
 from iceg.ice.features import FeatureRows, Features, feature_rows, packed

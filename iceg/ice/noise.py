@@ -1,7 +1,7 @@
 """What the noise of a laser adds to the errors that the settings of ICE allow for."""
 
 from frontends.laser_noise import LaserNoise
-from iceg.ice._point_kernels import RangeNoise
+from iceg.ice._noise_kernels import RangeNoise
 
 ALLOWED = 0.025
 """Standard deviation of ranges that the settings allow for [m]. The recorded logs on which they were found err by .5 to

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from frontends.scan import Scan
 from iceg.ice import _point_kernels as kernels
-from iceg.ice._point_kernels import Evenness, RangeNoise
+from iceg.ice._noise_kernels import RangeNoise
+from iceg.ice._normal_kernels import Evenness
 from iceg.ice.noise import PLAIN
 from iceg.ice.sweeps import joined
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from frontends.scan import Scan, ScanGeometry
 from graph.odometry import OdometryModel, OdometryMotion
 from iceg.ice import _tracking_kernels as kernels
-from iceg.ice._point_kernels import RangeNoise
+from iceg.ice._noise_kernels import RangeNoise
 from iceg.ice._tracking_kernels import Limits, Polish
 from iceg.ice.local_map import LocalMap
 from iceg.ice.points import JUMP, ScanPoints

@@ -13,7 +13,7 @@ from graph.batch import optimize
 from graph.factors import Factor, RobustKernel
 from graph.noise import chi2_gate
 from graph.problem import Problem
-from iceg.ice._point_kernels import RangeNoise
+from iceg.ice._noise_kernels import RangeNoise
 from iceg.ice.noise import PLAIN
 from iceg.slam.broken_path.lost_steps import without_lost_steps
 from iceg.slam.broken_path.path_break import Outcome

@@ -17,7 +17,8 @@ from graph.dense import vecdot
 from graph.factors import Factor
 from graph.problem import Linearization, Problem
 from graph.se2 import between, compose, expmap, inverse, logmap
-from iceg.ice._point_kernels import Evenness, RangeNoise
+from iceg.ice._noise_kernels import RangeNoise
+from iceg.ice._normal_kernels import Evenness
 from iceg.ice.noise import PLAIN
 from iceg.ice.points import thinned_points
 from iceg.memory import release_freed_memory
