@@ -31,6 +31,7 @@ from iceg.run_result.run_summary import LaserSummary, RunCounts, RunSummary
 from iceg.run_result.slam_result import SlamResult
 from iceg.run_result.summary import run_warnings, summarise
 from iceg.slam.agreement import Tolerance
+from iceg.slam.broken_path.displacement import displaced_covariances, displacements
 from iceg.slam.closures.closure import Closure, best_rival
 from iceg.slam.findings import Findings
 from iceg.slam.finish import Finished, refined
@@ -200,7 +201,14 @@ def _joint_covariance(finished: Finished, solution: Solution) -> JointCovariance
     factors, known = solution.factors, finished.covariances
     if known is None:
         known = marginal_covariances(factors, solution.poses)
-    return JointCovariance(poses=solution.poses, marginals=known, information=finished.information, factors=factors)
+    displaced = displacements(solution.breaks, solution.poses)
+    return JointCovariance(
+        poses=solution.poses,
+        marginals=known + displaced_covariances(displaced, len(known)),
+        information=finished.information,
+        factors=factors,
+        displacements=displaced,
+    )
 
 
 def landmarks_of(track: Track, key_poses: NDArray[np.float64], matcher: MapMatcher, config: Config) -> Landmarks:

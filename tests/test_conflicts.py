@@ -1,5 +1,7 @@
 """Where match and odometry contradict each other and no closure tells which is right, the run says so."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -79,9 +81,9 @@ def test_what_closures_span_they_have_decided(track: Track) -> None:
 
 @pytest.mark.parametrize(
     ("n_closures", "log_odds", "told"),
-    [(_SETTLING - 1, 1.0, [100]), (_SETTLING, 1.0, []), (_SETTLING - 1, -2.0, [])],
+    [(_SETTLING - 1, 1.0, [100]), (_SETTLING, 1.0, []), (_SETTLING - 1, -4.0, [])],
 )
-def test_few_closures_settle_nothing_where_the_view_changed_at_once(
+def test_few_closures_settle_nothing_where_the_robot_may_have_been_carried(
     track: Track, n_closures: int, log_odds: float, told: list[int]
 ) -> None:
     assert _told(track, {100: 40.0}, [(50, 150 + k) for k in range(n_closures)], log_odds=log_odds) == told
@@ -107,3 +109,79 @@ def test_a_sentence_says_what_the_map_follows(track: Track) -> None:
     assert told.scan == 400
     assert "before scan 400 (the match lies 0.30 m off)" in told.sentence
     assert "the map follows the match" in told.sentence
+
+
+def _doubted(
+    track: Track,
+    log_odds: dict[int, float],
+    closures: list[tuple[int, int]],
+    breaks: tuple[Break, ...] = (),
+) -> dict[int, tuple[Outcome, float]]:
+    failures = {
+        key: TrackingFailure(kind=FailureKind.NO_MATCH, reason="nothing matched", log_odds_carried=odds)
+        for key, odds in log_odds.items()
+    }
+    factors = [Factor(kind="closure", i=i, j=j, T_i_j=np.zeros(3), covariance=np.eye(3)) for i, j in closures]
+    before = Solution(
+        factors=factors,
+        poses=track.T_track_keys,
+        attempts=[],
+        searchable=np.ones(_KEYS, dtype=np.bool_),
+        breaks=breaks,
+    )
+    after = with_conflicts(before, track, failures, _CONFIG)
+    return {found.key: (found.outcome, found.probability) for found in after.breaks}
+
+
+def test_who_may_have_been_carried_is_told_with_its_probability(track: Track) -> None:
+    outcome, probability = _doubted(track, {100: -1.0}, [])[100]
+    assert outcome is Outcome.DOUBTFUL
+    assert probability == pytest.approx(1.0 / (1.0 + np.e))
+
+
+def test_an_idle_doubt_is_not_told(track: Track) -> None:
+    least = np.log(_CONFIG.failures.doubt / (1.0 - _CONFIG.failures.doubt))
+    assert _doubted(track, {100: least - 1e-6, 150: least + 1e-6}, []).keys() == {150}
+
+
+def test_closures_across_settle_a_doubt_where_they_are_many(track: Track) -> None:
+    across = [(50, 150 + k) for k in range(_SETTLING)]
+    assert _doubted(track, {100: -1.0}, across) == {}
+    assert _doubted(track, {100: -1.0}, across[1:]).keys() == {100}
+
+
+def test_failures_that_saw_one_change_of_the_view_are_one_doubt(track: Track) -> None:
+    near = _CONFIG.view.keys
+    told = _doubted(track, {100: -2.0, 100 + near: -0.5, 120: -1.0}, [])
+    assert told.keys() == {100, 120}
+    assert told[100][1] == pytest.approx(1.0 / (1.0 + np.exp(0.5)))
+
+
+@pytest.mark.parametrize(("outcome", "is_doubted"), [(Outcome.JOINED, False), (Outcome.APART, True)])
+def test_a_break_that_closures_join_is_no_doubt(track: Track, outcome: Outcome, *, is_doubted: bool) -> None:
+    known = Break(key=100, outcome=outcome, reason="")
+    told, probability = _doubted(track, {100: -1.0}, [], (known,))[100]
+    assert told is outcome
+    assert (probability > 0.0) is is_doubted
+
+
+def test_a_doubt_is_told_with_its_probability(track: Track) -> None:
+    doubt = Break(key=100, outcome=Outcome.DOUBTFUL, reason="nothing matched", probability=0.38)
+    told = describe_break(doubt, track)
+    assert told.kind == "doubtful"
+    assert "may have been carried before scan 400 (nothing matched)" in told.sentence
+    assert "38% probable" in told.sentence
+
+
+@pytest.mark.parametrize(
+    ("outcome", "words"),
+    [
+        (Outcome.JOINED, "right with a probability of 62%"),
+        (Outcome.CONTRADICTED, "wrong with a probability of 38%"),
+        (Outcome.CONFLICT, "which is 38% probable"),
+    ],
+)
+def test_a_break_that_may_be_wrong_is_told_with_its_probability(track: Track, outcome: Outcome, words: str) -> None:
+    sure = Break(key=100, outcome=outcome, reason="nothing matched", closures=9, moved=12.0)
+    assert "%" not in describe_break(sure, track).sentence
+    assert words in describe_break(replace(sure, probability=0.38), track).sentence

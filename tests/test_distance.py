@@ -1,5 +1,7 @@
 """Distances between points of a map, and whether their standard deviations are right."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from iceg.maps.config import GridConfig
 from iceg.run_result.distance import DistanceError, Sighting
 from iceg.run_result.joint_covariance import JointCovariance
 from iceg.run_result.slam_result import SlamResult
+from iceg.slam.broken_path.displacement import Displacement
 
 _COARSE = Config(grid=GridConfig(resolution=0.5))
 _SEEDS = range(20, 25)
@@ -44,6 +47,29 @@ def test_the_variance_of_a_figure_of_two_poses_is_that_of_their_joint_covariance
     gradients = np.array([[0.3, -1.0, 2.0], [0.5, 0.7, -1.1]])
     expected = gradients.ravel() @ full @ gradients.ravel()
     assert joint.variance(np.array([1, 4]), gradients) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_displacement_changes_distances_across_it_alone() -> None:
+    chain, across = _chain(6), np.array([4.0, 9.0, 0.25])
+    joint = replace(chain, displacements=(Displacement(key=3, variances=across),))
+
+    def variances(i: int, j: int) -> tuple[float, float]:
+        """Of the distance between two poses, without the displacement and with it."""
+        apart = joint.poses[j, :2] - joint.poses[i, :2]
+        along = apart / np.hypot(*apart)
+        cos, sin = np.cos(joint.poses[[i, j], 2]), np.sin(joint.poses[[i, j], 2])
+        ahead, aside = cos * along[0] + sin * along[1], cos * along[1] - sin * along[0]
+        gradients = np.column_stack([[-ahead[0], ahead[1]], [-aside[0], aside[1]], [0.0, 0.0]])
+        keys = np.array([i, j])
+        return chain.variance(keys, gradients), joint.variance(keys, gradients)
+
+    for i, j in ((0, 2), (3, 5), (4, 5)):
+        without, displaced = variances(i, j)
+        assert displaced == pytest.approx(without, rel=1e-9)
+    without, displaced = variances(2, 3)
+    heading = joint.poses[3, 2] - np.arctan2(*(joint.poses[3, :2] - joint.poses[2, :2])[::-1])
+    expected = across[0] * np.cos(heading) ** 2 + across[1] * np.sin(heading) ** 2  # it turns about itself
+    assert displaced - without == pytest.approx(expected, rel=1e-9)
 
 
 def test_deviations_are_right_over_many_runs_against_the_truth() -> None:

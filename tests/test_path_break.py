@@ -5,7 +5,8 @@ import pytest
 
 from graph.factors import Factor
 from iceg.slam.broken_path.lost_steps import without_lost_steps
-from iceg.slam.broken_path.path_break import Break, FailureKind, Outcome, TrackingFailure
+from iceg.slam.broken_path.path_break import Break, FailureKind, Outcome, TrackingFailure, probability
+from iceg.slam.config import LoopClosureConfig
 from iceg.slam.track import UNKNOWN_STEP
 
 _STEP = np.array([0.5, 0.0, 0.1])
@@ -72,3 +73,17 @@ def test_only_who_sees_something_else_at_once_may_have_been_carried(
 ) -> None:
     failure = TrackingFailure(kind=kind, reason="", log_odds_carried=log_odds)
     assert failure.may_be_carried() is may_be
+
+
+@pytest.mark.parametrize("log_odds", [-800.0, -2.0, 0.0, 3.0, 800.0])
+def test_odds_either_way_make_probabilities_that_add_up(log_odds: float) -> None:
+    assert probability(log_odds) + probability(-log_odds) == pytest.approx(1.0)
+    failure = TrackingFailure(kind=FailureKind.NO_MATCH, reason="", log_odds_carried=log_odds)
+    assert failure.probability_carried == probability(log_odds)
+    assert np.log(probability(2.0) / probability(-2.0)) == pytest.approx(2.0)
+
+
+def test_where_the_view_is_unknown_a_failure_is_no_doubt_but_scans_elsewhere_may_make_it_one() -> None:
+    failure, views = TrackingFailure(kind=FailureKind.NO_MATCH, reason=""), LoopClosureConfig().view
+    assert failure.probability_carried == 0.0
+    assert failure.log_odds(views) == pytest.approx(np.log(views.carried_prior))

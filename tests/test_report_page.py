@@ -1,6 +1,7 @@
 """The page of a run in a real browser: what it shows, and what clicks, keys and fingers do."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -14,6 +15,7 @@ from iceg.config import Config
 from iceg.maps.config import GridConfig
 from iceg.report import write_report
 from iceg.run_result.slam_result import SlamResult
+from iceg.slam.broken_path.displacement import Displacement, displaced_covariances
 from tests.browser import HOW_TO_GET_ONE, find_browser
 from tests.conftest import IN_CI
 
@@ -268,6 +270,16 @@ def test_a_measured_distance_is_that_of_the_library(page: "Page", shown: Shown) 
     assert found["length"] == pytest.approx(expected.length, abs=0.005)
     assert found["deviation"] == pytest.approx(expected.deviation, rel=0.1)
     assert page.locator("#measured-length").inner_text() == f"{found['length']:.3f} m"
+    keys = page.evaluate("iceg.state.measured.map(seen => seen.key)")
+    assert keys[0] != keys[1]
+    displaced = Displacement(key=max(keys), variances=np.array([4.0, 4.0, 1.0]))
+    page.evaluate(f"iceg.run.joint.displacements.push({{key: {displaced.key}, variances: [4, 4, 1]}})")
+    marginals = result.joint.marginals + displaced_covariances([displaced], len(result.key_scans))
+    joint = replace(result.joint, marginals=marginals, displacements=(displaced,))
+    expected = replace(result, joint=joint).distance(*(tuple(point) for point in measured))
+    assert expected.deviation > 1.0
+    assert page.evaluate("iceg.measurement()")["deviation"] == pytest.approx(expected.deviation, rel=0.01)
+    page.evaluate("iceg.run.joint.displacements.pop()")
     page.keyboard.press("Escape")
     assert page.locator("#measure").get_attribute("aria-pressed") == "false"
 

@@ -143,6 +143,16 @@ def test_a_beam_without_return_looks_through_what_was_there() -> None:
     assert views._changes(np.array([0]))[0] == pytest.approx(45 / (91 + 46), abs=0.03)  # every other beam
 
 
+def test_walls_that_are_gone_change_the_view_though_hardly_anything_is_left_to_compare() -> None:
+    ranges = np.full((3, 181), 4.0, np.float32)
+    ranges[1, 6:] = np.nan
+    ranges[2] = np.nan
+    views = _views(Log.from_arrays(ranges, bearings=np.radians(np.arange(181.0) - 90.0)), np.zeros((3, 3)))
+    gone, blind = views._changes(np.array([0, 1]))
+    assert gone > 0.9
+    assert np.isnan(blind)
+
+
 def test_nor_by_a_log_of_few_scans(simulation: Simulation) -> None:
     views = _views(simulation.log, simulation.truth, replace(_CONFIG, min_steps=10**6))
     assert views.bayes_factor(np.arange(495, 505)) is None

@@ -169,13 +169,14 @@ def _breaks(solution: Solution, here: Settled, in_force: Sequence[Factor]) -> tu
         fresh = spanning([ends for ends in closures if ends not in before], found.key)
         if found.outcome is Outcome.JOINED and not spanning(closures, found.key):
             breaks.append(replace(found, outcome=Outcome.APART, closures=0, moved=0.0))
-        elif found.outcome is Outcome.APART and fresh:
-            moved = _moved(solution.poses, here.poses, found.key)
-            breaks.append(replace(found, outcome=Outcome.JOINED, closures=fresh, moved=moved))
-        elif found.outcome is Outcome.CONFLICT and fresh:
-            continue  # who closes a loop across it says which is right
-        else:
+        elif not fresh:
             breaks.append(found)
+        elif found.outcome is Outcome.APART:
+            moved = _moved(solution.poses, here.poses, found.key)
+            breaks.append(replace(found, outcome=Outcome.JOINED, closures=fresh, moved=moved, probability=0.0))
+        elif found.outcome not in {Outcome.CONFLICT, Outcome.DOUBTFUL}:
+            breaks.append(replace(found, probability=0.0))
+        # Of the others nothing is left to tell: who closes a loop across them says which is right.
     return tuple(breaks)
 
 

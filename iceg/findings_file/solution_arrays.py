@@ -152,4 +152,11 @@ def _break(found: Mapping[str, Any]) -> Break:
         moved=float(found["moved"]),
         across=int(found["across"]),
         scan=None if found["scan"] is None else int(found["scan"]),
+        probability=_probability(found["probability"]),
     )
+
+
+def _probability(found: object) -> float:
+    if not isinstance(found, int | float) or not 0.0 <= found <= 1.0:
+        raise ValueError(f"found the probability {str(found)[:40]}, expected 0 to 1")
+    return float(found)

@@ -31,6 +31,7 @@ def joint_payload(joint: JointCovariance, laser: LaserSummary | None) -> Mapping
         "anchor_of": packed(joint.anchor_of, "i4"),
         "placements": packed(joint.placements[:, *_UPPER], "f4"),
         "excess": packed(joint.excess, "f4"),
+        "displacements": [{"key": each.key, "variances": each.variances.tolist()} for each in joint.displacements],
         "laser": {"noise_m": 0.0, "noise_per_metre": 0.0} if laser is None else dict(laser),
         "snap_m": SNAP,
     }

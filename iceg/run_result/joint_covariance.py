@@ -12,6 +12,7 @@ from graph.block_factor import BlockFactor, factorized
 from graph.factors import Factor
 from graph.problem import Problem
 from graph.se2 import adjoint, between
+from iceg.slam.broken_path.displacement import Displacement, displaced_covariances
 from iceg.slam.joint.covariance import PoseInformation
 from iceg.slam.joint.marginal_blocks import close_together
 
@@ -25,15 +26,17 @@ class JointCovariance:
 
     Attributes:
         poses: (k, 3) T_map_robot of the key poses.
-        marginals: (k, 3, 3) their covariances as they are believed.
+        marginals: (k, 3, 3) their covariances as they are believed, displacements included.
         information: of points and odometry; None where the factors tell.
         factors: of the graph.
+        displacements: of what follows breaks of the path that may be wrong.
     """
 
     poses: NDArray[np.float64]
     marginals: NDArray[np.float64]
     information: PoseInformation | None
     factors: Sequence[Factor]
+    displacements: Sequence[Displacement] = ()
 
     @cached_property
     def anchors(self) -> NDArray[np.int64]:
@@ -55,7 +58,8 @@ class JointCovariance:
         """(k,) how many times the variance of each key pose is believed to be what the factor says."""
         if self.information is None:
             return np.ones(len(self.poses))
-        ratios = dense.solve(self.information.covariances, self.marginals)
+        held = self.marginals - displaced_covariances(self.displacements, len(self.poses))
+        ratios = dense.solve(self.information.covariances, held)
         return np.asarray(np.trace(ratios, axis1=1, axis2=2) / 3.0)
 
     @cached_property
@@ -81,4 +85,14 @@ class JointCovariance:
         np.add.at(right, anchors, carried)
         own = (gradients * dense.matvec(self.placements[keys], gradients)).sum()
         known = float((right * self.factor.solve(right)).sum() + own)
-        return known * float(self.excess[keys].max())
+        return known * float(self.excess[keys].max()) + self._by_displacements(keys, gradients)
+
+    def _by_displacements(self, keys: NDArray[np.int64], gradients: NDArray[np.float64]) -> float:
+        """What displacements add: all key poses after a break move together, so that nothing among them changes."""
+        added = 0.0
+        for each in self.displacements:
+            after = keys >= each.key
+            T_key_first = between(self.poses[keys[after]], self.poses[each.key])
+            moved = dense.matvec(np.swapaxes(adjoint(T_key_first), 1, 2), gradients[after]).sum(axis=0)
+            added += float((moved**2 * each.variances).sum())
+        return added

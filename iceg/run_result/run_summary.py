@@ -4,11 +4,15 @@ from typing import Any, Literal, NotRequired, TypedDict
 
 
 class BreakSummary(TypedDict):
-    """A place where the path does not hold: before which scan, what became of it, and how far it moved."""
+    """A place where the path does not hold: before which scan, what became of it, and how far it moved.
+
+    And how probable it is that what follows is displaced nevertheless.
+    """
 
     scan: int
     outcome: str
     moved_m: float
+    probability_displaced: float
 
 
 class ClosureCounts(TypedDict):

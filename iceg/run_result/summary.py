@@ -55,7 +55,12 @@ def summarise(
         "scans_carried_by_odometry": track.failures,
         "lost_at_scans": track.lost,
         "breaks": [
-            {"scan": track.keys[found.key].index, "outcome": found.outcome.value, "moved_m": round(found.moved, 3)}
+            {
+                "scan": track.keys[found.key].index,
+                "outcome": found.outcome.value,
+                "moved_m": round(found.moved, 3),
+                "probability_displaced": round(found.probability, 3),
+            }
             for found in solution.breaks
         ],
         "odometry_jumps": len(solution.odometry_jumps),

@@ -299,9 +299,10 @@ def solve_track(
     if log is not None:
         failures = judged_by_view(failures, ViewChanges(log, track, closer.judge, closures.view), closures.failures)
     solution = back_end.solution()
-    if log is None or not log.has_odometry:
+    if log is None:
         return relocalise(closer, solution, failures)
-    solution = with_hindsight(solution, closures, back_end.contested)
+    if log.has_odometry:
+        solution = with_hindsight(solution, closures, back_end.contested)
     return with_conflicts(relocalise(closer, solution, failures), track, failures, closures)
 
 

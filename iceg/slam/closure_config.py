@@ -153,6 +153,9 @@ class TrackingFailureConfig(SlamSettings, prefix="failures: "):
     """Standard deviation in position of a step between key scans that neither odometry nor a match has seen [m]."""
     unknown_turn: Radians = between(0.5, 1e-3, 1000.0)
     """Standard deviation in heading of such a step [rad]."""
+    doubt: float = between(0.05, *RATES)
+    """From this probability on that the robot was carried where tracking failed, and no closure tells, or that it was
+    found again at the wrong place, the run says so and covariances allow for it."""
     log_end: float = 12.0
     """A failure so near to the beginning or the end of the path matters to nobody [m]."""
 
@@ -180,7 +183,8 @@ class ViewChangeConfig(SlamSettings, prefix="view: "):
     most_beams: int = between(120, 1, 1_000_000)
     """Most beams of a scan that are looked at, evenly spread."""
     min_compared: int = 10
-    """Fewest of them that must be comparable."""
+    """So many beams of one of two scans at least must be comparable: where walls were and nothing returns any more, the
+    view has changed, too."""
     keys: int = between(3, 1, 1000)
     """So many key scans before a failure the view may have changed."""
     most_steps: int = between(1000, 1, 1_000_000)

@@ -12,6 +12,7 @@ Kind = Literal[
     "drifted",
     "contradicted",
     "conflict",
+    "doubtful",
     "perceptual aliasing",
     "odometry stands still",
     "uncertain path",
@@ -43,6 +44,10 @@ _MANY: dict[Kind, str] = {
     "conflict": (
         "match and odometry contradict each other at {n} places, first at scan {scan}, and loop closures do not settle "
         "it; the map follows the matches, and may be displaced from there on"
+    ),
+    "doubtful": (
+        "the robot may have been carried at {n} places, first at scan {scan}, and no loop closure settles whether it "
+        "was: the map goes on as if not, and what follows may be displaced"
     ),
     "perceptual aliasing": (
         "several places fit {n} times (perceptual aliasing), first from scan {scan} on; no loop is closed there"

@@ -90,16 +90,32 @@ function ofPoses(gradients) {
   let [own, most] = [0, 0];
   for (const [key, g] of gradients) {
     const anchor = anchorOf[key];
-    const [x, y, turn] = between(poseOfKey(key), poseOfKey(anchors[anchor]));
-    const [c, s] = [Math.cos(turn), Math.sin(turn)];
     const at = 3 * rowOf[anchor];
-    right[at] += c * g[0] + s * g[1];
-    right[at + 1] += c * g[1] - s * g[0];
-    right[at + 2] += y * g[0] - x * g[1] + g[2];
+    carriedTo(anchors[anchor], key, g).forEach((part, axis) => (right[at + axis] += part));
     own += quadratic(placements.subarray(6 * key, 6 * key + 6), g);
     most = Math.max(most, excess[key]);
   }
-  return (squaredNormWhitened(right) + own) * most;
+  return (squaredNormWhitened(right) + own) * most + ofDisplacements(gradients);
+}
+
+/** What it adds that the robot may have been carried: all that follows moves together, nothing among it changes. */
+function ofDisplacements(gradients) {
+  let added = 0;
+  for (const { key: first, variances } of run.joint.displacements) {
+    const moved = [0, 0, 0];
+    for (const [key, g] of gradients) {
+      if (key >= first) carriedTo(first, key, g).forEach((part, axis) => (moved[axis] += part));
+    }
+    added += moved.reduce((sum, part, axis) => sum + variances[axis] * part ** 2, 0);
+  }
+  return added;
+}
+
+/** A gradient by a key pose as one by another that moves along with it. */
+function carriedTo(other, key, g) {
+  const [x, y, turn] = between(poseOfKey(key), poseOfKey(other));
+  const [c, s] = [Math.cos(turn), Math.sin(turn)];
+  return [c * g[0] + s * g[1], c * g[1] - s * g[0], y * g[0] - x * g[1] + g[2]];
 }
 
 const quadratic = ([xx, xy, xt, yy, yt, tt], [a, b, c]) =>

@@ -1,8 +1,9 @@
-"""Steps at which match and odometry contradict each other and that no closure spans: nothing tells which is right.
+"""Steps that may be wrong and that no closure spans: nothing tells whether they are.
 
 A robot that was carried to a place like the one it left matches there as well as ever, and nothing but its odometry
-says that it is elsewhere: a slip looks the same. What closures span they have decided; the rest is told. Where besides
-what the laser sees changed at once a few closures decide nothing: they may be to places that are as much alike.
+says that it is elsewhere: a slip looks the same. Nor does new ground tell whether the robot drove there or was carried.
+What closures span they have decided; the rest is told. Where the robot may have been carried a few closures decide
+nothing: they may be to places that are as much alike.
 """
 
 from collections.abc import Mapping
@@ -16,11 +17,15 @@ from iceg.slam.config import LoopClosureConfig
 from iceg.slam.solution import Solution
 from iceg.slam.track import Track
 
+_SETTLED = (Outcome.JOINED, Outcome.DRIFTED)
+
 
 def with_conflicts(
     solution: Solution, track: Track, failures: Mapping[int, TrackingFailure], config: LoopClosureConfig
 ) -> Solution:
-    """Tell, of each stretch of the path that no closure spans, where match and odometry contradict each other most.
+    """Tell of steps that no closure spans: where match and odometry contradict each other, and who may be carried.
+
+    Of a stretch of the path that no closure spans the worst contradiction is told.
 
     Args:
         solution: all closures found, and the breaks of the path that are known; a stretch that has one is told already.
@@ -29,21 +34,52 @@ def with_conflicts(
         config: how near to the ends of the path it matters to nobody, and how many closures settle it.
 
     Returns:
-        The solution with more breaks, in the order of the path.
+        The solution with more breaks, in the order of the path, each with the probability that the robot was carried.
     """
-    path, end = track.path, config.failures.log_end
-    across = closures_across(solution.factors, len(path), config)
+    across = closures_across(solution.factors, len(track.keys), config)
     stretch = np.cumsum(across > 0)  # the same all along steps that nothing spans
+    unsettled = _unsettled(track, failures, across.tolist(), config)
     told, dead = {int(stretch[found.key]) for found in solution.breaks}, track.keys_without_odometry()
     worst: dict[int, int] = {}
     for key in solution.odometry_jumps:
-        failure, where = failures.get(key), int(stretch[key])
+        failure, where = unsettled.get(key), int(stretch[key])
         if failure is None or failure.kind is not FailureKind.INCONSISTENT or key in dead or where in told:
             continue
-        if across[key] >= (config.failures.settling_closures if failure.is_carried else 1):
-            continue
-        known = worst.get(where)
-        if end < path[key] < path[-1] - end and (known is None or failure.distance2 > failures[known].distance2):
+        if where not in worst or failure.distance2 > failures[worst[where]].distance2:
             worst[where] = key
-    found = [Break(key=key, outcome=Outcome.CONFLICT, reason=failures[key].reason) for key in worst.values()]
-    return replace(solution, breaks=tuple(sorted([*solution.breaks, *found], key=lambda each: each.key)))
+    breaks = {found.key: found for found in solution.breaks}
+    for key in worst.values():
+        breaks[key] = Break(key=key, outcome=Outcome.CONFLICT, reason=failures[key].reason)
+    for key, probability in _doubts(unsettled, config).items():
+        found = breaks.get(key, Break(key=key, outcome=Outcome.DOUBTFUL, reason=failures[key].reason))
+        if found.outcome not in _SETTLED:
+            breaks[key] = replace(found, probability=max(found.probability, probability))
+    return replace(solution, breaks=tuple(breaks[key] for key in sorted(breaks)))
+
+
+def _doubts(failures: Mapping[int, TrackingFailure], config: LoopClosureConfig) -> dict[int, float]:
+    """The probability that the robot was carried, by the first of the key poses that saw one change of the view."""
+    found: dict[int, float] = {}
+    first, last = 0, -config.view.keys - 1
+    for key in sorted(failures):
+        probability = failures[key].probability_carried
+        if probability < config.failures.doubt:
+            continue
+        if key - last > config.view.keys:
+            first = key
+        last = key
+        found[first] = max(probability, found.get(first, 0.0))
+    return found
+
+
+def _unsettled(
+    track: Track, failures: Mapping[int, TrackingFailure], across: list[int], config: LoopClosureConfig
+) -> dict[int, TrackingFailure]:
+    """The failures that too few closures span, but for those near the ends of the path."""
+    path, end, doubt = track.path.tolist(), config.failures.log_end, config.failures.doubt
+    return {
+        key: failure
+        for key, failure in failures.items()
+        if end < path[key] < path[-1] - end
+        and across[key] < (config.failures.settling_closures if failure.probability_carried >= doubt else 1)
+    }

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum
-from math import log
+from math import exp, log
 
 from iceg.slam.closure_config import TrackingFailureConfig, ViewChangeConfig
 from iceg.slam.run_warning import Kind, RunWarning
@@ -22,6 +22,8 @@ class Outcome(StrEnum):
     """Closures put it where only a systematic error of every step would explain, and the map follows them."""
     CONFLICT = "conflict"
     """Match and odometry contradict each other, closures do not settle it, and the map follows the match."""
+    DOUBTFUL = "doubtful"
+    """The robot may have been carried, closures do not settle it, and the map follows the path."""
 
 
 class FailureKind(IntEnum):
@@ -37,6 +39,11 @@ class FailureKind(IntEnum):
     """Nothing that was known matched any more, and what the robot went on by may be wrong, too."""
     UNKNOWN_MOTION = 4
     """The same, and not even odometry told the way."""
+
+
+def probability(log_odds: float) -> float:
+    """Of what is so many times as probable as that it is not, the logarithm."""
+    return 1.0 / (1.0 + exp(min(-log_odds, 700.0)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -75,6 +82,18 @@ class TrackingFailure:
         """Whether it is more probable than not that the robot was carried: what the laser sees changed at once."""
         return self.log_odds_carried is not None and self.log_odds_carried > 0.0
 
+    @property
+    def probability_carried(self) -> float:
+        """That the robot was carried there; 0 where what the laser sees does not tell."""
+        return 0.0 if self.log_odds_carried is None else probability(self.log_odds_carried)
+
+    def log_odds(self, config: ViewChangeConfig) -> float:
+        """How many times as probable it is that the robot was carried there as that it was not, the logarithm.
+
+        Where nothing is known of the view, robots are seldom carried.
+        """
+        return log(config.carried_prior) if self.log_odds_carried is None else self.log_odds_carried
+
     def by_odometry(self) -> "TrackingFailure":
         """The same where odometry told the way: who was not carried knows where he is, whatever matches."""
         if self.kind is not FailureKind.TRACKING_LOSS or self.is_carried:
@@ -87,9 +106,7 @@ class TrackingFailure:
         Where nothing is known of the view, robots are seldom carried. 0 where the view goes on: nothing is said of how
         probable the path is then.
         """
-        if self.log_odds_carried is None:
-            return -log(config.carried_prior)
-        return -max(self.log_odds_carried, 0.0)
+        return -self.log_odds(config) if self.log_odds_carried is None else -max(self.log_odds_carried, 0.0)
 
     def contradiction(self, gate: float, config: ViewChangeConfig) -> float:
         """How many times as probable it is that match and odometry differ so much if the robot was carried.
@@ -140,6 +157,8 @@ class Break:
         moved: how far they say that the robot is from where the path puts it [m].
         across: how many closures span one that is apart, too few or too uncertain to join it.
         scan: of the log, the first that sees something else; None where the view goes on.
+        probability: that what follows is displaced: the robot was carried there though the map goes on as if it was
+            not, or found again at a place that only looks alike; 0 where that is an idle doubt, or settled.
     """
 
     key: int
@@ -149,6 +168,7 @@ class Break:
     moved: float = 0.0
     across: int = 0
     scan: int | None = None
+    probability: float = 0.0
 
     @property
     def is_sudden(self) -> bool:
@@ -166,7 +186,10 @@ def describe_break(found: Break, track: Track) -> RunWarning:
 def _told(found: Break, where: str) -> tuple[Kind, str]:
     elsewhere = f"{found.closures} scans that agree put the robot {found.moved:.1f} m from where the path does"
     if found.outcome is Outcome.JOINED:
-        return "found again", f"tracking was lost {where}, and the robot found again: {elsewhere}; the map follows them"
+        sure = f" (right with a probability of {1.0 - found.probability:.0%})" if found.probability > 0.0 else ""
+        return "found again", (
+            f"tracking was lost {where}, and the robot found again: {elsewhere}; the map follows them{sure}"
+        )
     if found.outcome is Outcome.APART:
         ties = (
             f"the loop closures across ({found.across}) do not agree well enough to tie"
@@ -179,11 +202,20 @@ def _told(found: Break, where: str) -> tuple[Kind, str]:
             f"the path may have drifted {where}: {elsewhere}, more than chance explains; the map follows them"
         )
     if found.outcome is Outcome.CONFLICT:
+        carried = f", which is {found.probability:.0%} probable" if found.probability > 0.0 else ""
         return "conflict", (
             f"match and odometry contradict each other {where}, and loop closures do not settle it: the map follows "
-            "the match; if the odometry is right, or the robot was carried (kidnapped), what follows is displaced"
+            f"the match; if the odometry is right, or the robot was carried (kidnapped{carried}), what follows is "
+            "displaced"
         )
+    if found.outcome is Outcome.DOUBTFUL:
+        return "doubtful", (
+            f"the robot may have been carried {where}: by what the laser sees this is {found.probability:.0%} "
+            "probable, and no loop closure settles it; the map goes on as if it was not, and what follows may be "
+            "displaced"
+        )
+    wrong = f", wrong with a probability of {found.probability:.0%}" if found.probability > 0.0 else ""
     return "contradicted", (
         f"the path may be wrong {where}: {elsewhere}; the robot was carried (kidnapped), or two places are "
-        "ambiguous (perceptual aliasing); the map follows the path"
+        f"ambiguous (perceptual aliasing); the map follows the path{wrong}"
     )

@@ -17,7 +17,7 @@ from graph.arrays import Floats, Ints
 from graph.se2 import compose, inverse
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
 from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
-from iceg.slam.broken_path.path_break import Break, Outcome, TrackingFailure
+from iceg.slam.broken_path.path_break import Break, Outcome, TrackingFailure, probability
 from iceg.slam.broken_path.path_parts import PathParts
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_parts, about_single_steps
 from iceg.slam.broken_path.place_search import PlaceSearch
@@ -243,7 +243,11 @@ class _Relocalisation:
         moving = self._parts().moved_by(first, key)
         if not moving[min(closure.key_new for closure in hypothesis.closures)]:
             correction = inverse(correction)
-        self._note(key, Outcome.JOINED if is_known else Outcome.CONTRADICTED, closures, correction)
+        if is_known:
+            self._note(key, Outcome.JOINED, closures, correction, probability(-fit.log_odds))
+        else:
+            elsewhere = self._steps.failure(key).log_odds(self._config.view) + max(fit.log_odds, 0.0)
+            self._note(key, Outcome.CONTRADICTED, closures, correction, probability(elsewhere))
         self._steps.failures.pop(key, None)
         self._steps.is_bridge[key] = False
         if not is_known:
@@ -253,8 +257,10 @@ class _Relocalisation:
         self._steps.update(self._now.factors)
         return _Decision.JOINED
 
-    def _note(self, key: int, outcome: Outcome, closures: Sequence[Attempt], correction: Floats) -> None:
-        """Record a break, and by how much closures that agree move what follows."""
+    def _note(
+        self, key: int, outcome: Outcome, closures: Sequence[Attempt], correction: Floats, displaced: float = 0.0
+    ) -> None:
+        """Record a break, how far closures that agree move what follows, and how probably it is displaced then."""
         pose, failure = self._now.poses[key], self._steps.failure(key)
         self._breaks[key] = Break(
             key=key,
@@ -263,6 +269,7 @@ class _Relocalisation:
             closures=len({closure.key_new for closure in closures}),
             moved=float(np.hypot(*(compose(correction, pose) - pose)[:2])),
             scan=failure.scan,
+            probability=displaced if displaced >= self._config.failures.doubt else 0.0,
         )
 
     def _parts(self) -> PathParts:

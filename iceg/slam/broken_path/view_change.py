@@ -214,8 +214,9 @@ class ViewChanges:
         forth = self._compared(after, before, between(mount, T_laser))
         back = self._compared(before, after, between(T_laser, mount))
         agreeing, compared = forth[0] + back[0], forth[1] + back[1]
-        is_enough = np.minimum(forth[1], back[1]) >= self.config.min_compared
-        return np.where(is_enough, 1.0 - agreeing / np.maximum(compared, 1), np.nan)
+        is_enough = np.maximum(forth[1], back[1]) >= self.config.min_compared
+        is_blind = np.minimum(forth[1], back[1]) == 0
+        return np.where(is_enough & ~is_blind, 1.0 - agreeing / np.maximum(compared, 1), np.nan)
 
     def _compared(self, seen: Ints, by: Ints, T_by_seen: Floats) -> tuple[Ints, Ints]:
         """How many ends of beams of scans lie where other scans see something, and how many of all these do.
