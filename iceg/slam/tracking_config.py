@@ -218,8 +218,10 @@ class SmoothingConfig(SlamSettings, prefix="smoothing: "):
     """How scans between two key scans are smoothed by odometry."""
 
     outlier_sigmas: float = positive(6.0)
-    """So many robust standard deviations off, a step is a slip, or the match beside it is wrong: nothing to be
-    shared."""
+    """A step that differs from its matches by more robust standard deviations than this counts as if by so many."""
+    freedom: float = between(3.0, 0.1, 1e6)
+    """Degrees of freedom of Student's t that errors of matches and odometry have: wheels slip, and somebody who walks
+    by takes a match along."""
     chance: float = between(0.02275, *RATES)
     """Steps in a row share the error of the match between them where chance explains their covariance with a smaller
     probability (normal distribution, one side; 2 σ). So much of it is not counted."""

@@ -1,7 +1,8 @@
 """Scans between two key scans, smoothed: matches say where each of them is, odometry how one leads to the next.
 
 The match of a single scan errs by a millimetre or two, each in its own way, and odometry errs as little from scan to
-scan. Key scans are tied to each other by the graph and to the walls, and stay where they are.
+scan; along a corridor, or among people, matches err by decimetres, and odometry still as little. Key scans are tied to
+each other by the graph and to the walls, and stay where they are.
 """
 
 import math
@@ -12,8 +13,10 @@ import numpy as np
 from graph import dense
 from graph.arrays import Floats
 from graph.elementary import cos_sin
+from graph.measurement import NoMatch
 from graph.noise import chi2_gate
-from graph.se2 import between, wrap_angle
+from graph.se2 import adjoint, between, wrap_angle
+from iceg.slam.match_errors import OWN
 from iceg.slam.odometry.noise import robust_deviation
 from iceg.slam.track import Track
 from iceg.slam.tracking import _smoothing_kernels as kernels
@@ -21,15 +24,22 @@ from iceg.slam.tracking_config import SmoothingConfig
 
 _LEAST_MOVED = 1e-4
 """Odometry errs by no less than this share of what steps and matches differ by, squared."""
+_LEAST = 1e-12
+"""Least variance of a step [m², rad²]."""
+_ANYWHERE = 1.0
+"""Variance of a match that there is none of [m², rad²]."""
+_ROUNDS = 20
+"""Most reweightings of a part."""
 
 
 def smoothed_between_keys(track: Track, odometry: Floats, config: SmoothingConfig) -> Track:
     """The track with the most probable poses of the scans between key scans.
 
-    How much either errs is learned from the log: two steps in a row share the error of the match between them, with
-    opposite signs, so that minus their covariance is its variance; the rest is odometry's. Each axis is taken by itself
-    in the frame of the key scan. Where that covariance is not negative beyond chance, matches err together or odometry
-    tells next to nothing beside them: they stay as they are.
+    A match errs by as much as those of the key scans on either side claim, and by no less than it proves to: two steps
+    in a row share the error of the match between them, with opposite signs, so that minus their covariance is its
+    variance, as far as that is negative beyond chance. The rest is odometry's. Each axis is taken by itself, in the
+    frame of the key scan. Either may be an outlier, where wheels slip or somebody walks by: both are distributed by
+    Student's t.
 
     Args:
         track: of a log with odometry.
@@ -51,32 +61,53 @@ def smoothed_between_keys(track: Track, odometry: Floats, config: SmoothingConfi
     errors = np.zeros_like(steps)
     errors[1:] = arrived[1:] - track.T_key_scan[:-1] - steps[1:]
     errors[:, 2] = wrap_angle(errors[:, 2])
-    limits = config.outlier_sigmas * np.array([robust_deviation(axis) for axis in errors[follows].T])
     is_kept = np.zeros(len(firsts), dtype=np.bool_)
-    is_kept[part_of[:-1][(np.abs(errors[1:]) > limits).any(axis=1)]] = True
     is_kept[[key - 1 for key in track.keys_without_odometry() if 0 < key <= len(firsts)]] = True
-    smoothed = track.T_key_scan.copy()
     in_a_row = follows[1:][np.diff(follows) == 1]
     by_chance = math.sqrt(chi2_gate(2.0 * config.chance, freedom=1))
+    measured, moved = _claimed(track), np.zeros(3)
     for axis in range(3):
-        usual = np.clip(errors[:, axis], -limits[axis], limits[axis])
+        limit = config.outlier_sigmas * robust_deviation(errors[follows, axis])
+        usual = np.clip(errors[:, axis], -limit, limit)
         whole = dense.vecdot(usual[follows], usual[follows]) / len(follows)
         shared = -dense.vecdot(usual[in_a_row], usual[in_a_row - 1]) / max(1, len(in_a_row))
-        measured = shared - by_chance * whole / math.sqrt(max(1, len(in_a_row)))
-        if measured <= 0.0:
-            continue
-        kernels.smooth(
-            np.ascontiguousarray(track.T_key_scan[:, axis]),
-            np.ascontiguousarray(steps[:, axis]),
-            np.append(firsts, len(steps)),
-            np.ascontiguousarray(ends[:, axis]),
-            is_kept,
-            measured,
-            max(whole - 2.0 * measured, _LEAST_MOVED * whole),
-            column := smoothed[:, axis].copy(),
-        )
-        smoothed[:, axis] = column
+        proven = max(0.0, shared - by_chance * whole / math.sqrt(max(1, len(in_a_row))))
+        measured[:, axis] = np.maximum(measured[:, axis], proven)
+        moved[axis] = max(whole - 2.0 * proven, _LEAST_MOVED * whole, _LEAST)
+    smoothed = track.T_key_scan.copy()
+    kernels.smooth(
+        track.T_key_scan,
+        np.append(steps, np.zeros((1, 3)), axis=0),
+        np.append(firsts, len(steps)),
+        ends,
+        is_kept,
+        measured,
+        moved,
+        config.freedom,
+        _ROUNDS,
+        smoothed,
+    )
     return replace(track, T_key_scan=smoothed)
+
+
+def _claimed(track: Track) -> Floats:
+    """(k, 3) variances of matches between each key scan and the next, in the frame of the first.
+
+    The larger of what the matches of both claim to err by themselves. A key scan that matched nothing may be anywhere
+    in sight, but for the first: that is known as well as the second.
+    """
+    claimed = np.full((len(track.keys), 3, 3), _ANYWHERE) * np.eye(3)
+    for key, scan in enumerate(track.keys):
+        if not isinstance(scan.match, NoMatch):
+            claimed[key] = OWN * track.match_covariance_scale * scan.match.covariance
+    claimed[0] = claimed[min(1, len(claimed) - 1)]
+    T_track_keys = track.T_track_keys
+    turned = np.zeros((len(claimed) - 1, 3))
+    turned[:, 2] = between(T_track_keys[:-1], T_track_keys[1:])[:, 2]
+    following = dense.congruence(adjoint(turned), claimed[1:])
+    of_parts = np.diagonal(claimed, axis1=1, axis2=2).copy()
+    of_parts[:-1] = np.maximum(of_parts[:-1], np.diagonal(following, axis1=1, axis2=2))
+    return of_parts
 
 
 def _steps(T_key_scan: Floats, odometry: Floats) -> Floats:
