@@ -16,16 +16,15 @@ from graph.elementary import cos_sin
 from graph.measurement import NoMatch
 from graph.noise import chi2_gate
 from graph.se2 import adjoint, between, wrap_angle
-from iceg.slam.match_errors import OWN
 from iceg.slam.odometry.noise import robust_deviation
 from iceg.slam.track import Track
 from iceg.slam.tracking import _smoothing_kernels as kernels
 from iceg.slam.tracking_config import SmoothingConfig
 
-_LEAST_MOVED = 1e-4
-"""Odometry errs by no less than this share of what steps and matches differ by, squared."""
+_LEAST_SHARE = 1e-2
+"""Neither odometry nor a usual match errs by less than this share of what steps and matches differ by, squared."""
 _LEAST = 1e-12
-"""Least variance of a step [m², rad²]."""
+"""Least variance of either [m², rad²]."""
 _ANYWHERE = 1.0
 """Variance of a match that there is none of [m², rad²]."""
 _ROUNDS = 20
@@ -35,11 +34,11 @@ _ROUNDS = 20
 def smoothed_between_keys(track: Track, odometry: Floats, config: SmoothingConfig) -> Track:
     """The track with the most probable poses of the scans between key scans.
 
-    A match errs by as much as those of the key scans on either side claim, and by no less than it proves to: two steps
-    in a row share the error of the match between them, with opposite signs, so that minus their covariance is its
-    variance, as far as that is negative beyond chance. The rest is odometry's. Each axis is taken by itself, in the
-    frame of the key scan. Either may be an outlier, where wheels slip or somebody walks by: both are distributed by
-    Student's t.
+    How much a match usually errs the log tells: two steps in a row share the error of the match between them, with
+    opposite signs, so that minus their covariance is its variance, as far as that is negative beyond chance. The rest
+    is odometry's. How much more or less those of one part err their key scans tell, by what their matches claim. Each
+    axis is taken by itself, in the frame of the key scan. Either may be an outlier, where wheels slip or somebody walks
+    by: both are distributed by Student's t.
 
     Args:
         track: of a log with odometry.
@@ -65,15 +64,16 @@ def smoothed_between_keys(track: Track, odometry: Floats, config: SmoothingConfi
     is_kept[[key - 1 for key in track.keys_without_odometry() if 0 < key <= len(firsts)]] = True
     in_a_row = follows[1:][np.diff(follows) == 1]
     by_chance = math.sqrt(chi2_gate(2.0 * config.chance, freedom=1))
-    measured, moved = _claimed(track), np.zeros(3)
+    claimed = _claimed(track)
+    measured, moved = claimed / np.median(claimed, axis=0), np.zeros(3)
     for axis in range(3):
         limit = config.outlier_sigmas * robust_deviation(errors[follows, axis])
         usual = np.clip(errors[:, axis], -limit, limit)
         whole = dense.vecdot(usual[follows], usual[follows]) / len(follows)
         shared = -dense.vecdot(usual[in_a_row], usual[in_a_row - 1]) / max(1, len(in_a_row))
         proven = max(0.0, shared - by_chance * whole / math.sqrt(max(1, len(in_a_row))))
-        measured[:, axis] = np.maximum(measured[:, axis], proven)
-        moved[axis] = max(whole - 2.0 * proven, _LEAST_MOVED * whole, _LEAST)
+        measured[:, axis] *= max(proven, _LEAST_SHARE * whole, _LEAST)
+        moved[axis] = max(whole - 2.0 * proven, _LEAST_SHARE * whole, _LEAST)
     smoothed = track.T_key_scan.copy()
     kernels.smooth(
         track.T_key_scan,
@@ -93,13 +93,13 @@ def smoothed_between_keys(track: Track, odometry: Floats, config: SmoothingConfi
 def _claimed(track: Track) -> Floats:
     """(k, 3) variances of matches between each key scan and the next, in the frame of the first.
 
-    The larger of what the matches of both claim to err by themselves. A key scan that matched nothing may be anywhere
-    in sight, but for the first: that is known as well as the second.
+    The larger of what the matches of both claim. A key scan that matched nothing may be anywhere in sight, but for the
+    first: that is known as well as the second.
     """
     claimed = np.full((len(track.keys), 3, 3), _ANYWHERE) * np.eye(3)
     for key, scan in enumerate(track.keys):
         if not isinstance(scan.match, NoMatch):
-            claimed[key] = OWN * track.match_covariance_scale * scan.match.covariance
+            claimed[key] = scan.match.covariance
     claimed[0] = claimed[min(1, len(claimed) - 1)]
     T_track_keys = track.T_track_keys
     turned = np.zeros((len(claimed) - 1, 3))
