@@ -290,6 +290,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="a step tells nothing across a sudden loss",
             without={f"{_SLAM}.finish:without_lost_steps": lambda factors, *_: list(factors)},
         ),
+        "displacement": Rule(
+            what="covariances allow for a robot that may have been carried, or found again at a wrong place",
+            without={"iceg.pipeline:displacements": _empty},
+        ),
         "believed walls": Rule(
             what="poses that went part of the way to the walls keep part of the graph's covariance",
             without={f"{_SLAM}.joint.refinement:believed_covariances": _first},
