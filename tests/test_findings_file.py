@@ -86,7 +86,7 @@ def array_of(name: str, value: object) -> Callable[[Arrays], None]:
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        (facts_with(version=99), "found version 99, expected 5: run the log again"),
+        (facts_with(version=99), f"found version 99, expected {VERSION}: run the log again"),
         (facts_with(config="[grid]\nresolution = -1"), "resolution"),
         (facts_with(config="from os import system"), "not valid TOML"),
         (facts_with(calibration={}), "it lacks"),

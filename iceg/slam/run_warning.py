@@ -46,8 +46,8 @@ _MANY: dict[Kind, str] = {
         "it; the map follows the matches, and may be displaced from there on"
     ),
     "doubtful": (
-        "the robot may have been carried at {n} places, first at scan {scan}, and no loop closure settles whether it "
-        "was: the map goes on as if not, and what follows may be displaced"
+        "the robot may have been carried at {n} places, first at scan {scan}, and loop closures do not settle whether "
+        "it was: the map goes on as if not, and what follows may be displaced"
     ),
     "perceptual aliasing": (
         "several places fit {n} times (perceptual aliasing), first from scan {scan} on; no loop is closed there"

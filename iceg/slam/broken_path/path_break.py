@@ -211,7 +211,7 @@ def _told(found: Break, where: str) -> tuple[Kind, str]:
     if found.outcome is Outcome.DOUBTFUL:
         return "doubtful", (
             f"the robot may have been carried {where}: by what the laser sees this is {found.probability:.0%} "
-            "probable, and no loop closure settles it; the map goes on as if it was not, and what follows may be "
+            "probable, and loop closures do not settle it; the map goes on as if it was not, and what follows may be "
             "displaced"
         )
     wrong = f", wrong with a probability of {found.probability:.0%}" if found.probability > 0.0 else ""
