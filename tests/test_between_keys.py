@@ -60,7 +60,7 @@ def test_without_outliers_a_part_is_solved_as_by_least_squares(
         ends[0] = rng.normal(size=3)
     smoothed, errors = np.full((n + 2, 3), 7.0), np.array([[measured, 2.0 * measured, 0.5], [1.0, 1.0, 1.0]])
     starts = np.array([0, n + 1, n + 2])
-    kernels.smooth(values, steps, starts, ends, np.zeros(2, bool), errors, moved, np.inf, 3, smoothed)
+    kernels.smooth(values, steps, starts, ends, np.zeros(2, bool), errors, moved, 1e15, 3, smoothed)
     for axis in range(3):
         expected = _dense(values[: n + 1, axis], steps[:, axis], ends[0, axis], errors[0, axis], moved[axis])
         assert_allclose(smoothed[1 : n + 1, axis], expected, atol=1e-8)
@@ -91,6 +91,9 @@ def test_a_part_with_outliers_is_at_an_optimum_no_worse_than_those_next_to_value
     kernels.smooth(values, steps, starts, truth[-1:], np.zeros(1, bool), one, one[0], freedom, 500, smoothed)
     found = _density(smoothed, values, steps, truth[-1], freedom)
     assert found <= _density(values, values, steps, truth[-1], freedom) + 1e-9
+    led = values[0] + np.cumsum(np.vstack([np.zeros((1, 3)), steps[1 : n + 1]]), axis=0)
+    led += (truth[-1] - led[-1] - steps[n + 1]) * np.arange(n + 1)[:, None] / (n + 1)
+    assert found <= _density(led, values, steps, truth[-1], freedom) + 1e-9
     for _ in range(20):
         near = smoothed.copy()
         near[1:] += rng.normal(0.0, 1e-3, (n, 3))

@@ -50,6 +50,19 @@ def _failure(distance2: float, log_odds: float | None) -> TrackingFailure:
     )
 
 
+def _solution(
+    track: Track, closures: list[tuple[int, int]], breaks: tuple[Break, ...], jumps: tuple[int, ...] = ()
+) -> Solution:
+    return Solution(
+        factors=[Factor(kind="closure", i=i, j=j, T_i_j=np.zeros(3), covariance=np.eye(3)) for i, j in closures],
+        poses=track.T_track_keys,
+        attempts=[],
+        searchable=np.ones(_KEYS, dtype=np.bool_),
+        odometry_jumps=jumps,
+        breaks=breaks,
+    )
+
+
 def _told(
     track: Track,
     jumps: dict[int, float],
@@ -57,15 +70,7 @@ def _told(
     breaks: tuple[Break, ...] = (),
     log_odds: float | None = None,
 ) -> list[int]:
-    factors = [Factor(kind="closure", i=i, j=j, T_i_j=np.zeros(3), covariance=np.eye(3)) for i, j in closures]
-    before = Solution(
-        factors=factors,
-        poses=track.T_track_keys,
-        attempts=[],
-        searchable=np.ones(_KEYS, dtype=np.bool_),
-        odometry_jumps=tuple(jumps),
-        breaks=breaks,
-    )
+    before = _solution(track, closures, breaks, tuple(jumps))
     after = with_conflicts(before, track, {key: _failure(far, log_odds) for key, far in jumps.items()}, _CONFIG)
     assert list(after.breaks) == sorted(after.breaks, key=lambda found: found.key)
     return [found.key for found in after.breaks if found.outcome is Outcome.CONFLICT]
@@ -121,15 +126,7 @@ def _doubted(
         key: TrackingFailure(kind=FailureKind.NO_MATCH, reason="nothing matched", log_odds_carried=odds)
         for key, odds in log_odds.items()
     }
-    factors = [Factor(kind="closure", i=i, j=j, T_i_j=np.zeros(3), covariance=np.eye(3)) for i, j in closures]
-    before = Solution(
-        factors=factors,
-        poses=track.T_track_keys,
-        attempts=[],
-        searchable=np.ones(_KEYS, dtype=np.bool_),
-        breaks=breaks,
-    )
-    after = with_conflicts(before, track, failures, _CONFIG)
+    after = with_conflicts(_solution(track, closures, breaks), track, failures, _CONFIG)
     return {found.key: (found.outcome, found.probability) for found in after.breaks}
 
 

@@ -76,6 +76,16 @@ def facts_with(**others: object) -> Callable[[Arrays], None]:
     return change
 
 
+def break_with(**others: object) -> Callable[[Arrays], None]:
+    found = {"key": 1, "outcome": "doubtful", "reason": "", "closures": 0, "moved": 0.0, "across": 0, "scan": None}
+
+    def change(arrays: Arrays) -> None:
+        solution = json.loads(arrays["facts"].tobytes())["solution"]
+        facts_with(solution={**solution, "breaks": [{**found, **others}]})(arrays)
+
+    return change
+
+
 def array_of(name: str, value: object) -> Callable[[Arrays], None]:
     def change(arrays: Arrays) -> None:
         arrays[name] = np.array(value)
@@ -92,6 +102,10 @@ def array_of(name: str, value: object) -> Callable[[Arrays], None]:
         (facts_with(calibration={}), "it lacks"),
         (facts_with(kept={"recorded_scans": 5, "kept": [[0, 5]]}), "of 5, expected some in order"),
         (facts_with(kept={"recorded_scans": 9, "kept": [[0, 6]]}), "and holds 6"),
+        (break_with(probability=1.5), "found the probability 1.5, expected 0 to 1"),
+        (break_with(probability=float("nan")), "found the probability nan, expected 0 to 1"),
+        (break_with(probability="likely"), "found the probability likely, expected 0 to 1"),
+        (break_with(), "it lacks 'probability'"),
         (array_of("key_scan", [0, 9, 4]), "'key_scan' holds numbers from 0 to 9"),
         (array_of("key_scan", [0, 4, 2]), "not in the order of the log"),
         (array_of("scan_key", [0, 0, 1, 1, 2, 7]), "'scan_key'"),

@@ -79,10 +79,8 @@ class JointCovariance:
             gradients: (n, 3) derivatives by a step in the tangent space at each.
         """
         anchors = self.anchor_of[keys]
-        T_key_anchor = between(self.poses[keys], self.poses[self.anchors[anchors]])
-        carried = dense.matvec(np.swapaxes(adjoint(T_key_anchor), 1, 2), gradients)
         right = np.zeros((len(self.anchors), 3))
-        np.add.at(right, anchors, carried)
+        np.add.at(right, anchors, self._carried(self.anchors[anchors], keys, gradients))
         own = (gradients * dense.matvec(self.placements[keys], gradients)).sum()
         known = float((right * self.factor.solve(right)).sum() + own)
         return known * float(self.excess[keys].max()) + self._by_displacements(keys, gradients)
@@ -92,7 +90,13 @@ class JointCovariance:
         added = 0.0
         for each in self.displacements:
             after = keys >= each.key
-            T_key_first = between(self.poses[keys[after]], self.poses[each.key])
-            moved = dense.matvec(np.swapaxes(adjoint(T_key_first), 1, 2), gradients[after]).sum(axis=0)
+            moved = self._carried(np.array(each.key), keys[after], gradients[after]).sum(axis=0)
             added += float((moved**2 * each.variances).sum())
         return added
+
+    def _carried(
+        self, others: NDArray[np.int64], keys: NDArray[np.int64], gradients: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(n, 3) gradients by key poses as those by others that move along with them."""
+        T_key_other = between(self.poses[keys], self.poses[others])
+        return dense.matvec(np.swapaxes(adjoint(T_key_other), 1, 2), gradients)

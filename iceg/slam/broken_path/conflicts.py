@@ -17,7 +17,8 @@ from iceg.slam.config import LoopClosureConfig
 from iceg.slam.solution import Solution
 from iceg.slam.track import Track
 
-_SETTLED = (Outcome.JOINED, Outcome.DRIFTED)
+_FOLLOWED = (Outcome.JOINED, Outcome.DRIFTED)
+"""Of these breaks the map follows the closures: that the path is wrong there is no doubt any more."""
 
 
 def with_conflicts(
@@ -52,7 +53,7 @@ def with_conflicts(
         breaks[key] = Break(key=key, outcome=Outcome.CONFLICT, reason=failures[key].reason)
     for key, probability in _doubts(unsettled, config).items():
         found = breaks.get(key, Break(key=key, outcome=Outcome.DOUBTFUL, reason=failures[key].reason))
-        if found.outcome not in _SETTLED:
+        if found.outcome not in _FOLLOWED:
             breaks[key] = replace(found, probability=max(found.probability, probability))
     return replace(solution, breaks=tuple(breaks[key] for key in sorted(breaks)))
 

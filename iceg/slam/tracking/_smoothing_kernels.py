@@ -43,7 +43,7 @@ def smooth(
         is_kept: (k,) the parts that stay as they are.
         measured: (k, d) variance of a measured value of each part …
         moved: (d,) … and of a step.
-        freedom: degrees of freedom of either, infinite for normal distributions.
+        freedom: degrees of freedom of either.
         rounds: most reweightings.
         smoothed: (n, d) output, filled for all but the parts that are kept.
     """
@@ -129,12 +129,12 @@ def _weigh(
 
 @compiled
 def _weight(square: float, axes: int, freedom: float) -> float:
-    return (freedom + axes) / (freedom + square) if np.isfinite(freedom) else 1.0
+    return (freedom + axes) / (freedom + square)
 
 
 @compiled
 def _surprise(square: float, axes: int, freedom: float) -> float:
-    return 0.5 * (freedom + axes) * log(1.0 + square / freedom) if np.isfinite(freedom) else 0.5 * square
+    return 0.5 * (freedom + axes) * log(1.0 + square / freedom)
 
 
 @compiled

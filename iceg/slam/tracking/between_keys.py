@@ -43,7 +43,7 @@ def smoothed_between_keys(track: Track, odometry: Floats, config: SmoothingConfi
     Args:
         track: of a log with odometry.
         odometry: (n_scans, 3) calibrated.
-        config: what is a slip, and what is chance.
+        config: how heavy the tails of either are, and what is chance.
 
     Returns:
         The same, but for `T_key_scan`.
