@@ -27,13 +27,13 @@ _SCAN = Scan(
 Floats = NDArray[np.float64]
 
 
-def _dense(values: Floats, steps: Floats, end: float, measured: float, moved: float) -> Floats:
+def _dense(values: Floats, steps: Floats, end: float, measured: Floats, moved: float) -> Floats:
     """The same by least squares; `steps` has one more than `values` where there is an end."""
     n = len(values) - 1
     rows, right = [], []
     for i in range(1, n + 1):
-        rows.append(np.eye(n)[i - 1] / np.sqrt(measured))
-        right.append(values[i] / np.sqrt(measured))
+        rows.append(np.eye(n)[i - 1] / np.sqrt(measured[i]))
+        right.append(values[i] / np.sqrt(measured[i]))
         before = np.eye(n)[i - 2] if i > 1 else np.zeros(n)
         rows.append((np.eye(n)[i - 1] - before) / np.sqrt(moved))
         right.append((steps[i] + (values[0] if i == 1 else 0.0)) / np.sqrt(moved))
@@ -58,11 +58,11 @@ def test_without_outliers_a_part_is_solved_as_by_least_squares(
     ends = np.full((2, 3), np.nan)
     if has_end:
         ends[0] = rng.normal(size=3)
-    smoothed, errors = np.full((n + 2, 3), 7.0), np.array([[measured, 2.0 * measured, 0.5], [1.0, 1.0, 1.0]])
+    smoothed, errors = np.full((n + 2, 3), 7.0), measured * rng.uniform(0.5, 2.0, (n + 2, 3))
     starts = np.array([0, n + 1, n + 2])
     kernels.smooth(values, steps, starts, ends, np.zeros(2, bool), errors, moved, 1e15, 3, smoothed)
     for axis in range(3):
-        expected = _dense(values[: n + 1, axis], steps[:, axis], ends[0, axis], errors[0, axis], moved[axis])
+        expected = _dense(values[: n + 1, axis], steps[:, axis], ends[0, axis], errors[: n + 1, axis], moved[axis])
         assert_allclose(smoothed[1 : n + 1, axis], expected, atol=1e-8)
     assert_array_equal(smoothed[0], values[0])
     assert (smoothed[-1] == 7.0).all()
@@ -86,9 +86,9 @@ def test_a_part_with_outliers_is_at_an_optimum_no_worse_than_those_next_to_value
     values[0], steps[1:] = truth[0], np.diff(truth, axis=0) + rng.normal(size=(n + 1, 3))
     for _ in range(n_outliers):
         (values if rng.random() < 0.5 else steps)[rng.integers(1, n + 1)] += rng.normal(0.0, 30.0, 3)
-    smoothed, one = values.copy(), np.ones((1, 3))
+    smoothed, ones = values.copy(), np.ones((n + 1, 3))
     starts = np.array([0, n + 1])
-    kernels.smooth(values, steps, starts, truth[-1:], np.zeros(1, bool), one, one[0], freedom, 500, smoothed)
+    kernels.smooth(values, steps, starts, truth[-1:], np.zeros(1, bool), ones, ones[0], freedom, 500, smoothed)
     found = _density(smoothed, values, steps, truth[-1], freedom)
     assert found <= _density(values, values, steps, truth[-1], freedom) + 1e-9
     led = values[0] + np.cumsum(np.vstack([np.zeros((1, 3)), steps[1 : n + 1]]), axis=0)
@@ -195,3 +195,14 @@ def test_along_what_matches_do_not_observe_scans_go_as_odometry_says() -> None:
     smoothed = smoothed_between_keys(replace(track, T_key_scan=astray, keys=keys), odometry, SmoothingConfig())
     off = np.hypot(*(smoothed.trajectory(truth[track.key_scans]) - truth)[1001:1008, :2].T)
     assert off.max() < 0.004
+
+
+def test_a_scan_next_to_a_key_scan_that_observes_stays_where_it_matched_though_the_next_one_slides() -> None:
+    track, odometry, truth = _drive(2000, 5, 0.002, 0.02)
+    odometry[1001, 2] += 0.1
+    keys = list(track.keys)
+    match = keys[126].match
+    assert isinstance(match, RelativePose)
+    keys[126] = replace(keys[126], match=replace(match, covariance=np.eye(3)))
+    smoothed = smoothed_between_keys(replace(track, keys=keys), odometry, SmoothingConfig())
+    assert abs(smoothed.trajectory(truth[track.key_scans])[1001, 2] - truth[1001, 2]) < 0.01

@@ -41,7 +41,7 @@ def smooth(
         firsts: (k + 1,) index of the fixed value that each part begins with, and n.
         ends: (k, d) the fixed value that each part leads to, NaN where it leads nowhere.
         is_kept: (k,) the parts that stay as they are.
-        measured: (k, d) variance of a measured value of each part …
+        measured: (n, d) variance of each measured value …
         moved: (d,) … and of a step.
         freedom: degrees of freedom of either.
         rounds: most reweightings.
@@ -56,11 +56,11 @@ def smooth(
         if is_kept[part] or end - first < 2:
             continue
         one, other = by_values[: end - first], by_steps[: end - first]
-        own, moves, goal = values[first:end], steps[first : end + 1], ends[part]
+        own, spread, moves, goal = values[first:end], measured[first:end], steps[first : end + 1], ends[part]
         one[:] = own
         _led_by_steps(own, moves, goal, other)
-        cost = _reweighted(own, moves, goal, measured[part], moved, freedom, rounds, one)
-        is_other = _reweighted(own, moves, goal, measured[part], moved, freedom, rounds, other) < cost
+        cost = _reweighted(own, moves, goal, spread, moved, freedom, rounds, one)
+        is_other = _reweighted(own, moves, goal, spread, moved, freedom, rounds, other) < cost
         smoothed[first:end] = other if is_other else one
 
 
@@ -88,7 +88,7 @@ def _reweighted(
     cost = _weigh(values, steps, end, measured, moved, freedom, found, of_values, of_steps)
     for _ in range(rounds):
         for axis in range(values.shape[1]):
-            _solve(values, steps, end, axis, measured[axis], moved[axis], of_values, of_steps, found)
+            _solve(values, steps, end, axis, measured, moved[axis], of_values, of_steps, found)
         before, cost = cost, _weigh(values, steps, end, measured, moved, freedom, found, of_values, of_steps)
         if before - cost < _SETTLED:
             break
@@ -118,7 +118,7 @@ def _weigh(
             turned += step * step / moved[axis]
             if i < n:
                 value = there - values[i, axis]
-                off += value * value / measured[axis]
+                off += value * value / measured[i, axis]
         of_steps[i] = _weight(turned, axes, freedom)
         cost += _surprise(turned, axes, freedom)
         if i < n:
@@ -143,7 +143,7 @@ def _solve(
     steps: F64,
     end: F64,
     axis: int,
-    measured: float,
+    measured: F64,
     moved: float,
     of_values: F64,
     of_steps: F64,
@@ -154,7 +154,7 @@ def _solve(
     has_end = not np.isnan(end[axis])
     pivots, rights = np.empty(n), np.empty(n)
     for i in range(1, n):
-        by_value, by_step = of_values[i] / measured, of_steps[i] / moved
+        by_value, by_step = of_values[i] / measured[i, axis], of_steps[i] / moved
         pivot = by_value + by_step
         right = by_value * values[i, axis] + by_step * steps[i, axis]
         if i + 1 < n or has_end:

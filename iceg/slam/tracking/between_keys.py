@@ -12,7 +12,7 @@ import numpy as np
 
 from graph import dense
 from graph.arrays import Floats
-from graph.elementary import cos_sin
+from graph.elementary import cos_sin, exp, log
 from graph.measurement import NoMatch
 from graph.noise import chi2_gate
 from graph.se2 import adjoint, between, wrap_angle
@@ -74,6 +74,7 @@ def smoothed_between_keys(track: Track, odometry: Floats, config: SmoothingConfi
         proven = max(0.0, shared - by_chance * whole / math.sqrt(max(1, len(in_a_row))))
         measured[:, axis] *= max(proven, _LEAST_SHARE * whole, _LEAST)
         moved[axis] = max(whole - 2.0 * proven, _LEAST_SHARE * whole, _LEAST)
+    measured += config.own * claimed
     smoothed = track.T_key_scan.copy()
     kernels.smooth(
         track.T_key_scan,
@@ -91,23 +92,24 @@ def smoothed_between_keys(track: Track, odometry: Floats, config: SmoothingConfi
 
 
 def _claimed(track: Track) -> Floats:
-    """(k, 3) variances of matches between each key scan and the next, in the frame of the first.
+    """(n_scans, 3) variances of matches as key scans claim them, in the frame of the key scan of each.
 
-    The larger of what the matches of both claim. A key scan that matched nothing may be anywhere in sight, but for the
-    first: that is known as well as the second.
+    Between what the match of a key scan claims and that of the next its logarithm is interpolated. A key scan that
+    matched nothing may be anywhere in sight, but for the first: that is known as well as the second.
     """
     claimed = np.full((len(track.keys), 3, 3), _ANYWHERE) * np.eye(3)
     for key, scan in enumerate(track.keys):
         if not isinstance(scan.match, NoMatch):
             claimed[key] = scan.match.covariance
     claimed[0] = claimed[min(1, len(claimed) - 1)]
-    T_track_keys = track.T_track_keys
-    turned = np.zeros((len(claimed) - 1, 3))
-    turned[:, 2] = between(T_track_keys[:-1], T_track_keys[1:])[:, 2]
-    following = dense.congruence(adjoint(turned), claimed[1:])
-    of_parts = np.diagonal(claimed, axis1=1, axis2=2).copy()
-    of_parts[:-1] = np.maximum(of_parts[:-1], np.diagonal(following, axis1=1, axis2=2))
-    return of_parts
+    firsts, part_of, T_track_keys = track.key_scans, track.key_of_scan, track.T_track_keys
+    following = np.append(claimed[1:], claimed[-1:], axis=0)
+    turned = np.zeros_like(T_track_keys)
+    turned[:-1, 2] = between(T_track_keys[:-1], T_track_keys[1:])[:, 2]
+    following = dense.congruence(adjoint(turned), following)
+    at_start, at_end = (log(np.diagonal(of_keys, axis1=1, axis2=2)) for of_keys in (claimed, following))
+    passed = (np.arange(len(part_of)) - firsts[part_of]) / np.diff(np.append(firsts, len(part_of)))[part_of]
+    return exp(at_start[part_of] + passed[:, None] * (at_end - at_start)[part_of])
 
 
 def _steps(T_key_scan: Floats, odometry: Floats) -> Floats:
