@@ -78,7 +78,7 @@ class RelativePose:
 
     @property
     def informed_covariance(self) -> NDArray[np.float64]:
-        """(3, 3) the covariance of the match as a step of the path: along what it does not observe it says nothing.
+        """(3, 3) the covariance of the match as a factor of a graph: along what it does not observe it says nothing.
 
         There `covariance` has the standard deviation that the matcher was told to claim, with which gates compute. A
         graph adds up what its factors say, and nothing seen, however often, must not add up to anything.

@@ -158,10 +158,10 @@ class PoseGraph:
     def add_closure(self, i: int, j: int, match: RelativePose, kernel: RobustKernel | None) -> int:
         """Add a loop closure, pose j found again from pose i; returns its index.
 
-        Along what it does not observe it says what it claims: without, its robust kernel never rejects it there, and a
-        place that is similar along a corridor or a ring is believed.
+        It tells nothing along what it does not observe: a place that is similar along a corridor or a ring moves
+        nothing there, and many such places add up to nothing.
         """
-        covariance = match.covariance
+        covariance = match.informed_covariance
         return self.add(Factor(kind="closure", i=i, j=j, T_i_j=match.T_ref_cur, covariance=covariance, kernel=kernel))
 
     def add(self, factor: Factor) -> int:

@@ -13,7 +13,6 @@ from frontends.scan import Scan, ScanGeometry
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose
-from iceg.slam.match_errors import OWN
 from iceg.slam.recording.steps import chained
 from iceg.slam.track import KeyScan, Track
 from iceg.slam.tracking import _smoothing_kernels as kernels
@@ -109,7 +108,7 @@ def _track(truth: Floats, noise: Floats, claimed: float) -> Track:
     motion = OdometryModel().start()
     match = RelativePose(
         T_ref_cur=np.zeros(3),
-        covariance=claimed**2 / OWN * np.eye(3),
+        covariance=2.0 * claimed**2 * np.eye(3),
         score=1.0,
         inliers=9,
         overlap=1.0,

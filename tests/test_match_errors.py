@@ -11,7 +11,7 @@ from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import compose, expmap
 from iceg.evaluation.consistency import nees, relative_pose_errors
-from iceg.slam.match_errors import OWN, closure_covariance, placement_covariance
+from iceg.slam.match_errors import closure_covariance, placement_covariance
 from iceg.slam.track import KeyScan, Track
 
 Array = NDArray[np.float64]
@@ -72,8 +72,8 @@ def test_closures_are_as_far_off_as_they_say() -> None:
 def test_odometry_limits_what_a_weak_or_missing_match_leaves_open() -> None:
     good, weak = 1e-6 * np.eye(3), np.diag([1.0, 1e-6, 1e-6])
     track = _track([None, good, weak, None])
-    assert placement_covariance(track, 1) == pytest.approx(OWN * 1e-6 * np.eye(3), rel=1e-3)
-    assert placement_covariance(track, 2)[0, 0] == pytest.approx(OWN * 0.01, rel=0.02)
+    assert placement_covariance(track, 1) == pytest.approx(0.5 * 1e-6 * np.eye(3), rel=1e-3)
+    assert placement_covariance(track, 2)[0, 0] == pytest.approx(0.5 * 0.01, rel=0.02)
     assert placement_covariance(track, 3) == pytest.approx(0.01 * np.eye(3))
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from frontends.scan import Scan, ScanGeometry
 from graph.measurement import NoMatch
 from graph.odometry import OdometryMotion
-from graph.se2 import compose
+from graph.se2 import compose, expmap
 from iceg.ice.verification import Agreement
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.contradiction import ContradictionConfig
@@ -68,6 +68,13 @@ def _is_believed(far: Agreement, near: Agreement, expected: Expectation = _EXPEC
     instead = check.judge(None, _SCAN, _ODOMETRY, _FAR, _COVARIANCE, expected)
     assert instead is None or isinstance(instead, NoMatch)
     return instead is None
+
+
+def test_what_slid_along_a_ring_is_as_far_off_as_it_slid() -> None:
+    along = np.array([1.0, 0.0, 0.2])
+    slid = compose(_ODOMETRY, expmap(2.0 * along))
+    covariance = 1e-6 * np.eye(3) + np.outer(along, along)
+    assert _EXPECTED.distance2(slid, covariance) == pytest.approx(4.0, abs=0.1)
 
 
 def test_odometry_that_jumps_is_not_believed_against_walls() -> None:

@@ -114,6 +114,21 @@ def test_a_match_tells_nothing_along_what_it_does_not_observe() -> None:
     assert np.linalg.eigvalsh(told)[1] < 1e-3
 
 
+def test_many_closures_of_one_place_tell_nothing_along_what_none_of_them_observes() -> None:
+    turned = np.array([0.6, 0.8, 0.0])
+    weak = replace(match(STEP, COVARIANCE + np.outer(turned, turned)), weak_directions=turned[None])
+    graph = PoseGraph()
+    graph.add_first_pose(np.zeros(3), np.eye(3) * 1e-10)
+    graph.add_pose(STEP)
+    graph.add_odometry(0, 1, STEP, np.diag([0.25, 0.25, 0.01]))
+    for _ in range(30):
+        graph.add_closure(0, 1, weak, None)
+    told = graph.marginal_covariance(1)
+    # With the 1 m that each claims there it would be 0.17 m.
+    assert turned @ told @ turned > 0.9 * 0.25
+    assert np.linalg.eigvalsh(told)[1] < 1e-3
+
+
 @pytest.mark.parametrize("shape", [(0,), (3,), (1, 2)])
 def test_weak_directions_are_rows_of_three(shape: tuple[int, ...]) -> None:
     with pytest.raises(MeasurementError, match=r"\(k, 3\), found shape"):

@@ -15,7 +15,7 @@ from graph.measurement import NoMatch, RelativePose
 from graph.noise import chi2_gate, largest_squared_norm, squared_norm
 from graph.odometry import OdometryMotion
 from graph.pose_graph import PoseGraph
-from graph.se2 import between, compose, wrap_angle
+from graph.se2 import between, compose, logmap, wrap_angle
 from iceg.slam.agreement import is_small
 from iceg.slam.broken_path.conflicts import with_conflicts
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
@@ -106,7 +106,7 @@ class BackEnd:
         keys = self._track.keys
         T_track_match = compose(keys[keys[key].anchor].T_track_robot, match.T_ref_cur)
         offset = between(between(keys[key - 1].T_track_robot, T_track_match), motion.T_key_robot)
-        distance2 = squared_norm(offset, match.covariance + motion.covariance)
+        distance2 = squared_norm(logmap(offset), match.covariance + motion.covariance)
         far = math.hypot(offset[0], offset[1])
         config = self._config.failures
         gate = chi2_gate(config.false_alarm)
@@ -210,7 +210,7 @@ class BackEnd:
         """
         assert attempt.match is not None
         i, j, most = attempt.key_old, attempt.key_new, largest_squared_norm(self._config.path_probability)
-        offset = _offset(attempt, poses)
+        offset = logmap(_offset(attempt, poses))
         squared = squared_norm(offset, self._drift.covariance(i, j, poses) + attempt.match.covariance)
         if squared > most:
             squared = squared_norm(offset, self.graph.relative_covariance(i, j) + attempt.match.covariance)

@@ -111,14 +111,18 @@ def unmatched(key_old: int, key_new: int, reason: str) -> Attempt:
 
 
 def closure_factor(attempt: Attempt, kernel: RobustKernel | None = None) -> Factor:
-    """A closure that was matched, as a factor of the graph."""
+    """A closure that was matched, as a factor of the graph: it tells nothing along what it does not observe.
+
+    Gates go by what the match claims there, 1 m. A graph would add that up: along a ring every closure lies where its
+    guess had it, and they err together.
+    """
     assert attempt.match is not None
     return Factor(
         kind="closure",
         i=attempt.key_old,
         j=attempt.key_new,
         T_i_j=attempt.match.T_ref_cur,
-        covariance=attempt.match.covariance,
+        covariance=attempt.match.informed_covariance,
         kernel=kernel,
     )
 

@@ -22,7 +22,6 @@ from graph.elementary import arctan2, cos_sin
 from graph.odometry import OdometryModel
 from graph.se2 import between
 from iceg.slam.calibration_config import CalibrationConfig
-from iceg.slam.match_errors import OWN
 
 _FIT_ROUNDS = 10
 """Rounds in which the weights follow the fitted variances."""
@@ -272,7 +271,7 @@ def _shares(errors: Floats, following: Floats, claimed: Floats, config: Calibrat
     lags = [dense.vecdot(e[lag:], e[: len(e) - lag]) / len(e) for lag in range(last + 1)]
     cancelling = max(0.5 * (lags[2] + lags[3]), 0.0) - dense.vecdot(e[:-1], after) / len(e)
     claim = max(float(np.mean(certain**2 * claimed)), 1e-12)
-    share = min(max(cancelling / (OWN * claim), 0.0), config.max_claimed)
+    share = min(max(2.0 * cancelling / claim, 0.0), config.max_claimed)
     chain = lags[0] + 2.0 * sum((1.0 - lag / (last + 1.0)) * lags[lag] for lag in range(1, last + 1))
     persistence = chain / max(lags[0] - share * claim, 0.5 * lags[0], _NOTHING)
     chance = 2.0 * math.sqrt(4.0 * last / (3.0 * len(e)))  # two relative standard deviations of the sum

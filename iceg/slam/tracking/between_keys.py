@@ -25,8 +25,6 @@ _LEAST_SHARE = 1e-2
 """Neither odometry nor a usual match errs by less than this share of what steps and matches differ by, squared."""
 _LEAST = 1e-12
 """Least variance of either [m², rad²]."""
-_ANYWHERE = 1.0
-"""Variance of a match that there is none of [m², rad²]."""
 _ROUNDS = 20
 """Most reweightings of a part."""
 
@@ -95,12 +93,11 @@ def _claimed(track: Track) -> Floats:
     """(n_scans, 3) variances of matches as key scans claim them, in the frame of the key scan of each.
 
     Between what the match of a key scan claims and that of the next its logarithm is interpolated. A key scan that
-    matched nothing may be anywhere in sight, but for the first: that is known as well as the second.
+    matched nothing is known as well as odometry knows the way to it, but for the first: that is as well as the second.
     """
-    claimed = np.full((len(track.keys), 3, 3), _ANYWHERE) * np.eye(3)
-    for key, scan in enumerate(track.keys):
-        if not isinstance(scan.match, NoMatch):
-            claimed[key] = scan.match.covariance
+    claimed = np.array(
+        [key.motion.covariance if isinstance(key.match, NoMatch) else key.match.covariance for key in track.keys]
+    )
     claimed[0] = claimed[min(1, len(claimed) - 1)]
     firsts, part_of, T_track_keys = track.key_scans, track.key_of_scan, track.T_track_keys
     following = np.append(claimed[1:], claimed[-1:], axis=0)

@@ -8,7 +8,7 @@ from graph.arrays import Floats
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import chi2_gate, squared_norm
 from graph.odometry import OdometryMotion
-from graph.se2 import between, compose
+from graph.se2 import between, compose, logmap
 from iceg.slam.agreement import agree, apart
 from iceg.slam.config import FrontEndConfig
 from iceg.slam.map_matcher import MapMatcher, Prepared
@@ -42,7 +42,7 @@ class Expectation:
 
     def distance2(self, found: Floats, covariance: Floats) -> float:
         """Squared Mahalanobis distance of a pose, (3,), known with a (3, 3) covariance, from the one expected."""
-        return squared_norm(between(found, self.T_track_robot), self.motion.covariance + covariance)
+        return squared_norm(logmap(between(found, self.T_track_robot)), self.motion.covariance + covariance)
 
 
 class OdometryCheck:
