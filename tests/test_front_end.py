@@ -11,12 +11,11 @@ from frontends.scan import Log, Scan, ScanGeometry
 from frontends.simulator.simulation import simulate
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
-from graph.se2 import between, compose, expmap
+from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.verification import Agreement
 from iceg.slam.config import FrontEndConfig, KeyScanConfig
 from iceg.slam.map_matcher import MapMatcher
-from iceg.slam.recording.steps import chained
 from iceg.slam.tracking.front_end import FrontEnd
 from iceg.slam.tracking.log_tracking import track_log
 from tests.scripted_matcher import ScriptedMatcher
@@ -391,44 +390,6 @@ def test_odometry_speaks_along_a_direction_the_match_cannot_see() -> None:
     front_end = FrontEnd(CorridorMatcher(np.vstack([np.zeros(3), truth])), OdometryModel(), _CONFIG)
     poses = _follow(front_end, truth)
     np.testing.assert_allclose(poses[:, 0], truth[:, 0], atol=0.05)
-
-
-class RingMatcher(TruthMatcher):
-    """Sees nothing along a ring of 5 m, where its key scans slide by 0.4 m; between those it takes the guess."""
-
-    def match(
-        self,
-        reference: NDArray[np.float64],
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> RelativePose | NoMatch:
-        match, along = super().match(reference, scan, T_ref_guess, covariance_guess), np.array([1.0, 0.0, 0.2])
-        if isinstance(match, NoMatch):
-            return match
-        return replace(
-            match,
-            T_ref_cur=compose(match.T_ref_cur, expmap(0.4 * along)),
-            covariance=1e-6 * np.eye(3) + np.outer(along, along),
-            weak_directions=along[None] / np.linalg.norm(along),
-        )
-
-    def track(
-        self,
-        reference: NDArray[np.float64],
-        scan: Scan,
-        T_ref_guess: NDArray[np.float64],
-        covariance_guess: NDArray[np.float64],
-    ) -> NDArray[np.float64] | NoMatch:
-        del reference, scan, covariance_guess
-        return T_ref_guess
-
-
-def test_along_a_ring_odometry_moves_a_match_on_its_arc() -> None:
-    truth = chained(np.zeros(3), np.tile(expmap([0.1, 0.0, 0.02]), (40, 1)))
-    poses = _follow(FrontEnd(RingMatcher(np.vstack([np.zeros(3), truth])), OdometryModel(), _CONFIG), truth)
-    # On the tangent it would be 14 mm off the ring.
-    np.testing.assert_allclose(np.hypot(poses[:, 0], poses[:, 1] - 5.0), 5.0, atol=0.004)
 
 
 def test_without_odometry_the_velocity_speaks_there() -> None:

@@ -16,7 +16,7 @@ from graph.odometry import OdometryModel, OdometryMotion
 from graph.se2 import between, compose, compose_covariance
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.back_end import BackEnd, solve_track
-from iceg.slam.closures.attempt import Attempt
+from iceg.slam.closures.attempt import Attempt, Place, closure_factor
 from iceg.slam.closures.candidates import Candidate, EarlierPasses
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.drift import Drift
@@ -224,6 +224,21 @@ def test_far_closures_that_contradict_each_other_stay_out(track: Track) -> None:
     script = {28: _closing_match(track, 0, 28, 1.0), 30: _closing_match(track, 0, 30, -1.0)}
     back_end = _run_scripted(track, script, confirmations=2)
     assert all(factor.kind != "closure" for factor in back_end.graph.factors)
+
+
+def test_only_a_search_that_looked_elsewhere_tells_something_along_what_no_wall_holds() -> None:
+    match = RelativePose(
+        T_ref_cur=np.array([0.3, 0.0, 0.0]),
+        covariance=np.diag([1.0, 1e-4, 1e-6]),
+        score=0.9,
+        inliers=90,
+        overlap=0.9,
+        weak_directions=np.array([[1.0, 0.0, 0.0]]),
+    )
+    near = Attempt(key_old=0, key_new=9, match=match, accepted=True, reason="scripted")
+    wide = replace(near, places=(Place(T_old_new=match.T_ref_cur, misfit=0.1),))
+    assert np.sqrt(np.diag(closure_factor(near).covariance)) == pytest.approx([10.0, 1e-2, 1e-3], rel=0.01)
+    assert np.sqrt(np.diag(closure_factor(wide).covariance)) == pytest.approx([1.0, 1e-2, 1e-3])
 
 
 @pytest.mark.parametrize(("off", "enters"), [(7.6, True), (8.6, False)])

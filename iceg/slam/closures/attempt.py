@@ -111,18 +111,20 @@ def unmatched(key_old: int, key_new: int, reason: str) -> Attempt:
 
 
 def closure_factor(attempt: Attempt, kernel: RobustKernel | None = None) -> Factor:
-    """A closure that was matched, as a factor of the graph: it tells nothing along what it does not observe.
+    """A closure that was matched, as a factor of the graph.
 
-    Gates go by what the match claims there, 1 m. A graph would add that up: along a ring every closure lies where its
-    guess had it, and they err together.
+    One that was looked for close to the estimate alone tells nothing along what it does not observe: along a ring each
+    lies where its guess had it, and many that claim 1 m there would add up to what none has seen. One that was looked
+    for in the whole window, and fits one place of it, says what it claims.
     """
     assert attempt.match is not None
+    match = attempt.match
     return Factor(
         kind="closure",
         i=attempt.key_old,
         j=attempt.key_new,
-        T_i_j=attempt.match.T_ref_cur,
-        covariance=attempt.match.informed_covariance,
+        T_i_j=match.T_ref_cur,
+        covariance=match.covariance if attempt.places else match.informed_covariance,
         kernel=kernel,
     )
 

@@ -7,6 +7,7 @@ each other by the graph and to the walls, and stay where they are.
 
 import math
 from dataclasses import replace
+from sys import float_info
 
 import numpy as np
 
@@ -23,8 +24,6 @@ from iceg.slam.tracking_config import SmoothingConfig
 
 _LEAST_SHARE = 1e-2
 """Neither odometry nor a usual match errs by less than this share of what steps and matches differ by, squared."""
-_LEAST = 1e-12
-"""Least variance of either [m², rad²]."""
 _ROUNDS = 20
 """Most reweightings of a part."""
 
@@ -70,8 +69,8 @@ def smoothed_between_keys(track: Track, odometry: Floats, config: SmoothingConfi
         whole = dense.vecdot(usual[follows], usual[follows]) / len(follows)
         shared = -dense.vecdot(usual[in_a_row], usual[in_a_row - 1]) / max(1, len(in_a_row))
         proven = max(0.0, shared - by_chance * whole / math.sqrt(max(1, len(in_a_row))))
-        measured[:, axis] *= max(proven, _LEAST_SHARE * whole, _LEAST)
-        moved[axis] = max(whole - 2.0 * proven, _LEAST_SHARE * whole, _LEAST)
+        measured[:, axis] *= max(proven, _LEAST_SHARE * whole, float_info.epsilon)
+        moved[axis] = max(whole - 2.0 * proven, _LEAST_SHARE * whole, float_info.epsilon)
     measured += config.own * claimed
     smoothed = track.T_key_scan.copy()
     kernels.smooth(
