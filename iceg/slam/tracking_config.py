@@ -222,9 +222,6 @@ class SmoothingConfig(SlamSettings, prefix="smoothing: "):
     freedom: float = between(3.0, 0.1, 1e6)
     """Degrees of freedom of Student's t that errors of matches and odometry have: wheels slip, and somebody who walks
     by takes a match along."""
-    own: float = between(0.05, 0.0, 1.0)
-    """Least share of what the match of a key scan claims, the variance, that those of scans next to it have as their
-    own."""
     chance: float = between(0.02275, *RATES)
     """Steps in a row share the error of the match between them where chance explains their covariance with a smaller
     probability (normal distribution, one side; 2 σ). So much of it is not counted."""

@@ -71,7 +71,6 @@ def smoothed_between_keys(track: Track, odometry: Floats, config: SmoothingConfi
         proven = max(0.0, shared - by_chance * whole / math.sqrt(max(1, len(in_a_row))))
         measured[:, axis] *= max(proven, _LEAST_SHARE * whole, float_info.epsilon)
         moved[axis] = max(whole - 2.0 * proven, _LEAST_SHARE * whole, float_info.epsilon)
-    measured += config.own * claimed
     smoothed = track.T_key_scan.copy()
     kernels.smooth(
         track.T_key_scan,
