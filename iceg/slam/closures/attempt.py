@@ -115,7 +115,7 @@ def closure_factor(attempt: Attempt, kernel: RobustKernel | None = None) -> Fact
 
     One that was looked for close to the estimate alone tells nothing along what it does not observe: along a ring each
     lies where its guess had it, and many that claim 1 m there would add up to what none has seen. One that was looked
-    for in the whole window, and fits one place of it, says what it claims.
+    for in the whole window has been compared with the other places there, and says what it claims.
     """
     assert attempt.match is not None
     match = attempt.match
