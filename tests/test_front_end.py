@@ -11,7 +11,7 @@ from frontends.scan import Log, Scan, ScanGeometry
 from frontends.simulator.simulation import simulate
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
-from graph.se2 import between, compose
+from graph.se2 import between, compose, expmap
 from iceg.ice.matcher import IceMatcher
 from iceg.ice.verification import Agreement
 from iceg.slam.config import FrontEndConfig, KeyScanConfig
@@ -93,6 +93,40 @@ def test_matches_carry_the_robot_whatever_odometry_says() -> None:
     matcher = TruthMatcher(np.vstack([np.zeros(3), truth]))
     poses = _follow(FrontEnd(matcher, OdometryModel(), _CONFIG), truth * [1.05, 1.0, 1.0])
     np.testing.assert_allclose(poses, truth, atol=1e-3)
+
+
+class SlidingMatcher(TruthMatcher):
+    """Puts every scan .4 m on along the corridor, which it does not observe: the twist of a ring of 5 m."""
+
+    def match(
+        self,
+        reference: NDArray[np.float64],
+        scan: Scan,
+        T_ref_guess: NDArray[np.float64],
+        covariance_guess: NDArray[np.float64],
+    ) -> RelativePose | NoMatch:
+        match = super().match(reference, scan, T_ref_guess, covariance_guess)
+        if isinstance(match, NoMatch):
+            return match
+        twist = np.array([1.0, 0.0, 0.2])
+        weak = twist / np.sqrt(twist @ twist)
+        return replace(
+            match,
+            T_ref_cur=compose(match.T_ref_cur, expmap(0.4 * twist)),
+            covariance=match.covariance + np.outer(weak, weak),
+            weak_directions=weak[None],
+        )
+
+
+def test_a_match_that_slides_round_a_ring_is_led_back_along_the_ring() -> None:
+    truth = np.zeros((41, 3))
+    for index in range(40):
+        truth[index + 1] = compose(truth[index], expmap(np.array([0.1, 0.0, 0.02])))
+    front_end = FrontEnd(SlidingMatcher(np.vstack([np.zeros(3), truth])), OdometryModel(), _CONFIG)
+    _follow(front_end, truth)
+    keys = np.array([key.T_track_robot for key in front_end.keys])
+    radii = np.hypot(keys[:, 0], keys[:, 1] - 5.0)
+    assert_allclose(radii, 5.0, atol=0.004)
 
 
 def test_key_scans_come_after_the_configured_distance() -> None:

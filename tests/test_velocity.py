@@ -305,7 +305,12 @@ def test_a_robot_goes_on_while_its_recorder_pauses(data_dir: Path) -> None:
 
 
 def test_a_laser_that_sees_one_beam_in_four_is_followed(data_dir: Path) -> None:
-    """Of a cart; 33 scans matched nothing where walls fell to pieces at gaps of 60 cm."""
-    track = run(read_log(data_dir / "bags" / "cart-rplidar-scanonly")).findings.track
-    assert not track.lost
-    assert track.failures <= 10
+    """Of a cart; 33 scans matched nothing where walls fell to pieces at gaps of 60 cm. A millimetre decides which."""
+    log = read_log(data_dir / "bags" / "cart-rplidar-scanonly")
+    failures = []
+    for seed in range(1, 4):
+        noise = np.random.default_rng(seed).normal(0.0, 0.001, log.ranges.shape)
+        track = run(replace(log, ranges=(log.ranges + noise).astype(log.ranges.dtype))).findings.track
+        assert not track.lost
+        failures.append(track.failures)
+    assert np.median(failures) <= 10

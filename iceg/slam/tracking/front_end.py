@@ -387,12 +387,12 @@ class FrontEnd:
         share = np.where(ratios > config.odometry_ratio, ratios / (1.0 + ratios), 0.0)
         if not share.any():
             return match.T_ref_cur
-        offset = between(match.T_ref_cur, compose(T_track_key, self.motion.T_key_robot))
+        offset = logmap(between(match.T_ref_cur, compose(T_track_key, self.motion.T_key_robot)))
         if squared_norm(offset, odometry + match.covariance) >= config.refuted_distance2:
             return match.T_ref_cur
         directions = dense.matmul(whiten.T, axes)
         pulled = dense.matvec(directions, share * dense.matvec(directions.T, offset))
-        return compose(match.T_ref_cur, dense.matvec(odometry, pulled))
+        return compose(match.T_ref_cur, expmap(dense.matvec(odometry, pulled)))
 
     def _is_key(self) -> bool:
         """Whether the robot has gone far enough, or may have: nothing has seen its motion for several scans."""
