@@ -215,6 +215,48 @@ class ViewChangeConfig(SlamSettings, prefix="view: "):
 
 
 @dataclass(frozen=True, kw_only=True)
+class MapAlignmentConfig(SlamSettings, prefix="relocalisation: maps: "):
+    """How the maps of two parts of the path are laid onto each other, and what that tells."""
+
+    cell: float = between(0.2, 0.02, 10.0)
+    """Cell of the maps that are compared [m]."""
+    most_cells: int = between(192, 16, 4096)
+    """For the search cells are larger where a map would be wider than so many."""
+    reach: float = between(25.0, 1.0, 1000.0)
+    """Farthest that a beam is entered [m]."""
+    most_rays: int = between(20_000, 100, 10_000_000)
+    """Most beams of a part that are entered, evenly spread."""
+    path: float = positive(60.0)
+    """Path after the break whose map is laid onto what was before [m]."""
+    least_share: float = between(0.25, 0.0, 1.0)
+    """Share of the beams through a cell that must end there for it to be occupied."""
+    agree: float = between(0.98, 0.5, 1.0 - 1e-6)
+    """Probability that a cell is what the other map shows there where the parts lie rightly."""
+    most: int = between(10, 1, 1000)
+    """So many ways in which the maps fit are verified, the best."""
+    apart: float = between(1.0, 0.01, 1000.0)
+    """Ways are distinct that put the middle of a part farther apart than this [m]."""
+    turned: Radians = between(0.15, 0.001, pi)
+    """Ways are distinct that turn it by more than this against each other [rad]."""
+    scans: int = positive(32)
+    """So many key scans are matched where a way puts them."""
+    cell_weight: float = between(0.45, 0.0, 10.0)
+    """Cells are not independent of each other: log-odds by the root of what they would tell if they were."""
+    scan_weight: float = between(0.5, 0.0, 10.0)
+    """Nor are the key scans that are matched: share that is left of what they would tell."""
+    elsewhere: float = positive(8.0)
+    """Log-odds at which a way is as probable as that the parts have seen nothing of each other."""
+    suspected: float = between(0.01, *RATES)
+    """From this probability on that the robot was carried where tracking failed the maps are asked."""
+    most_failures: int = positive(6)
+    """So many failures they are asked about at a time, those where it was carried most probably …"""
+    most_searches: int = positive(24)
+    """… and so often at most."""
+    most_parts: int = positive(3)
+    """So many parts of what was before they are laid onto, the one just before and those of most key scans."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class RelocalisationConfig(SlamSettings, prefix="relocalisation: "):
     """Which hypotheses join parts of a broken path."""
 
@@ -243,6 +285,8 @@ class RelocalisationConfig(SlamSettings, prefix="relocalisation: "):
     """Fewest scans that must agree with a hypothesis."""
     contradiction: ContradictionConfig = field(default_factory=ContradictionConfig)
     """What share of the scans contradicts a hypothesis."""
+    maps: MapAlignmentConfig = field(default_factory=MapAlignmentConfig)
+    """How the maps of two parts of the path are laid onto each other."""
     odds: float = positive(3.0)
     """A hypothesis must be so many times as probable as the present estimate, or a rival; one that is so many times as
     probably wrong as right is refused."""

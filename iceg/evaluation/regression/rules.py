@@ -142,10 +142,16 @@ _RELOCALISATION: dict[str, Any] = {f"{_SLAM}.back_end:relocalise": lambda _close
 
 RULES: Mapping[str, Rule] = MappingProxyType(
     {
-        "relocalisation": Rule(what="joins parts of a broken path by similar places", without=_RELOCALISATION),
+        "relocalisation": Rule(
+            what="joins parts of a broken path by their maps and similar places", without=_RELOCALISATION
+        ),
         "relocalisation without a loss": Rule(
             what="the same where something always matched: against drift, and matches that lead astray",
             without={f"{_SLAM}.back_end:relocalise": _only_after_a_loss},
+        ),
+        "maps of parts": Rule(
+            what="a lost part lies where its map fits what was seen before",
+            without={f"{_SLAM}.broken_path.relocalisation:_Relocalisation._best_way": _nothing},
         ),
         "rivals": Rule(
             what="two places that fit about as well join nothing",

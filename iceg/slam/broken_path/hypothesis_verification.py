@@ -10,7 +10,7 @@ from math import log
 
 import numpy as np
 
-from graph.arrays import Bools, Floats
+from graph.arrays import Bools, Floats, Ints
 from graph.se2 import between, compose
 from iceg.slam.broken_path.place_hypothesis import Hypothesis
 from iceg.slam.closure_config import RelocalisationConfig
@@ -91,6 +91,23 @@ class HypothesisVerifier:
             most, at = self._config.pass_length, self._path[nearest.key_old]
             seen += [candidate for candidate in around if abs(self._path[candidate.key_old] - at) <= most]
         return replace(self._count(seen, poses), support=hypothesis.support)
+
+    def of_scans(self, key: int, scans: Ints, T_map_scans: Floats, poses: Floats) -> FitCount:
+        """Verify some scans after a break where something puts them.
+
+        Args:
+            key: the first key pose after the break.
+            scans: (n,) key poses after it.
+            T_map_scans: (n, 3) where they are put.
+            poses: (k, 3) T_map_robot; those before the break are believed.
+        """
+        nothing = Hypothesis(key=key, closures=[])
+        seen = [
+            candidate
+            for scan, T_map_scan in zip(scans.tolist(), T_map_scans, strict=True)
+            for candidate in self._around(scan, T_map_scan, poses, nothing)
+        ]
+        return self._count(seen, poses)
 
     def of_estimate(self, hypothesis: Hypothesis, poses: Floats, among: Bools | None = None) -> FitCount:
         """Verify the same scans where the poses put them.

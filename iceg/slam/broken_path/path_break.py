@@ -108,6 +108,13 @@ class TrackingFailure:
         """
         return -self.log_odds(config) if self.log_odds_carried is None else -max(self.log_odds_carried, 0.0)
 
+    def log_prior_of_path(self, config: ViewChangeConfig) -> float:
+        """How many times as probable the path is as a robot that was carried, the logarithm.
+
+        Nothing is said where nothing told the way.
+        """
+        return 0.0 if self.kind is FailureKind.UNKNOWN_MOTION else -self.log_odds(config)
+
     def contradiction(self, gate: float, config: ViewChangeConfig) -> float:
         """How many times as probable it is that match and odometry differ so much if the robot was carried.
 

@@ -43,7 +43,7 @@ class Hypothesis:
 
     def correction(self, poses: Floats) -> Floats:
         """(3,) what moves the poses after the break, in the map: that of the closure nearest to the break."""
-        return _correction(min(self.closures, key=lambda closure: closure.key_new), poses)
+        return implied_correction(min(self.closures, key=lambda closure: closure.key_new), poses)
 
     def distance_from(self, other: "Hypothesis", poses: Floats) -> float:
         """How far apart the two put the same scan [m]; 0 if they are about different scans.
@@ -57,7 +57,7 @@ class Hypothesis:
             return 0.0
         key = max(min(ends), min(others))
         here, there = (
-            compose(_correction(min(each.closures, key=lambda c: abs(c.key_new - key)), poses), poses[key])
+            compose(implied_correction(min(each.closures, key=lambda c: abs(c.key_new - key)), poses), poses[key])
             for each in (self, other)
         )
         return float(np.hypot(*(here - there)[:2]))
@@ -83,7 +83,7 @@ class Hypothesis:
             steps = np.diff(cumulative, axis=0, prepend=np.zeros((1, 3, 3)))
             cumulative = np.cumsum(np.where(is_bridge[:, None, None], 1.0, config.spanned_covariance) * steps, axis=0)
         for closure in self.closures:
-            error = logmap(_correction(closure, poses))
+            error = logmap(implied_correction(closure, poses))
             covariance = cumulative[closure.key_new] - cumulative[closure.key_old]
             n_steps = closure.key_new - closure.key_old
             most = config.bias_sigmas**2 * n_steps if is_bridge is None else chi2_gate(config.false_alarm)
@@ -139,6 +139,6 @@ def about_parts(closures: Sequence[Attempt], parts: PathParts) -> list[Hypothesi
     return sorted(found, key=lambda hypothesis: -hypothesis.support)
 
 
-def _correction(closure: Attempt, poses: Floats) -> Floats:
+def implied_correction(closure: Attempt, poses: Floats) -> Floats:
     """(3,) what moves the later key pose, in the map, to where a closure puts it."""
     return compose(closed_pose(closure, poses), inverse(poses[closure.key_new]))

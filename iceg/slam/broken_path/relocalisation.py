@@ -1,10 +1,11 @@
 """Relocalisation: places recognised again where the path cannot say where they are (kidnapped robot).
 
-Most of a trajectory is held together by loop closures that span it. Where none spans it (the robot was carried, nothing
-matched for a while, or the loop is so long that the drift left the search behind) the parts before and after are
-compared by the signatures of their places. Similar places are matched metres and half turns wide; only a set of
-closures that agree pairwise is a hypothesis, and every hypothesis must pass a geometric verification that the present
-estimate must pass, too: placed as it says, do the scans agree with what else was seen there?
+Most of a trajectory is held together by loop closures that span it. Where the robot was lost, or may have been carried,
+the map of what follows is laid onto what was before. Where nothing spans the path otherwise (the loop is so long that
+the drift left the search behind) the parts before and after are compared by the signatures of their places. Similar
+places are matched metres and half turns wide; only a set of closures that agree pairwise is a hypothesis, and every
+hypothesis must pass a geometric verification that the present estimate must pass, too: placed as it says, do the scans
+agree with what else was seen there?
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,10 +14,11 @@ from enum import Enum, auto
 
 import numpy as np
 
-from graph.arrays import Floats, Ints
+from graph.arrays import Bools, Floats, Ints
 from graph.se2 import compose, inverse
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
 from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
+from iceg.slam.broken_path.map_search import MapSearch, Way, best_way
 from iceg.slam.broken_path.path_break import Break, Outcome, TrackingFailure, probability
 from iceg.slam.broken_path.path_parts import PathParts
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_parts, about_single_steps
@@ -66,19 +68,19 @@ class _Relocalisation:
         self._steps = BridgeEdges(closer.track, solution.factors, failures, closer.config)
         self._places = PlaceSearch(closer, solution.factors)
         self._verifier = HypothesisVerifier(closer)
+        self._maps = MapSearch(closer.track, self._verifier, closer.config)
         self._breaks: dict[int, Break] = {}
         self._ambiguous: dict[int, Vote] = {}
-        self._looks_again = False  # who compares places anew finds more that fit by chance
+        self._searches = closer.config.relocalisation.maps.most_searches
         self._ties: dict[int, int] = {}  # by key pose before which parts were joined, another that it is tied to
 
     def run(self) -> None:
         """Try the hypotheses with the most support; what nothing ties after a loss is told apart."""
         if not self._steps.is_bridge.any():
             return
+        while self._lay():
+            pass  # what is joined shows more to what is left
         self._join(self._agreeing(np.cumsum(self._steps.is_bridge, dtype=np.int64), self._track.T_track_keys))
-        self._looks_again = True
-        while self._lost() and self._join(self._agreeing(self._parts().whole, self._now.poses)):
-            pass  # as long as what was found tells more of where to look
         for key in self._lost():
             self._part(key)
 
@@ -94,7 +96,41 @@ class _Relocalisation:
             ambiguous=(*unsettled(self._now.ambiguous, attempts), *self._ambiguous.values()),
         )
 
-    # What is looked for, and in which order it is tried.
+    # Where maps of parts fit on each other.
+
+    def _lay(self) -> bool:
+        """Join what follows the failure where its map fits those of other parts best, if any does; whether one did."""
+        suspected = self._suspected()[: self._searches]
+        self._searches -= len(suspected)
+        found = [each for key in suspected if (each := self._best_way(key)) is not None]
+        if not found:
+            return False
+        key, way, odds = max(found, key=lambda each: each[2])
+        moving = self._parts().moved_by(way.closures[0], key)
+        self._move(key, way.closures, way.correction, moving, probability(-odds))
+        return True
+
+    def _suspected(self) -> list[int]:
+        """The key poses before which the robot was lost, or may have been carried, the most probable."""
+        config = self._config.relocalisation.maps
+        carried = {
+            key: 1.0 if failure.is_lost else failure.probability_carried
+            for key, failure in self._steps.failures.items()
+            if key > 0 and (failure.is_lost or failure.probability_carried >= config.suspected)
+        }
+        return sorted(carried, key=lambda key: -carried[key])[: config.most_failures]
+
+    def _best_way(self, key: int) -> tuple[int, Way, float] | None:
+        """How what follows a failure lies to what was before, other than as the path has it, and the log-odds of it."""
+        failure, whole = self._steps.failures[key], self._parts().whole
+        if not failure.is_lost:
+            whole = np.where((whole == whole[key]) & (np.arange(len(whole)) >= key), key, whole)
+        ways = self._maps.ways(key, whole, self._now.poses)
+        prior, elsewhere = failure.log_prior_of_path(self._config.view), self._config.relocalisation.maps.elsewhere
+        best = best_way(ways, prior, elsewhere)
+        return None if best is None else (key, *best)
+
+    # What similar places say, and in which order it is tried.
 
     def _agreeing(self, parts: Ints, along: Floats) -> list[list[Attempt]]:
         """Sets of closures that agree along a path; where nothing gives a break away, a pair for each bridge edge."""
@@ -228,7 +264,7 @@ class _Relocalisation:
         Where what the laser sees changed no more than usual nothing did: only perceptual aliasing puts a robot
         elsewhere that was not carried.
 
-        It needs to be sure where nothing did, and where places are compared anew.
+        It needs to be sure where nothing did.
         """
         failure = self._steps.failures.get(key)
         is_known = failure is not None and failure.may_be_carried(fit.log_odds)
@@ -237,25 +273,30 @@ class _Relocalisation:
                 return _Decision.OPEN
             # the closures that span the step speak against it, too
             fit = replace(fit, against=fit.against + int(self._steps.closures_across(self._now.factors)[key]))
-        if not (fit.is_sure or (is_known and not self._looks_again)):
+        if not (is_known or fit.is_sure):
             return _Decision.OPEN
         first, correction = hypothesis.closures[0], hypothesis.correction(self._now.poses)
         moving = self._parts().moved_by(first, key)
         if not moving[min(closure.key_new for closure in hypothesis.closures)]:
             correction = inverse(correction)
-        if is_known:
-            self._note(key, Outcome.JOINED, closures, correction, probability(-fit.log_odds))
-        else:
+        if not is_known:
             elsewhere = self._steps.failure(key).log_odds(self._config.view) + max(fit.log_odds, 0.0)
             self._note(key, Outcome.CONTRADICTED, closures, correction, probability(elsewhere))
+            self._steps.failures.pop(key, None)
+            self._steps.is_bridge[key] = False
+            return _Decision.SETTLED
+        self._move(key, closures, correction, moving, probability(-fit.log_odds))
+        return _Decision.JOINED
+
+    def _move(self, key: int, closures: Sequence[Attempt], correction: Floats, moving: Bools, displaced: float) -> None:
+        """Join what follows a break to what was before, in a way that is wrong with some probability."""
+        self._note(key, Outcome.JOINED, closures, correction, displaced)
         self._steps.failures.pop(key, None)
         self._steps.is_bridge[key] = False
-        if not is_known:
-            return _Decision.SETTLED
+        first = closures[0]
         self._ties[key] = first.key_old if moving[first.key_new] else first.key_new
         self._now = self._now.moved(key, closures, correction, moving, self._config.verification.near)
         self._steps.update(self._now.factors)
-        return _Decision.JOINED
 
     def _note(
         self, key: int, outcome: Outcome, closures: Sequence[Attempt], correction: Floats, displaced: float = 0.0
