@@ -76,12 +76,21 @@ def test_scans_that_see_nothing_make_no_map(scans: list[Scan], truth: NDArray[np
     assert PartMaps(blind, truth, _FIXED, _MOVING, _CONFIG).are_empty
 
 
+def test_a_map_kilometres_wide_has_no_more_cells(scans: list[Scan], truth: NDArray[np.float64]) -> None:
+    far = truth.copy()
+    far[30:60, :2] += 5000.0
+    maps = PartMaps(scans, far, _FIXED, _MOVING, _CONFIG)
+    assert maps._fine._walls.size <= (_CONFIG.most_compared + 4) ** 2
+    assert maps._coarse._walls.size <= (_CONFIG.most_cells + 4) ** 2
+
+
 def test_the_transform_tells_what_sums_over_cells_do() -> None:
     """Every shift of a small map over another, counted cell by cell."""
     rng = np.random.default_rng(0)
     walls = np.asarray(rng.integers(-9, 10, (9, 7)), dtype=np.float64)
     space = np.asarray(rng.integers(-9, 10, (9, 7)), dtype=np.float64)
     overlay = _Overlay.__new__(_Overlay)
+    overlay._each_rotation = 3
     overlay.cell, overlay._corner, overlay._walls, overlay._space = 1.0, np.zeros(2), walls, space
     cells = np.asarray(np.argwhere(rng.random((5, 4)) < 0.4) + 0.5, dtype=np.float64)
     overlay._occupied, overlay._free = cells[::2], cells[1::2]

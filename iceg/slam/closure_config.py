@@ -222,6 +222,10 @@ class MapAlignmentConfig(SlamSettings, prefix="relocalisation: maps: "):
     """Cell of the maps that are compared [m]."""
     most_cells: int = between(192, 16, 4096)
     """For the search cells are larger where a map would be wider than so many."""
+    most_compared: int = between(2000, 16, 20_000)
+    """For the comparison they are where it would be wider than so many."""
+    resolution: float = between(16.0, 1.0, 1e6)
+    """Log-odds of a cell are multiples of the inverse of this, so that sums are the same on every machine."""
     reach: float = between(25.0, 1.0, 1000.0)
     """Farthest that a beam is entered [m]."""
     most_rays: int = between(20_000, 100, 10_000_000)
@@ -232,6 +236,8 @@ class MapAlignmentConfig(SlamSettings, prefix="relocalisation: maps: "):
     """Share of the beams through a cell that must end there for it to be occupied."""
     agree: float = between(0.98, 0.5, 1.0 - 1e-6)
     """Probability that a cell is what the other map shows there where the parts lie rightly."""
+    each_rotation: int = between(3, 1, 100)
+    """So many shifts of each rotation are kept."""
     most: int = between(10, 1, 1000)
     """So many ways in which the maps fit are verified, the best."""
     apart: float = between(1.0, 0.01, 1000.0)

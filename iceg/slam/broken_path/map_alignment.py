@@ -20,11 +20,6 @@ from graph.arrays import Bools, Floats, Ints
 from graph.se2 import between, compose, transform_points
 from iceg.slam.closure_config import MapAlignmentConfig
 
-_STEPS_PER_UNIT = 16.0
-"""Weights are multiples of this part of a unit of log-odds."""
-_EACH_ROTATION = 3
-"""Places that are kept of each rotation."""
-
 
 class PartMaps:
     """The maps of two parts of a path, and what any way of laying one onto the other tells."""
@@ -64,7 +59,7 @@ class PartMaps:
             How many times as probable what both show is as if they had nothing to do with each other, the logarithm,
             as if cells told independently of each other.
         """
-        return self._fine.total(correction) / _STEPS_PER_UNIT
+        return self._fine.total(correction) / self._config.resolution
 
     def alignments(self) -> list[Floats]:
         """The ways in which the second map fits the first, the best first: (3,) each, moves the poses of the second."""
@@ -87,12 +82,16 @@ class PartMaps:
 
     @cached_property
     def _fine(self) -> "_Overlay":
-        return _Overlay(self._there, self._here, self._config.cell, self._config)
+        return self._overlay(self._config.most_compared)
 
     @cached_property
     def _coarse(self) -> "_Overlay":
+        return self._overlay(self._config.most_cells)
+
+    def _overlay(self, most_cells: int) -> "_Overlay":
+        """Both maps, no wider than so many cells."""
         width = max(self._there.width, self._here.width)
-        return _Overlay(self._there, self._here, max(self._config.cell, width / self._config.most_cells), self._config)
+        return _Overlay(self._there, self._here, max(self._config.cell, width / most_cells), self._config)
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,8 +140,9 @@ class _Overlay:
     def __init__(self, there: _Rays, here: _Rays, cell: float, config: MapAlignmentConfig) -> None:
         below = there.cells(cell, config.least_share)
         self.cell = cell
+        self._each_rotation = config.each_rotation
         self._corner = below.corner
-        self._walls, self._space = _weights(below, config.agree)
+        self._walls, self._space = _weights(below, config)
         self._occupied, self._free = here.cells(cell, config.least_share).centres(cell)
 
     def total(self, correction: Floats) -> float:
@@ -182,7 +182,7 @@ class _Overlay:
                 for each in (occupied, free)
             )
             scores = np.rint(fft.irfft2(walls * above + space * open_above, shape))
-            for _ in range(_EACH_ROTATION):
+            for _ in range(self._each_rotation):
                 row, col = divmod(int(scores.argmax()), shape[1])
                 shift = np.array([row - shape[0] * (row >= rows), col - shape[1] * (col >= cols)]) + half
                 found.append((float(scores[row, col]), np.append(self._corner + shift * self.cell, angle)))
@@ -205,18 +205,18 @@ def _rays(scans: Sequence[Scan], poses: Floats, part: Ints, config: MapAlignment
     return _Rays(np.vstack(ends), np.vstack(origins))
 
 
-def _weights(below: _Cells, agree: float) -> tuple[Floats, Floats]:
+def _weights(below: _Cells, config: MapAlignmentConfig) -> tuple[Floats, Floats]:
     """(n, m) what an occupied cell tells that falls onto each of a map's cells, and what a free one does.
 
     A wall may lie a cell beside where it is; of a wall, free space tells only at the cell itself.
     """
-    near = _grown(below.occupied)
+    near, agree = _grown(below.occupied), config.agree
     walls, space = np.zeros(near.shape), np.zeros(near.shape)
     for weights, on, off in ((walls, near, below.free & ~near), (space, below.free, below.occupied)):
         n_on, n_off = int(on.sum()), int(off.sum())
         usual = min(max(n_on / max(1, n_on + n_off), 1.0 - agree), agree)
-        weights[on] = round(_STEPS_PER_UNIT * log(agree / usual))
-        weights[off] = round(_STEPS_PER_UNIT * log((1.0 - agree) / (1.0 - usual)))
+        weights[on] = round(config.resolution * log(agree / usual))
+        weights[off] = round(config.resolution * log((1.0 - agree) / (1.0 - usual)))
     return walls, space
 
 
