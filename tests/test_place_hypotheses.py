@@ -383,6 +383,15 @@ def test_of_two_steps_that_odometry_contradicts_the_one_whose_match_explains_les
     assert found.key == worse
 
 
+def test_of_each_stretch_that_nothing_spans_the_match_that_explains_least_is_the_weakest(track: Track) -> None:
+    scores = np.array([0.0 if isinstance(key.match, NoMatch) else key.match.score for key in track.keys])
+    steps = BridgeEdges(track, _path(track), {}, LoopClosureConfig())
+    steps.is_bridge[:] = False
+    assert steps.weakest() == []
+    steps.is_bridge[40:50] = steps.is_bridge[80:85] = True
+    assert steps.weakest() == [40 + int(scores[40:50].argmin()), 80 + int(scores[80:85].argmin())]
+
+
 @pytest.mark.parametrize(("distance2", "expected"), [(50.0, _BREAK), (100.0, 50)])
 def test_only_what_is_beyond_chance_outweighs_a_closure(track: Track, distance2: float, expected: int) -> None:
     # Four of five closures span the suspect step, all of them one that nothing speaks against.

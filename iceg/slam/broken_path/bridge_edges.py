@@ -55,6 +55,13 @@ class BridgeEdges:
         """The key poses before which odometry and match contradict each other, or the robot was lost."""
         return [key for key, failure in self.failures.items() if failure.is_beyond_chance(self._config.failures)]
 
+    def weakest(self) -> list[int]:
+        """Of each stretch of bridges the one whose match explains least of its scan, by its later key pose."""
+        bridges = np.flatnonzero(self.is_bridge)
+        stretches = np.split(bridges, np.flatnonzero(np.diff(bridges) > 1) + 1)
+        scores = [_score(key) for key in self._keys]
+        return [min(stretch.tolist(), key=lambda key: scores[key]) for stretch in stretches if len(stretch)]
+
     def spanned_by_most(self, closures: Sequence[Attempt]) -> int | None:
         """The least certain of the bridges that most closures span, by its later key pose; None where they span none.
 

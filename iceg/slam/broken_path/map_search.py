@@ -74,9 +74,8 @@ class MapSearch:
             whole: (k,) what holds together, but for the step to that key pose.
             poses: (k, 3) T_map_robot.
         """
-        path = self._track.path
-        later = np.flatnonzero((whole == whole[key]) & (path >= path[key]) & (path < path[key] + self._config.path))
-        later, earlier = later[later >= key], np.arange(key)
+        later, earlier = self._following(key), np.arange(key)
+        later = later[whole[later] == whole[key]]
         parts = [earlier[whole[:key] == first] for first in np.unique(whole[:key]).tolist()]
         largest = sorted(parts, key=lambda part: (part[-1] == key - 1, len(part)), reverse=True)
         return [
@@ -85,9 +84,27 @@ class MapSearch:
             for way in self._onto(key, part, later, poses, is_path=bool(part[-1] == key - 1))
         ]
 
+    def contradict(self, key: int, poses: Floats) -> bool:
+        """Whether the map of what follows a key pose contradicts what was before where the path has it.
+
+        Args:
+            key: the first key pose that follows.
+            poses: (k, 3) T_map_robot.
+        """
+        maps = self._maps(np.arange(key), self._following(key), poses)
+        return not maps.are_empty and maps.log_odds(np.zeros(3)) < 0.0
+
+    def _following(self, key: int) -> Ints:
+        """(n,) the key poses from one on, as far as their map is compared."""
+        path = self._track.path
+        return np.flatnonzero((np.arange(len(path)) >= key) & (path < path[key] + self._config.path))
+
+    def _maps(self, fixed: Ints, moving: Ints, poses: Floats) -> PartMaps:
+        return PartMaps([key.scan for key in self._track.keys], poses, fixed, moving, self._config)
+
     def _onto(self, key: int, fixed: Ints, moving: Ints, poses: Floats, *, is_path: bool) -> list[Way]:
         """The ways in which one part may lie to another."""
-        maps = PartMaps([key.scan for key in self._track.keys], poses, fixed, moving, self._config)
+        maps = self._maps(fixed, moving, poses)
         if maps.are_empty:
             return []
         middle = np.array([*maps.middle, 0.0])

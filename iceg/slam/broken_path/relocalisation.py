@@ -111,18 +111,21 @@ class _Relocalisation:
         return True
 
     def _suspected(self) -> list[int]:
-        """The key poses before which the robot was lost, or may have been carried, the most probable."""
+        """The key poses before which the robot was lost, or may have been carried or gone astray, the most probable."""
         config = self._config.relocalisation.maps
         carried = {
             key: 1.0 if failure.is_lost else failure.probability_carried
             for key, failure in self._steps.failures.items()
             if key > 0 and (failure.is_lost or failure.probability_carried >= config.suspected)
         }
+        for key in self._steps.weakest():
+            if key not in carried and self._maps.contradict(key, self._now.poses):
+                carried[key] = config.suspected
         return sorted(carried, key=lambda key: -carried[key])[: config.most_failures]
 
     def _best_way(self, key: int) -> tuple[int, Way, float] | None:
         """How what follows a failure lies to what was before, other than as the path has it, and the log-odds of it."""
-        failure, whole = self._steps.failures[key], self._parts().whole
+        failure, whole = self._steps.failure(key), self._parts().whole
         if not failure.is_lost:
             whole = np.where((whole == whole[key]) & (np.arange(len(whole)) >= key), key, whole)
         ways = self._maps.ways(key, whole, self._now.poses)
