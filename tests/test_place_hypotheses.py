@@ -1,6 +1,6 @@
 """Recognised places that fit several ways: the set that agrees picks, and two such sets close nothing."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -20,6 +20,7 @@ from iceg.slam import back_end
 from iceg.slam.broken_path import place_search, relocalisation
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
 from iceg.slam.broken_path.hypothesis_verification import FitCount
+from iceg.slam.broken_path.map_search import MapSearch
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
 from iceg.slam.broken_path.place_hypothesis import Hypothesis, about_single_steps
 from iceg.slam.broken_path.relocalisation import relocalise
@@ -112,6 +113,13 @@ class _HypothesisVerifier:
     def of_estimate(self, hypothesis: Hypothesis, poses: Array, among: NDArray[np.bool_] | None = None) -> FitCount:
         del hypothesis, poses, among
         return FitCount(agreeing=[], against=0)
+
+
+@pytest.fixture(autouse=True)
+def _maps_tell_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What similar places alone say."""
+    monkeypatch.setattr(MapSearch, "ways", lambda *_: [])
+    monkeypatch.setattr(MapSearch, "contradict", lambda *_: False)
 
 
 def _relocalised(
@@ -262,20 +270,6 @@ def test_two_places_that_both_beat_the_path_are_told_though_closures_hold_the_pa
     assert solution.ambiguous == (vote,)
 
 
-@pytest.mark.parametrize(("against", "outcome"), [(0, "joined"), (1, "joined"), (2, "apart")])
-def test_what_only_a_second_comparison_of_places_finds_must_be_sure(
-    track: Track, monkeypatch: pytest.MonkeyPatch, against: int, outcome: str
-) -> None:
-    # Ten agree: at first two against them are few enough; those who look again find more that agree by chance.
-    places = {k: [_moved(track, k, _HERE)] for k in _AGAIN}
-    monkeypatch.setattr(_HypothesisVerifier, "against", against)
-    at_first = _relocalised(track, places, monkeypatch)
-    assert [at.outcome for at in at_first.breaks] == ["joined"]
-    monkeypatch.setattr(place_search, "similar_places", _only_the_second_time([(_EARLIER, key) for key in places]))
-    again = _searched(track, places)
-    assert [at.outcome for at in again.breaks] == [outcome]
-
-
 @pytest.mark.parametrize(("n_spanning", "outcomes"), [(0, ["contradicted"]), (1, ["contradicted"]), (3, [])])
 def test_closures_that_hold_the_path_speak_against_those_that_contradict_it(
     track: Track, monkeypatch: pytest.MonkeyPatch, n_spanning: int, outcomes: list[str]
@@ -287,11 +281,6 @@ def test_closures_that_hold_the_path_speak_against_those_that_contradict_it(
     places = {k: [_moved(track, k, far)] for k in _AGAIN}
     found = _relocalised(track, places, monkeypatch, kind=None, spanning=spanning, config=config)
     assert [at.outcome for at in found.breaks] == outcomes
-
-
-def _only_the_second_time(pairs: list[tuple[int, int]]) -> Callable[..., list[tuple[int, int]]]:
-    answers = iter([[], pairs])
-    return lambda *_: next(answers)
 
 
 @pytest.mark.parametrize(("n_bridges", "has_failed", "expected"), [(8, True, 120), (8, False, 8), (50, False, 50)])
@@ -390,6 +379,7 @@ def test_of_each_stretch_that_nothing_spans_the_match_that_explains_least_is_the
     assert steps.weakest() == []
     steps.is_bridge[40:50] = steps.is_bridge[80:85] = True
     assert steps.weakest() == [40 + int(scores[40:50].argmin()), 80 + int(scores[80:85].argmin())]
+    assert steps.weakest(besides=[83]) == [40 + int(scores[40:50].argmin())]
 
 
 @pytest.mark.parametrize(("distance2", "expected"), [(50.0, _BREAK), (100.0, 50)])

@@ -255,9 +255,9 @@ class MapAlignmentConfig(SlamSettings, prefix="relocalisation: maps: "):
     suspected: float = between(0.01, *RATES)
     """From this probability on that the robot was carried where tracking failed the maps are asked."""
     most_failures: int = positive(6)
-    """So many failures they are asked about at a time, those where it was carried most probably …"""
+    """So many failures they are asked about at a time, those where it was carried most probably."""
     most_searches: int = positive(24)
-    """… and so often at most."""
+    """So often in all they are asked about a failure."""
     most_parts: int = positive(3)
     """So many parts of what was before they are laid onto, the one just before and those of most key scans."""
 

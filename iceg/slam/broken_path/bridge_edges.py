@@ -1,6 +1,6 @@
 """Bridge edges: steps of the path that no loop closure spans, where it may be broken or may have drifted away."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -55,12 +55,17 @@ class BridgeEdges:
         """The key poses before which odometry and match contradict each other, or the robot was lost."""
         return [key for key, failure in self.failures.items() if failure.is_beyond_chance(self._config.failures)]
 
-    def weakest(self) -> list[int]:
-        """Of each stretch of bridges the one whose match explains least of its scan, by its later key pose."""
+    def weakest(self, besides: Collection[int] = ()) -> list[int]:
+        """Of each stretch of bridges the one whose match explains least of its scan, by its later key pose.
+
+        Args:
+            besides: key poses; a stretch with one of them is left out.
+        """
         bridges = np.flatnonzero(self.is_bridge)
-        stretches = np.split(bridges, np.flatnonzero(np.diff(bridges) > 1) + 1)
+        stretches = (part.tolist() for part in np.split(bridges, np.flatnonzero(np.diff(bridges) > 1) + 1))
         scores = [_score(key) for key in self._keys]
-        return [min(stretch.tolist(), key=lambda key: scores[key]) for stretch in stretches if len(stretch)]
+        unknown = (keys for keys in stretches if keys and not any(key in besides for key in keys))
+        return [min(keys, key=lambda key: scores[key]) for keys in unknown]
 
     def spanned_by_most(self, closures: Sequence[Attempt]) -> int | None:
         """The least certain of the bridges that most closures span, by its later key pose; None where they span none.

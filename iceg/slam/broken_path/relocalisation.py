@@ -118,8 +118,8 @@ class _Relocalisation:
             for key, failure in self._steps.failures.items()
             if key > 0 and (failure.is_lost or failure.probability_carried >= config.suspected)
         }
-        for key in self._steps.weakest():
-            if key not in carried and self._maps.contradict(key, self._now.poses):
+        for key in self._steps.weakest(besides=carried):
+            if self._maps.contradict(key, self._now.poses):
                 carried[key] = config.suspected
         return sorted(carried, key=lambda key: -carried[key])[: config.most_failures]
 
