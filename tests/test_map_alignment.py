@@ -37,7 +37,7 @@ def _moved(truth: NDArray[np.float64], correction: NDArray[np.float64]) -> NDArr
     return poses
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 @given(
     x=st.floats(-40.0, 40.0),
     y=st.floats(-40.0, 40.0),

@@ -43,13 +43,13 @@ def test_two_ways_alike_are_none() -> None:
 
 
 def test_robots_with_short_lasers_are_found_where_they_were_carried(data_dir: Path) -> None:
-    """Lasers of 4, 4, 8 and 12 m: by places of single scans none of the four was, 3.8 to 10 m off."""
+    """Lasers of 4 m: by places of single scans neither was, 8.5 and 7.2 m off."""
     errors = []
-    for seed in (36004, 36009, 36013, 36019):
+    for seed in (36009, 36019):
         cell = Cell(group="random", source=f"random:{seed}", fault="carried")
         (outcome,) = outcomes(recording_of(cell, data_dir), [cell])
         errors.append(outcome.error_m)
-    assert sorted(errors)[2] < 0.1
+    assert max(errors) < 0.1
 
 
 def test_a_robot_carried_without_a_failure_is_found(data_dir: Path) -> None:
