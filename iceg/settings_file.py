@@ -34,6 +34,8 @@ RENAMED = {
     "loops.odometry_doubt": "loops.odometry_inflation",
 }
 """Settings that had another name."""
+_BY_MAPS = "lost parts are put where their maps belong, see loops.relocalisation.maps"
+
 GONE = {
     "finish.joint.confirmed_share": "the run says where walls and factors contradict each other",
     "finish.joint.credible_ratio": "variances grow as far as walls and factors contradict each other",
@@ -48,20 +50,39 @@ GONE = {
     "front_end.tracking.polished": "guesses come from a pass before, where turns are all that is known",
     "ice.covariance.doubtful_length": "see ice.false_match.length",
     "ice.covariance.similar_per_metre": "see ice.false_match.similar_per_metre",
+    "loops.failures.believed_inlier_ratio": _BY_MAPS,
     "loops.failures.widened_distance2": "odometry is widened as far as loops.failures.false_alarm asks",
     "loops.max_deviations": "closures are believed as far as the path explains them, see loops.path_probability",
-    "loops.revisit_drift": "without loops.enabled no loop is closed",
-    "loops.revisits": "without loops.enabled no loop is closed",
+    "loops.place_confirmations": _BY_MAPS,
+    "loops.places": _BY_MAPS,
+    "loops.places_each": _BY_MAPS,
+    "loops.relocalisation.alike_exponent": _BY_MAPS,
+    "loops.relocalisation.alike_scans": _BY_MAPS,
+    "loops.relocalisation.bias_sigmas": _BY_MAPS,
     "loops.relocalisation.dissent": "places are weighed by how probable they are, see loops.relocalisation.odds",
+    "loops.relocalisation.false_alarm": _BY_MAPS,
+    "loops.relocalisation.found_distance": _BY_MAPS,
+    "loops.relocalisation.found_turn": _BY_MAPS,
     "loops.relocalisation.lead": "places are weighed by how probable they are, see loops.relocalisation.odds",
     "loops.relocalisation.majority": "places are weighed by how probable they are, see loops.relocalisation.odds",
+    "loops.relocalisation.max_fits": _BY_MAPS,
+    "loops.relocalisation.max_hypotheses": _BY_MAPS,
     "loops.relocalisation.min_credible": "what is too little to act on is not told of",
+    "loops.relocalisation.most_share": _BY_MAPS,
+    "loops.relocalisation.pass_length": _BY_MAPS,
     "loops.relocalisation.right_contradicted": "see loops.relocalisation.contradiction",
+    "loops.relocalisation.rival_distance": _BY_MAPS,
+    "loops.relocalisation.rival_support": _BY_MAPS,
+    "loops.relocalisation.same_pass": _BY_MAPS,
+    "loops.relocalisation.spanned_covariance": _BY_MAPS,
+    "loops.revisit_drift": "without loops.enabled no loop is closed",
+    "loops.revisits": "without loops.enabled no loop is closed",
+    "loops.signatures": _BY_MAPS,
+    "loops.verification.min_overlap_ratio": "passes that hardly overlap are matched like others",
     "loops.view.carried_chance": "whether the robot was carried is weighed, see loops.view.carried_prior",
     "loops.view.false_alarm": "whether the robot was carried is weighed, see loops.view.carried_prior",
-    "loops.verification.min_overlap_ratio": "passes that hardly overlap are matched like others",
 }
-"""Settings of earlier versions that no run depends on any more, and what stands in their place."""
+"""Settings of earlier versions, and whole sections, that no run depends on any more, and what stands in their place."""
 
 
 class ConfigError(IcegError):
@@ -181,8 +202,9 @@ class _Reader:
     def unknown(self, key: str) -> ConfigError:
         if key in RENAMED:
             return ConfigError(f"{self.where}: '{key}' is now '{RENAMED[key]}'")
-        if key in GONE:
-            return ConfigError(f"{self.where}: '{key}' is gone, leave it out: {GONE[key]}")
+        gone = next((name for name in (key, key.rpartition(".")[0]) if name in GONE), None)
+        if gone is not None:
+            return ConfigError(f"{self.where}: '{gone}' is gone, leave it out: {GONE[gone]}")
         section, _, name = key.rpartition(".")
         by_name = {known.rpartition(".")[2]: known for known in reversed(self.known)}
         here = {known.rpartition(".")[2]: known for known in self.known if known.rpartition(".")[0] == section}

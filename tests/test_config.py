@@ -140,7 +140,7 @@ def test_importing_the_configuration_is_light() -> None:
     [
         ("grid.resolution", "inf", "found resolution inf, expected a number from 0.0001 to 100000"),
         ("loops.spacing", "-1.0", "found spacing -1.0, expected 0 or more"),
-        ("loops.place_confirmations", "0", "found place_confirmations 0, expected 1 or more"),
+        ("loops.confirmations", "0", "found confirmations 0, expected 1 or more"),
         ("finish.rounds", "-1", "found rounds -1, expected 0 or more"),
         ("finish.closure_false_alarm", "inf", "found closure_false_alarm inf, expected a number from 1e-09 to 0.5"),
         ("front_end.calibration_scans", "0", "found calibration_scans 0, expected 1 or more"),

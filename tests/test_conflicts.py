@@ -174,7 +174,7 @@ def test_a_doubt_is_told_with_its_probability(track: Track) -> None:
     ("outcome", "words"),
     [
         (Outcome.JOINED, "right with a probability of 62%"),
-        (Outcome.CONTRADICTED, "wrong with a probability of 38%"),
+        (Outcome.DRIFTED, "right with a probability of 62%"),
         (Outcome.CONFLICT, "which is 38% probable"),
     ],
 )

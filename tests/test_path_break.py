@@ -52,27 +52,9 @@ def test_nor_does_a_match_to_what_was_before_of_a_later_key_pose() -> None:
     assert told == [("odometry", 2, 3), ("ice", 1, 4)]
 
 
-@pytest.mark.parametrize("outcome", [Outcome.JOINED, Outcome.DRIFTED, Outcome.CONTRADICTED])
+@pytest.mark.parametrize("outcome", [Outcome.JOINED, Outcome.DRIFTED])
 def test_only_parts_that_nothing_joins(outcome: Outcome) -> None:
     assert _torn(_break(2, outcome)) == []
-
-
-@pytest.mark.parametrize(
-    ("log_odds", "kind", "may_be"),
-    [
-        (-1.0, FailureKind.TRACKING_LOSS, False),
-        (1.0, FailureKind.TRACKING_LOSS, True),
-        (1.0, FailureKind.INCONSISTENT, True),
-        (None, FailureKind.TRACKING_LOSS, False),
-        (None, FailureKind.UNKNOWN_MOTION, True),
-        (-1.0, FailureKind.UNKNOWN_MOTION, False),
-    ],
-)
-def test_only_who_sees_something_else_at_once_may_have_been_carried(
-    log_odds: float | None, kind: FailureKind, *, may_be: bool
-) -> None:
-    failure = TrackingFailure(kind=kind, reason="", log_odds_carried=log_odds)
-    assert failure.may_be_carried() is may_be
 
 
 @pytest.mark.parametrize("log_odds", [-800.0, -2.0, 0.0, 3.0, 800.0])

@@ -3,7 +3,6 @@
 import numpy as np
 
 from iceg.slam.broken_path.path_parts import PathParts
-from iceg.slam.broken_path.place_hypothesis import about_parts
 from iceg.slam.closures.attempt import Attempt
 
 
@@ -38,11 +37,3 @@ def test_a_part_of_which_nothing_else_is_known_moves_with_the_one_before() -> No
     assert set(np.flatnonzero(moving)) == _keys((10, 50))
     tied = PathParts(50, [10, 40], {20: 5, 30: 12})
     assert set(np.flatnonzero(tied.moved_by(_claim(0, 12), 10))) == _keys((10, 20), (30, 50))
-
-
-def test_a_set_is_a_hypothesis_for_each_two_parts_it_speaks_of() -> None:
-    parts = PathParts(50, [10, 20], {30: 5})
-    first_and_third, second_and_third = [_claim(2, 22), _claim(4, 24)], [_claim(12, 24), _claim(14, 26), _claim(13, 25)]
-    within = [_claim(6, 32)]
-    found = about_parts([*first_and_third, *within, *second_and_third], parts)
-    assert [(each.key, each.closures) for each in found] == [(20, second_and_third), (20, first_and_third)]

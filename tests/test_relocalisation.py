@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from frontends.logs import read_log
 from frontends.scan import Log
 from frontends.simulator.simulation import simulate
-from graph.config import PoseGraphConfig
+from graph.factors import Factor
 from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.config import Config
@@ -21,20 +21,17 @@ from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
 from iceg.pipeline import run
 from iceg.run_result.slam_result import SlamResult
-from iceg.slam.back_end import solve_track
-from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
+from iceg.slam.broken_path.geometric_verification import FitCount, GeometricVerifier
+from iceg.slam.broken_path.map_merging import MapMerger
 from iceg.slam.broken_path.path_break import Break, Outcome, TrackingFailure
 from iceg.slam.broken_path.reassigned_scans import reassigned
+from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.closures.attempt import Attempt
-from iceg.slam.closures.candidates import Candidate
 from iceg.slam.closures.reference import References
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
-from iceg.slam.drift import Drift
 from iceg.slam.loop_closure import LoopCloser
-from iceg.slam.odometry.motions import motions_of
 from iceg.slam.own_body_config import OwnBodyConfig
 from iceg.slam.solution import Solution
-from iceg.slam.track import Track
 from iceg.slam.tracking.log_tracking import track_log
 
 _KEEPS_ALL = FrontEndConfig(own_body=OwnBodyConfig(nearest=0.0))
@@ -148,7 +145,7 @@ def test_a_jump_that_little_gave_away_is_mended_or_reported(log: Log, truth: NDA
     result = run(_carried(log, 688, 988), _QUICK)
     (found,) = result.summary["breaks"]
     assert abs(found["scan"] - 688) <= 5
-    assert found["outcome"] == "contradicted" or _rmse(result, truth, 688, 988) < 0.15
+    assert _rmse(result, truth, 688, 988) < 0.15
 
 
 @pytest.mark.parametrize("n_scans", [500, 606, 1848])
@@ -172,21 +169,13 @@ def test_where_odometry_told_the_way_closures_across_a_loss_stay(log: Log, truth
 def test_a_loss_that_only_a_majority_bridges_is_told(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
     attempt = Attempt(key_old=0, key_new=1, match=None, overlap=0.0, accepted=True, reason="")
     torn = FitCount(agreeing=[attempt] * 4, against=2)
-    monkeypatch.setattr(HypothesisVerifier, "of_estimate", lambda *_: torn)
+    monkeypatch.setattr(MapMerger, "alignments", lambda *_: [])
+    monkeypatch.setattr(GeometricVerifier, "of_closures", lambda *_: torn)
     sparse = noisy(every_metre(log).log, deviation=0.02, outliers=0.2).log
     monkeypatch.setattr(TrackingFailure, "by_odometry", lambda failure: failure)
     result = run(sparse, replace(_QUICK, front_end=_KEEPS_ALL))
     assert {found["outcome"] for found in result.summary["breaks"]} == {"apart"}
     assert any("do not agree well enough to tie the rest" in said for said in result.summary["warnings"])
-
-
-@pytest.mark.parametrize(
-    ("agreeing", "against", "passed"), [(3, 1, False), (2, 0, False), (4, 4, False), (9, 4, False), (6, 1, True)]
-)
-def test_a_hypothesis_takes_more_than_a_majority(agreeing: int, against: int, passed: bool) -> None:
-    attempt = Attempt(key_old=0, key_new=1, match=None, overlap=0.0, accepted=True, reason="")
-    exam = FitCount(agreeing=[attempt] * agreeing, against=against)
-    assert exam.is_passed == passed
 
 
 @pytest.mark.parametrize("scan", [None, 400])
@@ -237,26 +226,26 @@ def test_neighbours_are_not_sought_across_parts_that_nothing_ties(log: Log) -> N
     assert not across
 
 
-class _Shortsighted(LoopCloser):
-    """Sees no loop on the way, as if the drift were larger than any search."""
-
-    def candidates(self, key_new: int, poses: NDArray[np.float64], drift: Drift) -> list[Candidate]:
-        del key_new, poses, drift
-        return []
-
-
-def test_what_the_drift_left_behind_is_found_by_place_recognition(log: Log) -> None:
+def test_what_the_drift_left_behind_is_found_by_its_map(log: Log, truth: NDArray[np.float64]) -> None:
+    """A wheel that is too large turns the robot by a sixth of a degree a metre; no loop was closed on the way."""
     track = track_log(log, IceMatcher(), OdometryModel(), FrontEndConfig())
-
-    def solved(track: Track, *, relocalise: bool) -> Solution:
-        closer = _Shortsighted(IceMatcher(), track, LoopClosureConfig(relocalise=relocalise))
-        return solve_track(closer, motions_of(track, log.odometry, OdometryModel()), PoseGraphConfig())
-
-    assert not solved(track, relocalise=False).attempts
-    found = solved(track, relocalise=True)
-    assert found.breaks == ()
-    assert sum(attempt.accepted for attempt in found.attempts) >= 8
-    assert all(attempt.reason.startswith(("place recognition", "similar place")) for attempt in found.attempts)
+    seen = np.array([key.T_track_robot for key in track.keys])
+    steps = between(seen[:-1], seen[1:])
+    bent = steps + np.array([0.0, 0.0, 0.003]) * np.hypot(*steps[:, :2].T)[:, None]
+    poses, covariance = [seen[0]], np.diag([0.03, 0.03, 0.02]) ** 2
+    for step in bent:
+        poses.append(compose(poses[-1], step))
+    factors = [Factor(kind="prior", i=None, j=0, T_i_j=seen[0], covariance=1e-6 * np.eye(3))] + [
+        Factor(kind="odometry", i=key - 1, j=key, T_i_j=step, covariance=covariance)
+        for key, step in enumerate(bent, start=1)
+    ]
+    everywhere = np.ones(len(poses), dtype=np.bool_)
+    drifted = Solution(factors=factors, poses=np.array(poses), attempts=[], searchable=everywhere)
+    found, _ = relocalise(LoopCloser(IceMatcher(), track, LoopClosureConfig()), drifted, {})
+    there = truth[[key.index for key in track.keys]]
+    before, after = (trajectory_errors(each.poses, there).ate_rmse for each in (drifted, found))
+    assert {each.outcome for each in found.breaks} == {"drifted"}
+    assert after < 0.2 * before
 
 
 def test_a_step_that_match_and_odometry_contradict_is_not_explained_by_drift(data_dir: Path) -> None:

@@ -228,7 +228,7 @@ def test_what_nothing_but_carrying_explains_is_a_loss(simulation: Simulation) ->
     assert judged[carried_key].is_lost
     assert judged[carried_key].reason == "what the laser sees changed at once, and the match lies far off"
     assert not judged[other].is_lost
-    assert not judged[other].may_be_carried()
+    assert not judged[other].is_carried
 
 
 def test_the_more_often_tracking_fails_the_less_one_failure_says(simulation: Simulation) -> None:

@@ -24,7 +24,7 @@ from iceg.slam.kept_scans import KeptScans
 from iceg.slam.odometry.calibration import OdometryCalibration
 from iceg.slam.odometry.gyro import GyroFinding
 
-VERSION = 6
+VERSION = 7
 """Of the file; it changes with what is in it."""
 _WHAT = "the findings of a run"
 

@@ -300,10 +300,11 @@ def solve_track(
         failures = judged_by_view(failures, ViewChanges(log, track, closer.judge, closures.view), closures.failures)
     solution = back_end.solution()
     if log is None:
-        return relocalise(closer, solution, failures)
+        return relocalise(closer, solution, failures)[0]
     if log.has_odometry:
         solution = with_hindsight(solution, closures, back_end.contested)
-    return with_conflicts(relocalise(closer, solution, failures), track, failures, closures)
+    relocalised, judged = relocalise(closer, solution, failures)
+    return with_conflicts(relocalised, track, judged, closures)
 
 
 def _front_end_failures(track: Track) -> dict[int, TrackingFailure]:

@@ -1,4 +1,4 @@
-"""Settings of loop closures: which are consistent, which places similar, and when parts of a broken path are joined."""
+"""Settings of loop closures: which are consistent, and when parts of a broken path are joined."""
 
 from dataclasses import dataclass, field
 from math import pi
@@ -75,46 +75,6 @@ class VerificationConfig(SlamSettings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlaceSignatureConfig(SlamSettings, prefix="signatures: "):
-    """What the signature of a place is made of, by which similar places are found (place recognition)."""
-
-    half: int = between(5, 0, 1000)
-    """Key scans on either side that make up the place."""
-    word_reach: float = 6.0
-    """Pairs of features within this are words [m]: both kinds, distance and directions."""
-    word_closest: float = 0.3
-    """Features closer to each other than this are no pair [m]."""
-    word_cell: float = positive(0.4)
-    """Cell of the distance in a word [m]."""
-    word_sectors: int = positive(6)
-    """Sectors of the directions of both features against the line between them in a word."""
-    word_bins: int = between(1024, 1, 1_000_000)
-    """Bins into which words are hashed."""
-    min_scans: float = 2.0
-    """Fewest scans of the place that must have seen a feature of a word."""
-    word_max_hits: float = 4.0
-    """A feature that more scans saw counts no more than this."""
-    merge_radius: float = 0.25
-    """Features of different scans closer than this are one [m]."""
-    max_features: int = between(1500, 1, 1_000_000)
-    """Most features of one place."""
-    point_every: int = positive(3)
-    """Only the points of every so many key scans are counted."""
-    point_reach: float = between(8.0, 0.0, 1000.0)
-    """Farthest from the middle of the place that points are counted [m]."""
-    point_cell: float = between(0.4, 0.01, 100.0)
-    """Cell of which one point is counted [m]."""
-    distance_bins: int = between(40, 1, 100_000)
-    """Bins of distance between two points."""
-    distance_cell: float = positive(0.25)
-    """Width of a bin of distance [m]."""
-    shape_weight: float = between(0.3, 0.0, 1000.0)
-    """What the distances count beside the words."""
-    sequence: int = between(2, 0, 1000)
-    """Places on either side that are compared along with a place."""
-
-
-@dataclass(frozen=True, kw_only=True)
 class PlaceVotesConfig(SlamSettings):
     """When another place fits key scans as well as that of a closure (perceptual aliasing)."""
 
@@ -144,9 +104,6 @@ class TrackingFailureConfig(SlamSettings, prefix="failures: "):
     hindsight, odometry is known as well as it claims, or wider by what is beyond this."""
     min_inlier_ratio: float = 0.7
     """A match that explains less of a scan is suspect where few closures span the step."""
-    believed_inlier_ratio: float = 0.8
-    """A step whose match explains this share of its scan is believed, if nothing else speaks against it: those who
-    walk past evenly spaced doors, or similar rooms, find many key scans that agree about another place."""
     settling_closures: int = 10
     """So many closures that span a step settle what failed there."""
     unknown_distance: float = between(0.5, 1e-3, 1000.0)
@@ -264,69 +221,32 @@ class MapAlignmentConfig(SlamSettings, prefix="relocalisation: maps: "):
 
 @dataclass(frozen=True, kw_only=True)
 class RelocalisationConfig(SlamSettings, prefix="relocalisation: "):
-    """Which hypotheses join parts of a broken path."""
+    """What joins parts of a broken path, and whether closures tie what follows a loss."""
 
-    max_hypotheses: int = 6
-    """So many sets of closures that agree are weighed, the largest."""
-    max_fits: int = 3
-    """Of a pair of similar places that fit several ways, so many are kept."""
-    found_distance: float = 0.1
-    """Standard deviation in position of a place that a search found [m]."""
-    found_turn: Radians = 0.03
-    """Standard deviation in heading of a place that a search found [rad]."""
-    same_pass: int = 3
-    """Similar places so few places apart are one pass."""
-    most_share: float = 0.75
-    """A step that odometry and match contradict beyond all chance may be the one that closures are about if this share
-    of them spans it: not all need to, the reference of one may hold key scans from both sides of a break. Any other
-    step must be spanned by as many as any is."""
-    false_alarm: float = between(1.544e-5, *RATES)
-    """The path explains an offset that chance makes as large with more than this probability (χ², 3 degrees of freedom;
-    5 σ)."""
-    spanned_covariance: float = 0.01
-    """Of the covariance of a step that closures span, so much is left."""
-    bias_sigmas: float = 3.0
-    """The path explains an offset if a bias of up to so many standard deviations at every step does."""
     min_agreeing: int = 6
-    """Fewest scans that must agree with a hypothesis."""
+    """Fewest scans that must agree where closures across a loss have them."""
     contradiction: ContradictionConfig = field(default_factory=ContradictionConfig)
-    """What share of the scans contradicts a hypothesis."""
+    """What share of the scans contradicts a place that is right, and one that is wrong."""
     maps: MapAlignmentConfig = field(default_factory=MapAlignmentConfig)
     """How the maps of two parts of the path are laid onto each other."""
     odds: float = positive(3.0)
-    """A hypothesis must be so many times as probable as the present estimate, or a rival; one that is so many times as
-    probably wrong as right is refused."""
+    """Closures across a loss tie nothing where these scans are put so many times as probably wrongly as rightly."""
     scan_distance: float = 0.3
-    """Standard deviation in position of a scan that verifies a hypothesis [m]."""
+    """Standard deviation in position of a scan that is matched where maps or closures put it [m]."""
     scan_turn: Radians = 0.1
-    """Standard deviation in heading of a scan that verifies a hypothesis [rad]."""
+    """Standard deviation in heading of such a scan [rad]."""
     min_overlap: float = 0.5
     """From this overlap on a scan that does not agree contradicts what was seen there."""
-    alike_scans: float = positive(8.3)
-    """So many key scans of similar places that agree are as often about a wrong place as about the right one."""
-    alike_exponent: float = between(2.8, 0.0, 20.0)
-    """Sets of closures about a wrong place get rarer by this power of how many key scans agree."""
     reach: float = 8.0
-    """Farthest along the path from a closure that key scans verify it [m]."""
-    pass_length: float = 16.0
-    """Farthest along the path from a closure that they are matched against [m]."""
+    """Farthest along the path from a closure across a loss that key scans verify it [m]."""
     spacing: float = between(1.4, 0.0, 1000.0)
     """Path from one such key scan to the next [m], lest few be left in a log of few scans."""
     max_keys: int = positive(96)
-    """Most key scans that verify a hypothesis."""
-    rival_distance: float = 2.0
-    """Hypotheses that put the same scans so far apart are about different places [m]."""
-    rival_support: float = 0.5
-    """Another is weighed that has this share of the key scans of a hypothesis."""
-
-    @property
-    def found(self) -> Tolerance:
-        """Standard deviations of a place that a search found."""
-        return Tolerance(self.found_distance, self.found_turn)
+    """Most key scans that verify the closures across a loss."""
 
     @property
     def scan(self) -> Tolerance:
-        """Standard deviations of a scan that verifies a hypothesis."""
+        """Standard deviations of a scan that is matched where maps or closures put it."""
         return Tolerance(self.scan_distance, self.scan_turn)
 
 

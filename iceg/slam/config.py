@@ -9,7 +9,6 @@ from iceg.slam.calibration_config import CalibrationConfig
 from iceg.slam.checked_settings import SlamSettings
 from iceg.slam.closure_config import (
     ConfirmedAreaConfig,
-    PlaceSignatureConfig,
     PlaceVotesConfig,
     RelocalisationConfig,
     TrackingFailureConfig,
@@ -155,26 +154,17 @@ class LoopClosureConfig(SlamSettings):
     """A true closure lies no farther from the path than its covariance explains with this probability; one that does is
     refused, for most likely it is a similar place (perceptual aliasing)."""
     relocalise: bool = True
-    """Where no closure joins what follows to what was before, look for similar places anywhere (place recognition)."""
-    places: int = between(120, 0, 100_000)
-    """Most pairs of similar places that are matched; where nothing gives a break away, no more than there are bridge
-    edges, steps that no closure spans."""
-    places_each: int = between(3, 0, 1000)
-    """Most such pairs for one place."""
-    place_confirmations: int = positive(4)
-    """Key scans that must agree before a recognised place is believed."""
+    """Where no closure joins what follows to what was before, see where its map fits what was before (map merging)."""
     support_offsets: tuple[int, ...] = (-4, -2, 0, 2, 4)
     """Key scans asked to agree, relative to the one matched."""
     verification: VerificationConfig = field(default_factory=VerificationConfig)
     """Which closures agree."""
-    signatures: PlaceSignatureConfig = field(default_factory=PlaceSignatureConfig)
-    """By what similar places are found."""
     votes: PlaceVotesConfig = field(default_factory=PlaceVotesConfig)
     """Whether another place fits as well."""
     failures: TrackingFailureConfig = field(default_factory=TrackingFailureConfig)
     """Where tracking may have failed."""
     relocalisation: RelocalisationConfig = field(default_factory=RelocalisationConfig)
-    """Which hypotheses join parts of a broken path."""
+    """What joins parts of a broken path."""
     view: ViewChangeConfig = field(default_factory=ViewChangeConfig)
     """Whether the robot may have been carried."""
     confirmed: ConfirmedAreaConfig = field(default_factory=ConfirmedAreaConfig)

@@ -15,9 +15,9 @@ import numpy as np
 
 from graph.arrays import Floats
 from graph.batch import BatchResult, optimize
+from graph.consistency import cumulative_covariances, maximum_clique, pairwise_consistency
 from graph.factors import Factor, FactorKind, RobustKernel
 from graph.noise import largest_squared_norm
-from iceg.slam.broken_path.place_hypothesis import agreeing_sets
 from iceg.slam.closures.attempt import Attempt, closure_factor
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.solution import BATCH, Solution
@@ -40,7 +40,7 @@ def with_hindsight(solution: Solution, config: LoopClosureConfig, contested: Map
     """
     path = [factor for factor in solution.factors if factor.kind in {"odometry", "ice"}]
     refused = _refused_by_path(solution.attempts, config)
-    for agreeing in agreeing_sets(refused, path, solution.poses, config.confirmations):
+    for agreeing in _agreeing_sets(refused, path, solution.poses, config.confirmations):
         if len(agreeing) >= config.confirmations:
             solution = weighed(solution, agreeing, config, contested)
     return solution
@@ -50,6 +50,20 @@ def _refused_by_path(attempts: Sequence[Attempt], config: LoopClosureConfig) -> 
     """Those that would have been accepted had the path explained them."""
     most = largest_squared_norm(config.path_probability)
     return [attempt for attempt in attempts if not attempt.accepted and attempt.off_path**2 > most]
+
+
+def _agreeing_sets(
+    closures: Sequence[Attempt], path: Sequence[Factor], poses: Floats, fewest: int
+) -> list[list[Attempt]]:
+    """Sets of closures that agree pairwise along a path of (k, 3) poses, the largest first."""
+    cumulative = cumulative_covariances(path, poses)
+    agree = pairwise_consistency([closure_factor(closure) for closure in closures], poses, cumulative)
+    left, sets = np.arange(len(closures)), []
+    while len(left) >= fewest:
+        members = maximum_clique(agree[np.ix_(left, left)])
+        sets.append([closures[index] for index in left[members].tolist()])
+        left = left[~members]
+    return sorted(sets, key=len, reverse=True)
 
 
 def weighed(

@@ -10,7 +10,6 @@ Kind = Literal[
     "found again",
     "cut off",
     "drifted",
-    "contradicted",
     "conflict",
     "doubtful",
     "perceptual aliasing",
@@ -35,11 +34,8 @@ _MANY: dict[Kind, str] = {
         "before: those parts of the map may be displaced"
     ),
     "drifted": (
-        "the path drifted more than chance explains at {n} places, first at scan {scan}; the map follows the scans"
-    ),
-    "contradicted": (
-        "at {n} places, first at scan {scan}, later scans put the robot elsewhere than the path does; the map follows "
-        "the path and may be wrong there"
+        "the path drifted so far that its maps contradict each other at {n} places, first at scan {scan}; the map "
+        "follows the scans"
     ),
     "conflict": (
         "match and odometry contradict each other at {n} places, first at scan {scan}, and loop closures do not settle "

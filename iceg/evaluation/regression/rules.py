@@ -21,10 +21,8 @@ from numpy.typing import NDArray
 from graph.ranges import RATES
 from iceg.config import Config
 from iceg.evaluation.errors import EvaluationError
-from iceg.slam.broken_path.path_break import TrackingFailure
-from iceg.slam.broken_path.place_hypothesis import Hypothesis
 from iceg.slam.broken_path.place_votes import Vote
-from iceg.slam.broken_path.relocalisation import relocalise
+from iceg.slam.broken_path.relocalisation import Failures, relocalise
 from iceg.slam.closure_config import ConfirmedAreaConfig
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.solution import Solution
@@ -84,14 +82,10 @@ def _second(_self: object, second: Any, *_args: object, **_named: object) -> Any
     return second
 
 
-def _only_after_a_loss(closer: LoopCloser, solution: Solution, failures: Mapping[int, TrackingFailure]) -> Solution:
+def _only_after_a_loss(closer: LoopCloser, solution: Solution, failures: Failures) -> tuple[Solution, Failures]:
     if not any(failure.is_lost for failure in failures.values()):
-        return solution
+        return solution, failures
     return relocalise(closer, solution, failures)
-
-
-def _support(_self: object, hypothesis: Hypothesis) -> int:
-    return hypothesis.support
 
 
 def _no_variance(errors: NDArray[np.float64], *_args: object) -> NDArray[np.float64]:
@@ -138,28 +132,18 @@ _FRONT_END = f"{_SLAM}.tracking.front_end:FrontEnd"
 _CHECK = f"{_SLAM}.tracking.odometry_check:OdometryCheck"
 _BACK_END = f"{_SLAM}.back_end:BackEnd"
 _VOTES = f"{_SLAM}.broken_path.place_votes:PlaceVotes"
-_RELOCALISATION: dict[str, Any] = {f"{_SLAM}.back_end:relocalise": lambda _closer, solution, *_: solution}
+_RELOCALISATION: dict[str, Any] = {f"{_SLAM}.back_end:relocalise": lambda _closer, *found: found}
 
 RULES: Mapping[str, Rule] = MappingProxyType(
     {
-        "relocalisation": Rule(
-            what="joins parts of a broken path by their maps and similar places", without=_RELOCALISATION
-        ),
+        "relocalisation": Rule(what="joins parts of a broken path by their maps", without=_RELOCALISATION),
         "relocalisation without a loss": Rule(
             what="the same where something always matched: against drift, and matches that lead astray",
             without={f"{_SLAM}.back_end:relocalise": _only_after_a_loss},
         ),
-        "maps of parts": Rule(
-            what="a lost part lies where its map fits what was seen before",
-            without={f"{_SLAM}.broken_path.relocalisation:_Relocalisation._best_way": _nothing},
-        ),
-        "rivals": Rule(
-            what="two places that fit about as well join nothing",
-            without={f"{_SLAM}.broken_path.relocalisation:_Relocalisation._rival": _nothing},
-        ),
-        "sure places": Rule(
-            what="places that fit elsewhere as well count only after a loss",
-            without={f"{_SLAM}.broken_path.place_search:PlaceSearch.sure_support": _support},
+        "unspanned path": Rule(
+            what="the same where nothing spans the path and its maps contradict each other",
+            without={f"{_SLAM}.broken_path.relocalisation:_Relocalisation._unspanned": lambda _self: []},
         ),
         "view": Rule(
             what="only who sees something else at once may have been carried",

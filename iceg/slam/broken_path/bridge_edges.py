@@ -8,7 +8,6 @@ from graph.arrays import Ints
 from graph.factors import Factor
 from graph.measurement import NoMatch
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
-from iceg.slam.closures.attempt import Attempt
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.track import KeyScan, Track
 
@@ -51,43 +50,29 @@ class BridgeEdges:
         reason = f"only {score:.0%} of the beams agreed with what was known before"
         return TrackingFailure(kind=FailureKind.LOW_INLIER_RATIO, reason=reason, unexplained=1.0 - score)
 
-    def refuted(self) -> list[int]:
-        """The key poses before which odometry and match contradict each other, or the robot was lost."""
-        return [key for key, failure in self.failures.items() if failure.is_beyond_chance(self._config.failures)]
-
-    def weakest(self, besides: Collection[int] = ()) -> list[int]:
-        """Of each stretch of bridges the one whose match explains least of its scan, by its later key pose.
+    def stretches(self, besides: Collection[int] = ()) -> list[tuple[int, Ints]]:
+        """The stretches of bridges by their later key poses, each with the one whose match explains least of its scan.
 
         Args:
             besides: key poses; a stretch with one of them is left out.
         """
         bridges = np.flatnonzero(self.is_bridge)
-        stretches = (part.tolist() for part in np.split(bridges, np.flatnonzero(np.diff(bridges) > 1) + 1))
-        scores = [_score(key) for key in self._keys]
-        unknown = (keys for keys in stretches if keys and not any(key in besides for key in keys))
-        return [min(keys, key=lambda key: scores[key]) for keys in unknown]
+        found = (part for part in np.split(bridges, np.flatnonzero(np.diff(bridges) > 1) + 1) if len(part))
+        return [(self._weakest(part), part) for part in found if not np.isin(part, list(besides)).any()]
 
-    def spanned_by_most(self, closures: Sequence[Attempt]) -> int | None:
-        """The least certain of the bridges that most closures span, by its later key pose; None where they span none.
+    def weakest(self, first: int, last: int) -> int:
+        """Of the bridges up to one the one whose match explains least of its scan, by its later key pose.
 
-        A step at which odometry and match contradict each other is meant where a share of them spans it.
+        Args:
+            first: key pose; no earlier bridge is meant …
+            last: … nor a later one, which is a bridge.
         """
-        pairs = np.array([closure.pair for closure in closures], dtype=np.int64).reshape(-1, 2)
-        spanning = np.where(self.is_bridge, _spanning(pairs, len(self.is_bridge)), 0)
-        most = spanning.max()
-        if most == 0:
-            return None
-        share = self._config.relocalisation.most_share
-        refuted = [key for key in self.refuted() if spanning[key] >= share * most]
-        return max([*np.flatnonzero(spanning == most).tolist(), *refuted], key=lambda key: (self._rank(key), key))
+        within = np.arange(first, last + 1)
+        return self._weakest(within[self.is_bridge[within]])
 
-    def _rank(self, key: int) -> float:
-        """Compares the steps that may be broken: the highest is where a break is put.
-
-        A match that explains all of a scan knows better than an odometry that jumped or slipped.
-        """
-        unexplained = 1.0 - _score(self._keys[key])
-        return self.failures[key].rank + unexplained if key in self.failures else unexplained
+    def _weakest(self, keys: Ints) -> int:
+        scores = [_score(self._keys[key]) for key in keys.tolist()]
+        return int(keys[int(np.argmin(scores))])
 
     def closures_across(self, factors: Sequence[Factor]) -> Ints:
         """(k,) how many closures span the step that leads to each key pose, with all the key scans they rest on."""

@@ -30,9 +30,14 @@ class Displacement:
     variances: Floats
 
 
+def variance_of_place(poses: Floats) -> float:
+    """How far two places along a path of (k, 3) key poses lie apart along either axis, the variance [m²]."""
+    return float(poses[:, :2].var(axis=0).sum())
+
+
 def displacements(breaks: Sequence[Break], poses: Floats) -> tuple[Displacement, ...]:
     """At each break that may be wrong, along a path of (k, 3) key poses."""
-    apart = float(poses[:, :2].var(axis=0).sum())  # of two places, along either axis
+    apart = variance_of_place(poses)
     return tuple(
         Displacement(key=found.key, variances=found.probability * np.array([apart, apart, _ANY_HEADING]))
         for found in breaks

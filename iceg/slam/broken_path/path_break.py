@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum, StrEnum
 from math import exp, log
 
-from iceg.slam.closure_config import TrackingFailureConfig, ViewChangeConfig
+from iceg.slam.closure_config import ViewChangeConfig
 from iceg.slam.run_warning import Kind, RunWarning
 from iceg.slam.track import Track
 
@@ -16,10 +16,8 @@ class Outcome(StrEnum):
     """Loop closures join both sides."""
     APART = "apart"
     """Nothing joins what follows to what was before, and odometry alone says where it is."""
-    CONTRADICTED = "contradicted"
-    """Closures disagree with the path, but nothing else speaks against it; the map follows the path."""
     DRIFTED = "drifted"
-    """Closures put it where only a systematic error of every step would explain, and the map follows them."""
+    """Maps contradict each other as the path has them, its errors explain that, and the map follows closures."""
     CONFLICT = "conflict"
     """Match and odometry contradict each other, closures do not settle it, and the map follows the match."""
     DOUBTFUL = "doubtful"
@@ -67,16 +65,6 @@ class TrackingFailure:
     log_odds_carried: float | None = None
     scan: int | None = None
 
-    def may_be_carried(self, log_odds: float = 0.0) -> bool:
-        """Whether the robot may have been carried: view and scans elsewhere say so, or nothing has seen the way.
-
-        Args:
-            log_odds: how much more probable scans that agree elsewhere make it that it was, the logarithm.
-        """
-        if self.log_odds_carried is None:
-            return self.kind is FailureKind.UNKNOWN_MOTION
-        return self.log_odds_carried + max(log_odds, 0.0) > 0.0
-
     @property
     def is_carried(self) -> bool:
         """Whether it is more probable than not that the robot was carried: what the laser sees changed at once."""
@@ -99,14 +87,6 @@ class TrackingFailure:
         if self.kind is not FailureKind.TRACKING_LOSS or self.is_carried:
             return self
         return replace(self, kind=FailureKind.NO_MATCH)
-
-    def log_odds_of_path(self, config: ViewChangeConfig) -> float:
-        """How many times as probable the path is as a robot that was carried, the logarithm.
-
-        Where nothing is known of the view, robots are seldom carried. 0 where the view goes on: nothing is said of how
-        probable the path is then.
-        """
-        return -self.log_odds(config) if self.log_odds_carried is None else -max(self.log_odds_carried, 0.0)
 
     def log_prior_of_path(self, config: ViewChangeConfig) -> float:
         """How many times as probable the path is as a robot that was carried, the logarithm.
@@ -135,12 +115,6 @@ class TrackingFailure:
     def is_lost(self) -> bool:
         """Whether nothing was known when the robot went on."""
         return self.kind >= FailureKind.TRACKING_LOSS
-
-    def is_beyond_chance(self, config: TrackingFailureConfig) -> bool:
-        """Whether nothing matched, or match and odometry contradict each other by more than chance explains."""
-        if self.kind is FailureKind.INCONSISTENT:
-            return self.distance2 >= config.beyond_chance_distance2
-        return self.kind > FailureKind.INCONSISTENT
 
     @property
     def rank(self) -> float:
@@ -192,8 +166,8 @@ def describe_break(found: Break, track: Track) -> RunWarning:
 
 def _told(found: Break, where: str) -> tuple[Kind, str]:
     elsewhere = f"{found.closures} scans that agree put the robot {found.moved:.1f} m from where the path does"
+    sure = f" (right with a probability of {1.0 - found.probability:.0%})" if found.probability > 0.0 else ""
     if found.outcome is Outcome.JOINED:
-        sure = f" (right with a probability of {1.0 - found.probability:.0%})" if found.probability > 0.0 else ""
         return "found again", (
             f"tracking was lost {where}, and the robot found again: {elsewhere}; the map follows them{sure}"
         )
@@ -206,7 +180,8 @@ def _told(found: Break, where: str) -> tuple[Kind, str]:
         return "cut off", f"tracking was lost {where}: {ties} the rest to what was before, it may be displaced"
     if found.outcome is Outcome.DRIFTED:
         return "drifted", (
-            f"the path may have drifted {where}: {elsewhere}, more than chance explains; the map follows them"
+            f"the path drifted {where}, so that maps of it contradict each other: {elsewhere}; the map follows "
+            f"them{sure}"
         )
     if found.outcome is Outcome.CONFLICT:
         carried = f", which is {found.probability:.0%} probable" if found.probability > 0.0 else ""
@@ -215,14 +190,7 @@ def _told(found: Break, where: str) -> tuple[Kind, str]:
             f"the match; if the odometry is right, or the robot was carried (kidnapped{carried}), what follows is "
             "displaced"
         )
-    if found.outcome is Outcome.DOUBTFUL:
-        return "doubtful", (
-            f"the robot may have been carried {where}: by what the laser sees this is {found.probability:.0%} "
-            "probable, and loop closures do not settle it; the map goes on as if it was not, and what follows may be "
-            "displaced"
-        )
-    wrong = f", wrong with a probability of {found.probability:.0%}" if found.probability > 0.0 else ""
-    return "contradicted", (
-        f"the path may be wrong {where}: {elsewhere}; the robot was carried (kidnapped), or two places are "
-        f"ambiguous (perceptual aliasing); the map follows the path{wrong}"
+    return "doubtful", (
+        f"the robot may have been carried {where}: by what the laser sees this is {found.probability:.0%} probable, "
+        "and loop closures do not settle it; the map goes on as if it was not, and what follows may be displaced"
     )

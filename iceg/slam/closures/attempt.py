@@ -7,7 +7,7 @@ from enum import StrEnum
 from graph.arrays import Floats
 from graph.factors import Factor, RobustKernel
 from graph.measurement import RelativePose
-from graph.se2 import between, compose
+from graph.se2 import between, compose, inverse
 from iceg.slam.agreement import Tolerance, agree
 from iceg.slam.closure_config import VerificationConfig
 
@@ -133,6 +133,11 @@ def closed_pose(attempt: Attempt, poses: Floats) -> Floats:
     """(3,) T_map_robot of the later key pose as a closure says, the earlier one being where (n, 3) poses put it."""
     assert attempt.match is not None
     return compose(poses[attempt.key_old], attempt.match.T_ref_cur)
+
+
+def implied_correction(attempt: Attempt, poses: Floats) -> Floats:
+    """(3,) what moves the later key pose, in the map of (n, 3) poses, to where a closure puts it."""
+    return compose(closed_pose(attempt, poses), inverse(poses[attempt.key_new]))
 
 
 def are_consistent(a: Attempt, b: Attempt, poses: Floats, config: VerificationConfig) -> bool:

@@ -1,28 +1,28 @@
-"""Where a part of the path lies: the ways in which its map fits those of other parts, and which of them is right.
+"""Map merging: in which ways the map of a part of the path may lie to those of others, and which way is right.
 
-Each way is verified by key scans that are matched where it puts them. The ways, the path as it is, and that the parts
-have seen nothing of each other exclude each other: how much more probable each makes maps and matches is how probable
-it is. A building that is alike all over has many such ways, and none of them is probable then.
+Each alignment is verified by key scans that are matched where it puts them. The alignments, the path as it is, and that
+the parts have seen nothing of each other exclude each other: how much more probable each makes maps and matches is how
+probable it is. A building that is alike all over has many such alignments, and none of them is probable then.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import copysign, exp, log, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
 from graph.arrays import Floats, Ints
 from graph.se2 import compose, wrap_angle
-from iceg.slam.broken_path.hypothesis_verification import FitCount, HypothesisVerifier
+from iceg.slam.broken_path.geometric_verification import FitCount, GeometricVerifier
 from iceg.slam.broken_path.map_alignment import PartMaps
-from iceg.slam.broken_path.place_hypothesis import implied_correction
-from iceg.slam.closures.attempt import Attempt, Place
+from iceg.slam.closures.attempt import Attempt, Place, implied_correction
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.track import Track
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Way:
+class Alignment:
     """How a part may lie to the others.
 
     Attributes:
@@ -38,60 +38,83 @@ class Way:
     log_odds: float
     is_path: bool = False
 
+    def also(self, log_odds: float) -> "Alignment":
+        """The same, which may have come about in another way, too: so many times as probably, the logarithm."""
+        return replace(self, log_odds=self.log_odds + log_sum([0.0, log_odds]))
 
-def best_way(ways: Sequence[Way], log_prior_of_path: float, elsewhere: float) -> tuple[Way, float] | None:
-    """The way that is more probable than all others together, and how much more, the logarithm; never the path's.
+
+class Belief(NamedTuple):
+    """What alignments that exclude each other make of the path, and of the most probable of them.
+
+    Attributes:
+        alignment: that is more probable than all else together; None if none is.
+        log_odds: how many times as probable it is as all else, the logarithm.
+        log_odds_path: the same of the path.
+    """
+
+    alignment: Alignment | None
+    log_odds: float
+    log_odds_path: float
+
+
+def weighed(alignments: Sequence[Alignment], path: float, nothing: float) -> Belief:
+    """What to believe of several alignments.
 
     Args:
-        ways: they.
-        log_prior_of_path: how many times as probable it is before maps are compared that the path is right as that it
-            is not, the logarithm.
-        elsewhere: log-odds at which a way is as probable as that the part has seen nothing that others saw, for by
-            chance, too, the best of all ways is about as good; so it is where the path is right.
+        alignments: they; that of the path may be missing, where the maps tell nothing of it.
+        path: log-odds of the path before its maps are compared.
+        nothing: log-odds of that the part has seen nothing that others saw: by chance the best of all alignments is
+            about as good.
     """
-    odds = [way.log_odds + (log_prior_of_path + elsewhere if way.is_path else 0.0) for way in ways]
-    for index, way in enumerate(ways):
-        against = _log_sum([elsewhere, *odds[:index], *odds[index + 1 :]])
-        if odds[index] > against and not way.is_path:
-            return way, odds[index] - against
-    return None
+    path += sum(alignment.log_odds for alignment in alignments if alignment.is_path)
+    others = [alignment.log_odds for alignment in alignments if not alignment.is_path]
+    log_odds_path = path - log_sum([nothing, *others])
+    for alignment in alignments:
+        odds = path if alignment.is_path else alignment.log_odds
+        rest = [each.log_odds for each in alignments if each is not alignment and not each.is_path]
+        against = log_sum([nothing, *rest] if alignment.is_path else [nothing, path, *rest])
+        if odds > against:
+            return Belief(alignment, odds - against, log_odds_path)
+    return Belief(None, 0.0, log_odds_path)
 
 
-class MapSearch:
+class MapMerger:
     """Lays the map of a part onto those of other parts."""
 
-    def __init__(self, track: Track, verifier: HypothesisVerifier, config: LoopClosureConfig) -> None:
+    def __init__(self, track: Track, verifier: GeometricVerifier, config: LoopClosureConfig) -> None:
         self._track = track
         self._verifier = verifier
         self._config = config.relocalisation.maps
-        self._contradiction = config.relocalisation.contradiction
 
-    def ways(self, key: int, whole: Ints, poses: Floats) -> list[Way]:
+    def alignments(self, key: int, whole: Ints, fixed: Ints, poses: Floats) -> list[Alignment]:
         """The ways in which what follows a key pose may lie to what was before, that of the path among them.
 
         Args:
             key: the first key pose of the part.
             whole: (k,) what holds together, but for the step to that key pose.
+            fixed: (n,) key poses before it that it is laid onto.
             poses: (k, 3) T_map_robot.
         """
-        later, earlier = self._following(key), np.arange(key)
+        later = self._following(key)
         later = later[whole[later] == whole[key]]
-        parts = [earlier[whole[:key] == first] for first in np.unique(whole[:key]).tolist()]
-        largest = sorted(parts, key=lambda part: (part[-1] == key - 1, len(part)), reverse=True)
+        parts = [fixed[whole[fixed] == first] for first in np.unique(whole[fixed]).tolist()]
+        newest = int(fixed[-1]) if len(fixed) else -1
+        largest = sorted(parts, key=lambda part: (part[-1] == newest, len(part)), reverse=True)
         return [
-            way
+            alignment
             for part in largest[: self._config.most_parts]
-            for way in self._onto(key, part, later, poses, is_path=bool(part[-1] == key - 1))
+            for alignment in self._onto(key, part, later, poses, is_path=bool(part[-1] == newest))
         ]
 
-    def contradict(self, key: int, poses: Floats) -> bool:
+    def contradict(self, key: int, fixed: Ints, poses: Floats) -> bool:
         """Whether the map of what follows a key pose contradicts what was before where the path has it.
 
         Args:
             key: the first key pose that follows.
+            fixed: (n,) key poses before it.
             poses: (k, 3) T_map_robot.
         """
-        maps = self._maps(np.arange(key), self._following(key), poses)
+        maps = self._maps(fixed, self._following(key), poses)
         return not maps.are_empty and maps.log_odds(np.zeros(3)) < 0.0
 
     def _following(self, key: int) -> Ints:
@@ -102,18 +125,18 @@ class MapSearch:
     def _maps(self, fixed: Ints, moving: Ints, poses: Floats) -> PartMaps:
         return PartMaps([key.scan for key in self._track.keys], poses, fixed, moving, self._config)
 
-    def _onto(self, key: int, fixed: Ints, moving: Ints, poses: Floats, *, is_path: bool) -> list[Way]:
+    def _onto(self, key: int, fixed: Ints, moving: Ints, poses: Floats, *, is_path: bool) -> list[Alignment]:
         """The ways in which one part may lie to another."""
         maps = self._maps(fixed, moving, poses)
         if maps.are_empty:
             return []
         middle = np.array([*maps.middle, 0.0])
         some = moving[:: -(-len(moving) // self._config.scans)]
-        places, ways = [], list[Way]()
+        places, found = [], list[Alignment]()
         if is_path:
             places.append(middle)
             fit = self._verifier.of_scans(key, some, poses[some], poses)
-            ways.append(replace(self._way(np.zeros(3), fit, maps), is_path=True))
+            found.append(replace(self._alignment(np.zeros(3), fit, maps), is_path=True))
         for around in maps.alignments():
             fit = self._verifier.of_scans(key, some, compose(around, poses[some]), poses)
             if not fit.agreeing:
@@ -125,24 +148,23 @@ class MapSearch:
             correction = compose(there, -middle)
             fit = self._verifier.of_scans(key, some, compose(correction, poses[some]), poses)
             if fit.agreeing:
-                ways.append(self._way(correction, fit, maps))
-        return ways
+                found.append(self._alignment(correction, fit, maps))
+        return found
 
-    def _way(self, correction: Floats, fit: FitCount, maps: PartMaps) -> Way:
-        """What cells and scans say of a way.
+    def _alignment(self, correction: Floats, fit: FitCount, maps: PartMaps) -> Alignment:
+        """What cells and scans say of an alignment.
 
         Neither are independent of each other: walls of one room lie well or badly together, and what is alike is so all
-        over. So cells count by the root of what they would tell otherwise, and that a way is found at all by as many
-        scans as find it.
+        over. So cells count by the root of what they would tell otherwise, and that an alignment is found at all by as
+        many scans as find it.
         """
         cells = maps.log_odds(correction)
-        scans = self._contradiction.log_odds(len(fit.agreeing), fit.against)
         found = len({closure.key_new for closure in fit.agreeing})
-        return Way(
+        return Alignment(
             correction=correction,
             closures=[_found_anywhere(closure) for closure in fit.agreeing],
             log_odds=self._config.cell_weight * copysign(sqrt(abs(cells)), cells)
-            + self._config.scan_weight * scans
+            + self._config.scan_weight * fit.log_odds
             + log(max(found, 1)),
         )
 
@@ -161,7 +183,7 @@ def _found_anywhere(closure: Attempt) -> Attempt:
     return replace(closure, places=(Place(T_old_new=closure.match.T_ref_cur, misfit=0.0),))
 
 
-def _log_sum(logarithms: Sequence[float]) -> float:
+def log_sum(logarithms: Sequence[float]) -> float:
     """The logarithm of a sum, given those of what is added."""
     most = max(logarithms)
     return most + log(sum(exp(each - most) for each in logarithms))

@@ -1,0 +1,221 @@
+"""What becomes of a path where its maps belong elsewhere: joined, mended, confirmed or told apart."""
+
+from collections.abc import Mapping, Sequence
+from functools import partial
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from frontends.simulator.simulation import simulate
+from graph.factors import Factor
+from graph.measurement import NoMatch, RelativePose
+from graph.odometry import OdometryModel
+from graph.se2 import between, compose
+from iceg.ice.matcher import IceMatcher
+from iceg.slam.broken_path.bridge_edges import BridgeEdges
+from iceg.slam.broken_path.map_merging import Alignment, MapMerger
+from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
+from iceg.slam.broken_path.relocalisation import relocalise
+from iceg.slam.closures.attempt import Attempt, closure_factor
+from iceg.slam.config import FrontEndConfig, LoopClosureConfig
+from iceg.slam.loop_closure import LoopCloser
+from iceg.slam.solution import Solution
+from iceg.slam.track import Track
+from iceg.slam.tracking.log_tracking import track_log
+
+Array = NDArray[np.float64]
+
+_BREAK, _AGAIN, _EARLIER = 100, range(110, 150, 4), 20
+_HERE, _THERE, _ASIDE = np.array([5.0, -2.0, 0.3]), np.array([-4.0, 7.0, -0.2]), np.array([0.3, -0.2, 0.02])
+"""What moves the poses after the break to where they are, to another place, and hardly."""
+_STEP = np.diag([0.02, 0.02, 0.01]) ** 2
+
+
+@pytest.fixture(scope="module")
+def track() -> Track:
+    log = simulate("office", seed=1).log.select(slice(1500))
+    return track_log(log, IceMatcher(), OdometryModel(), FrontEndConfig())
+
+
+_carried = partial(TrackingFailure, reason="nothing matched what was known before", log_odds_carried=2.0)
+"""A failure at which the robot may see something else at once."""
+
+
+def _poses(track: Track) -> Array:
+    return np.array([key.T_track_robot for key in track.keys])
+
+
+def _path(track: Track) -> list[Factor]:
+    poses = _poses(track)
+    first = Factor(kind="prior", i=None, j=0, T_i_j=np.zeros(3), covariance=_STEP)
+    return [first] + [
+        Factor(kind="odometry", i=k, j=k + 1, T_i_j=between(poses[k], poses[k + 1]), covariance=_STEP)
+        for k in range(len(poses) - 1)
+    ]
+
+
+def _solution(factors: list[Factor], poses: Array, attempts: Sequence[Attempt] = ()) -> Solution:
+    everywhere = np.ones(len(poses), dtype=np.bool_)
+    return Solution(factors=factors, poses=poses, attempts=list(attempts), searchable=everywhere)
+
+
+def _closure(track: Track, key_old: int, key_new: int, correction: Array) -> Attempt:
+    """Says that the later key scan is moved so."""
+    poses = _poses(track)
+    match = RelativePose(
+        T_ref_cur=between(poses[key_old], compose(correction, poses[key_new])),
+        covariance=_STEP,
+        score=0.9,
+        inliers=150,
+        overlap=0.9,
+        weak_directions=np.zeros((0, 3)),
+    )
+    return Attempt(key_old=key_old, key_new=key_new, match=match, accepted=True, reason="scripted")
+
+
+def _alignment(
+    track: Track, correction: Array, log_odds: float = 40.0, keys: Sequence[int] = _AGAIN, *, is_path: bool = False
+) -> Alignment:
+    closures = [_closure(track, _EARLIER, key, correction) for key in keys]
+    return Alignment(correction=correction, closures=closures, log_odds=log_odds, is_path=is_path)
+
+
+def _relocalised(
+    track: Track,
+    scripted: Mapping[int, Sequence[Alignment]],
+    monkeypatch: pytest.MonkeyPatch,
+    failures: Mapping[int, TrackingFailure],
+    contradicted: Sequence[int] = (),
+) -> tuple[Solution, Mapping[int, TrackingFailure]]:
+    """By alignments that what follows each key pose has until something moves, and where maps contradict each other."""
+    before = _poses(track)
+
+    def alignments(_: MapMerger, key: int, whole: Array, fixed: Array, poses: Array) -> Sequence[Alignment]:
+        del whole, fixed
+        return scripted.get(key, []) if np.allclose(poses[key], before[key]) else []
+
+    monkeypatch.setattr(MapMerger, "alignments", alignments)
+    monkeypatch.setattr(MapMerger, "contradict", lambda _self, key, *_: key in contradicted)
+    closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
+    return relocalise(closer, _solution(_path(track), before), failures)
+
+
+def _weakest(track: Track) -> int:
+    """Of all the steps, the one that is most probably wrong."""
+    steps = BridgeEdges(track, _path(track), {}, LoopClosureConfig())
+    ((key, _),) = steps.stretches()
+    return key
+
+
+def test_what_follows_a_loss_goes_where_its_map_belongs(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
+    ways = [
+        _alignment(track, _THERE, 20.0),
+        _alignment(track, _HERE),
+        _alignment(track, np.zeros(3), -3.0, is_path=True),
+    ]
+    failures = {_BREAK: _carried(kind=FailureKind.TRACKING_LOSS)}
+    found, judged = _relocalised(track, {_BREAK: ways}, monkeypatch, failures)
+    (at,) = found.breaks
+    assert (at.key, at.outcome, at.closures, at.probability) == (_BREAK, "joined", len(_AGAIN), 0.0)
+    pose = _poses(track)[_BREAK]
+    assert at.moved == pytest.approx(np.hypot(*(compose(_HERE, pose) - pose)[:2]))
+    np.testing.assert_allclose(found.poses[120], compose(_HERE, _poses(track)[120]), atol=0.05)
+    np.testing.assert_allclose(found.poses[:_BREAK], _poses(track)[:_BREAK], atol=0.05)
+    assert judged[_BREAK].probability_carried > 0.999
+
+
+def test_an_alignment_that_may_be_wrong_says_how_probably(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
+    ways = [_alignment(track, _HERE, 30.0), _alignment(track, _THERE, 29.0)]
+    found, _ = _relocalised(track, {_BREAK: ways}, monkeypatch, {_BREAK: _carried(kind=FailureKind.TRACKING_LOSS)})
+    (at,) = found.breaks
+    assert at.probability == pytest.approx(1.0 / (1.0 + np.e), rel=1e-3)
+
+
+def test_two_alignments_as_probable_join_nothing(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
+    ways = [_alignment(track, _HERE), _alignment(track, _THERE)]
+    found, _ = _relocalised(track, {_BREAK: ways}, monkeypatch, {_BREAK: _carried(kind=FailureKind.TRACKING_LOSS)})
+    assert [at.outcome for at in found.breaks] == ["apart"]
+    np.testing.assert_array_equal(found.poses, _poses(track))
+
+
+def test_a_loss_is_none_where_the_path_is_what_maps_say(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
+    ways = [_alignment(track, _HERE, 9.0), _alignment(track, np.zeros(3), 30.0, is_path=True)]
+    failures = {_BREAK: _carried(kind=FailureKind.TRACKING_LOSS)}
+    found, judged = _relocalised(track, {_BREAK: ways}, monkeypatch, failures)
+    assert found.breaks == ()
+    assert [attempt.key_new for attempt in found.attempts if attempt.accepted] == list(_AGAIN)
+    np.testing.assert_allclose(found.poses[:, :2], _poses(track)[:, :2], atol=1e-6)
+    assert judged[_BREAK].probability_carried < 1e-6
+
+
+def test_maps_make_a_doubt_as_large_as_they_leave_it(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
+    doubtful = {_BREAK: _carried(kind=FailureKind.INCONSISTENT, log_odds_carried=-1.0)}
+    path = _alignment(track, np.zeros(3), 1.0, is_path=True)
+    _, judged = _relocalised(track, {_BREAK: [path]}, monkeypatch, doubtful)
+    assert judged[_BREAK].log_odds_carried == pytest.approx(-2.0)  # rather than new ground
+    elsewhere = LoopClosureConfig().relocalisation.maps.elsewhere
+    ways = [path, _alignment(track, _HERE, elsewhere + 2.0)]
+    _, judged = _relocalised(track, {_BREAK: ways}, monkeypatch, doubtful)
+    assert judged[_BREAK].log_odds_carried == pytest.approx(-2.0 + np.log1p(np.exp(2.0)))
+    _, judged = _relocalised(
+        track, {}, monkeypatch, {_BREAK: _carried(kind=FailureKind.NO_MATCH, log_odds_carried=-9.0)}
+    )
+    assert judged[_BREAK].log_odds_carried == -9.0, "nobody asked"
+
+
+def test_a_part_that_only_a_later_one_is_tied_to_moves_with_it(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
+    before, second, poses = 60, 70, _poses(track)
+    onto_second = Alignment(
+        correction=_THERE, closures=[_closure(track, second, key, _THERE) for key in range(105, 135, 3)], log_odds=50.0
+    )
+    ways = {_BREAK: [onto_second], before: [_alignment(track, _HERE, 40.0, range(62, 90, 4))]}
+    failures = {key: _carried(kind=FailureKind.TRACKING_LOSS) for key in (before, _BREAK)}
+    found, _ = _relocalised(track, ways, monkeypatch, failures)
+    assert [(at.key, at.outcome) for at in found.breaks] == [(before, "joined"), (_BREAK, "joined")]
+    np.testing.assert_allclose(found.poses[second], compose(_HERE, poses[second]), atol=0.05)
+    np.testing.assert_allclose(found.poses[120], compose(_HERE, compose(_THERE, poses[120])), atol=0.1)
+
+
+@pytest.mark.parametrize(("correction", "outcome"), [(_ASIDE, "drifted"), (_HERE, "joined")])
+def test_a_path_whose_maps_contradict_each_other_drifted_or_is_broken(
+    track: Track, monkeypatch: pytest.MonkeyPatch, correction: Array, outcome: str
+) -> None:
+    weakest = _weakest(track)
+    keys = range(weakest + 5, weakest + 25, 2)
+    ways = {weakest: [_alignment(track, correction, 40.0, keys)]}
+    untouched, _ = _relocalised(track, ways, monkeypatch, {})
+    assert untouched.breaks == ()
+    found, _ = _relocalised(track, ways, monkeypatch, {}, contradicted=[weakest])
+    (at,) = found.breaks
+    assert (at.key, at.outcome) == (weakest, outcome)
+    there = compose(correction, _poses(track)[keys[3]])
+    np.testing.assert_allclose(found.poses[keys[3]], there, atol=0.05)
+    # drift is spread over the path, a break is not
+    moved = np.hypot(*(found.poses[weakest - 10] - _poses(track)[weakest - 10])[:2])
+    assert (moved > 0.01) == (outcome == "drifted")
+
+
+def test_of_each_stretch_that_nothing_spans_the_match_that_explains_least_is_the_weakest(track: Track) -> None:
+    scores = np.array([0.0 if isinstance(key.match, NoMatch) else key.match.score for key in track.keys])
+    steps = BridgeEdges(track, _path(track), {}, LoopClosureConfig())
+    steps.is_bridge[:] = False
+    assert steps.stretches() == []
+    steps.is_bridge[40:50] = steps.is_bridge[80:85] = True
+    first, second = 40 + int(scores[40:50].argmin()), 80 + int(scores[80:85].argmin())
+    assert [(key, stretch.tolist()) for key, stretch in steps.stretches()] == [
+        (first, list(range(40, 50))),
+        (second, list(range(80, 85))),
+    ]
+    assert [key for key, _ in steps.stretches(besides=[83])] == [first]
+    assert steps.weakest(45, 82) == min((*range(45, 50), 80, 81, 82), key=lambda key: scores[key])
+
+
+def test_two_key_poses_are_joined_by_one_closure_only(track: Track) -> None:
+    poses, last = _poses(track), len(track.keys) - 1
+    before, fresh = _closure(track, 0, last, np.zeros(3)), _closure(track, 0, last - 1, np.zeros(3))
+    factors = [*_path(track), closure_factor(before)]
+    now = _solution(factors, poses, [before]).closed([before, fresh])
+    closures = [(factor.i, factor.j) for factor in now.factors if factor.kind == "closure"]
+    assert closures == [(0, last), (0, last - 1)]
+    assert [attempt.pair for attempt in now.attempts] == closures
