@@ -172,6 +172,7 @@ def test_a_setting_that_is_gone_is_told_with_what_stands_in_its_place() -> None:
     known = set(setting_names(Config)) | {
         "front_end.odometry_check.contradiction",
         "loops.relocalisation.contradiction",
+        "loops.relocalisation.maps",
     }
     for before, why in GONE.items():
         assert before not in known
@@ -188,8 +189,8 @@ def test_a_setting_that_is_gone_is_told_with_what_stands_in_its_place() -> None:
         "[front_end.odometry_check]\njump_false_alarm = 0.6",
         "[front_end.calibration]\ngyro_false_alarm = 1e-12",
         "[front_end.standstill]\nsamples = 0",
-        "[loops.relocalisation]\nfalse_alarm = 1.0",
-        "[loops.signatures]\nword_bins = 100_000_000",
+        "[loops.failures]\nfalse_alarm = 1.0",
+        "[loops.relocalisation.maps]\nmost_rays = 100_000_000",
         "[loops.verification]\nnear_distance = -0.1",
     ],
 )

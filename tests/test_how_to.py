@@ -57,8 +57,8 @@ def test_a_verdict_of_ones_own_holds(results: list[iceg.SlamResult]) -> None:
     by_overlap = results[2]
     accepted = [closure for closure in by_overlap.closures if closure.verdict == "accepted"]
     assert accepted
-    assert all(closure.overlap >= 0.6 for closure in accepted)
-    assert any("0.6 is asked" in closure.reason for closure in by_overlap.closures)
+    assert all(closure.overlap >= 0.77 for closure in accepted)
+    assert any("0.77 is asked" in closure.reason for closure in by_overlap.closures)
 
 
 def test_another_solver_ends_at_the_same_optimum(results: list[iceg.SlamResult], log: Log) -> None:

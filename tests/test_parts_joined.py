@@ -153,11 +153,11 @@ def test_maps_make_a_doubt_as_large_as_they_leave_it(track: Track, monkeypatch: 
     doubtful = {_BREAK: _carried(kind=FailureKind.INCONSISTENT, log_odds_carried=-1.0)}
     path = _alignment(track, np.zeros(3), 1.0, is_path=True)
     _, judged = _relocalised(track, {_BREAK: [path]}, monkeypatch, doubtful)
-    assert judged[_BREAK].log_odds_carried == pytest.approx(-2.0)  # rather than new ground
+    assert judged[_BREAK].log_odds_carried == pytest.approx(-2.0, abs=1e-3)  # rather than new ground
     elsewhere = LoopClosureConfig().relocalisation.maps.elsewhere
     ways = [path, _alignment(track, _HERE, elsewhere + 2.0)]
     _, judged = _relocalised(track, {_BREAK: ways}, monkeypatch, doubtful)
-    assert judged[_BREAK].log_odds_carried == pytest.approx(-2.0 + np.log1p(np.exp(2.0)))
+    assert judged[_BREAK].log_odds_carried == pytest.approx(-2.0 + np.log1p(np.exp(2.0)), abs=1e-2)
     _, judged = _relocalised(
         track, {}, monkeypatch, {_BREAK: _carried(kind=FailureKind.NO_MATCH, log_odds_carried=-9.0)}
     )

@@ -21,7 +21,7 @@ class Outcome(StrEnum):
     CONFLICT = "conflict"
     """Match and odometry contradict each other, closures do not settle it, and the map follows the match."""
     DOUBTFUL = "doubtful"
-    """The robot may have been carried, closures do not settle it, and the map follows the path."""
+    """The robot may have been carried, or the path be wrong, nothing settles it, and the map follows the path."""
 
 
 class FailureKind(IntEnum):
@@ -191,6 +191,7 @@ def _told(found: Break, where: str) -> tuple[Kind, str]:
             "displaced"
         )
     return "doubtful", (
-        f"the robot may have been carried {where}: by what the laser sees this is {found.probability:.0%} probable, "
-        "and loop closures do not settle it; the map goes on as if it was not, and what follows may be displaced"
+        f"the robot may have been carried {where}, or the path be wrong: by what the laser sees this is "
+        f"{found.probability:.0%} probable, and loop closures do not settle it; the map goes on as if nothing was, and "
+        "what follows may be displaced"
     )

@@ -7,7 +7,7 @@ import numpy as np
 
 from graph.arrays import Floats
 from graph.consistency import cumulative_covariances
-from graph.dense import cholesky
+from graph.dense import cholesky, vecdot
 from graph.factors import Factor
 from graph.noise import squared_norm
 from graph.se2 import logmap
@@ -42,7 +42,7 @@ class PathDrift:
     def _log_ratio(self, key_old: int, key_new: int, error: Floats) -> float:
         covariance = self._cumulative[key_new] - self._cumulative[key_old]
         drifted = -0.5 * (squared_norm(error, covariance) + _log_determinant(2.0 * pi * covariance))
-        carried = -0.5 * float(error[:2] @ error[:2]) / self._apart - log(2.0 * pi * self._apart) - log(2.0 * pi)
+        carried = -0.5 * vecdot(error[:2], error[:2]) / self._apart - log(2.0 * pi * self._apart) - log(2.0 * pi)
         return drifted - carried
 
 

@@ -169,6 +169,7 @@ class _Relocalisation:
         """Put what follows a key pose where its map fits: the path drifted, or is broken at its weakest step."""
         alignment = self._aligned(key, fixed)
         if alignment is None:
+            self._doubt(key, self._steps.weakest(int(fixed[-1]) + 1, key))
             return
         broken = self._steps.weakest(max(closure.key_old for closure in alignment.closures) + 1, key)
         displaced = probability(-self._beliefs[key].log_odds)
@@ -178,6 +179,15 @@ class _Relocalisation:
             self._close(alignment.closures)
         else:
             self._join(broken, alignment, displaced)
+
+    def _doubt(self, key: int, broken: int) -> None:
+        """Tell how probably the path is wrong where its maps contradict each other and none belongs elsewhere."""
+        if key not in self._beliefs:
+            return
+        wrong = probability(-self._beliefs[key].log_odds_path)
+        if wrong >= self._config.failures.doubt:
+            reason = self._steps.failure(broken).reason
+            self._breaks[broken] = Break(key=broken, outcome=Outcome.DOUBTFUL, reason=reason, probability=wrong)
 
     # What becomes of the path.
 
