@@ -25,9 +25,9 @@ class VerificationConfig(SlamSettings):
     refined_turn: Radians = 0.01
     """Standard deviation in heading of a match around a pose that a wide search found [rad]."""
     anywhere_distance: float = 1.0
-    """Two similar places are searched within three times this [m]."""
+    """A closure that somebody adds by hand is searched within three times this [m]."""
     anywhere_turn: Radians = pi / 3.0
-    """Two similar places are searched within three times this turn [rad]."""
+    """A closure that somebody adds by hand is searched within three times this turn [rad]."""
     near_distance: float = 0.4
     """A closure agrees with the estimate if it is no farther off than this [m]."""
     near_turn: Radians = 0.12
@@ -55,7 +55,7 @@ class VerificationConfig(SlamSettings):
 
     @property
     def anywhere(self) -> Tolerance:
-        """Standard deviations of the search for a similar place."""
+        """Standard deviations of the search for a closure by hand."""
         return Tolerance(self.anywhere_distance, self.anywhere_turn)
 
     @property

@@ -97,7 +97,7 @@ class LoopCloser:
         return self._attempted(candidate, poses, self._match_around)
 
     def match_anywhere(self, key_old: int, key_new: int, poses: Floats) -> Attempt:
-        """Match two key scans of similar places, whatever the poses say: metres off, any heading.
+        """Match two key scans that somebody says are of one place, whatever the poses say: metres off, turned by much.
 
         The pose must be the only one that fits there.
 

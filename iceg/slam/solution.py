@@ -43,7 +43,7 @@ class Solution:
         """With more closures, but those between key poses that one joins already, and solved."""
         joined = {factor.pair for factor in self.factors if factor.kind == "closure"}
         fresh = [closure for closure in closures if closure.pair not in joined]
-        why = f"place recognition, with {len(closures) - 1} others"
+        why = f"map merging, with {len(closures) - 1} others"
         factors = [*self.factors, *map(closure_factor, fresh)]
         return replace(
             self,
