@@ -211,6 +211,14 @@ def test_of_each_stretch_that_nothing_spans_the_match_that_explains_least_is_the
     assert steps.weakest(45, 82) == min((*range(45, 50), 80, 81, 82), key=lambda key: scores[key])
 
 
+def test_where_nothing_failed_hardly_anybody_was_carried(track: Track) -> None:
+    config = LoopClosureConfig()
+    steps = BridgeEdges(track, _path(track), {_BREAK: _carried(kind=FailureKind.NO_MATCH)}, config)
+    assert steps.failure(_BREAK).log_odds(config.view) == 2.0
+    usual = np.log(config.view.carried_prior * config.view.unnoticed)
+    assert steps.failure(_BREAK + 1).log_odds(config.view) == pytest.approx(usual)
+
+
 def test_two_key_poses_are_joined_by_one_closure_only(track: Track) -> None:
     poses, last = _poses(track), len(track.keys) - 1
     before, fresh = _closure(track, 0, last, np.zeros(3)), _closure(track, 0, last - 1, np.zeros(3))

@@ -156,6 +156,8 @@ class ViewChangeConfig(SlamSettings, prefix="view: "):
     """So many pairs of scans it is worth that such a change may be anything, before any is seen."""
     carried_prior: float = between(0.03, *RATES)
     """Probability, before anything is seen, that the robot was carried somewhere in a log in which tracking fails."""
+    unnoticed: float = between(0.05, *RATES)
+    """Probability that nothing fails where a robot is carried."""
     usual_failures: float = positive(0.15)
     """Failures of tracking in a log, in the mean, beside those of a robot that is carried."""
     slip: float = between(0.05, *RATES)

@@ -1,6 +1,7 @@
 """Bridge edges: steps of the path that no loop closure spans, where it may be broken or may have drifted away."""
 
 from collections.abc import Collection, Mapping, Sequence
+from math import log
 
 import numpy as np
 
@@ -42,13 +43,21 @@ class BridgeEdges:
         self.update(factors)
 
     def failure(self, key: int) -> TrackingFailure:
-        """What speaks against the step to a key pose; where nothing does, how little its match explained."""
+        """What speaks against the step to a key pose; where nothing does, how little its match explained.
+
+        Somebody may be carried all the same, but seldom.
+        """
         known = self.failures.get(key)
         if known is not None:
             return known
         score = _score(self._keys[key])
         reason = f"only {score:.0%} of the beams agreed with what was known before"
-        return TrackingFailure(kind=FailureKind.LOW_INLIER_RATIO, reason=reason, unexplained=1.0 - score)
+        return TrackingFailure(
+            kind=FailureKind.LOW_INLIER_RATIO,
+            reason=reason,
+            unexplained=1.0 - score,
+            log_odds_carried=log(self._config.view.carried_prior * self._config.view.unnoticed),
+        )
 
     def stretches(self, besides: Collection[int] = ()) -> list[tuple[int, Ints]]:
         """The stretches of bridges by their later key poses, each with the one whose match explains least of its scan.
