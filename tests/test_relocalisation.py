@@ -87,6 +87,20 @@ def test_a_robot_carried_to_a_known_place_is_found_there(
     assert any(f"before scan {found['scan']} " in said for said in result.summary["warnings"])
 
 
+def test_a_robot_carried_to_new_ground_is_found_once_it_comes_to_a_known_place(
+    log: Log, truth: NDArray[np.float64]
+) -> None:
+    # Forty metres of what follows show nothing that was seen before; maps of twenty are compared.
+    cut, on = 200, 450
+    maps = replace(_QUICK.loops.relocalisation.maps, path=20.0)
+    relocalisation = replace(_QUICK.loops.relocalisation, maps=maps)
+    result = run(_carried(log, cut, on), replace(_QUICK, loops=replace(_QUICK.loops, relocalisation=relocalisation)))
+    (found,) = result.summary["breaks"]
+    assert found["outcome"] == "joined"
+    assert abs(found["scan"] - cut) <= 3
+    assert _rmse(result, truth, cut, on) < 0.05
+
+
 def test_what_is_joined_first_decides_where_the_next_part_belongs(log: Log, truth: NDArray[np.float64]) -> None:
     # Carried twice: while the first break was open, what follows the second fitted two places that are one.
     parts = [(0, 295), (1311, 1614), (911, len(log))]

@@ -56,13 +56,14 @@ class _Relocalisation:
         self._verifier = GeometricVerifier(closer)
         self._maps = MapMerger(closer.track, self._verifier, closer.config)
         self._beliefs: dict[int, Belief] = {}
+        self._asked: set[int] = set()  # by key pose, later pieces of lost parts that were laid onto others
         self._breaks: dict[int, Break] = {}
         self._searches = closer.config.relocalisation.maps.most_searches
         self._ties: dict[int, int] = {}  # by key pose before which parts were joined, another that it is tied to
 
     def run(self) -> None:
         """Join what can be joined; what nothing ties after a loss is told apart."""
-        while self._join_surest(self._suspected()):
+        while self._join_surest(self._suspected()) or self._join_later():
             pass  # what is joined shows more to what is left
         for key, fixed in self._unspanned():
             if self._steps.is_bridge[key] and self._maps.contradict(key, fixed, self._now.poses):
@@ -112,28 +113,50 @@ class _Relocalisation:
         self._join(key, alignment, probability(-odds))
         return True
 
-    def _aligned(self, key: int, fixed: Ints) -> Alignment | None:
+    def _join_later(self) -> bool:
+        """Join what follows a failure where a later piece of its map fits: it may lead through new ground first."""
+        every = self._config.relocalisation.maps.path
+        for key in self._suspected():
+            path = self._track.path[: self._parts().end_of(key)]
+            later = np.searchsorted(path, np.arange(path[key] + every, path[-1], every)).tolist()
+            for piece in (piece for piece in later if piece not in self._asked):
+                self._asked.add(piece)
+                alignment = self._aligned(piece, np.arange(key), key)
+                if alignment is not None:
+                    self._join(key, alignment, probability(-self._beliefs[key].log_odds))
+                    return True
+        return False
+
+    def _aligned(self, key: int, fixed: Ints, since: int | None = None) -> Alignment | None:
         """How what follows a key pose lies to (n,) before it, other than as the path has it; None where that is right.
 
-        What maps make of the path is remembered.
+        What maps make of the path, if they tell anything, is remembered.
+
+        Args:
+            key: the first key pose of what is laid onto the others.
+            fixed: the others.
+            since: the key pose before which the path may be broken, if not that.
         """
         if not self._searches:
             return None
         self._searches -= 1
-        failure, whole = self._steps.failure(key), self._parts().whole
+        broken = key if since is None else since
+        failure, whole = self._steps.failure(broken), self._parts().whole
         if not failure.is_lost:
             whole = np.where((whole == whole[key]) & (np.arange(len(whole)) >= key), key, whole)
         alignments = self._maps.alignments(key, whole, fixed, self._now.poses)
-        belief = self._beliefs[key] = self._weighed(alignments, key, fixed)
+        belief = self._weighed(alignments, failure, fixed, key)
+        if alignments or broken not in self._beliefs:
+            self._beliefs[broken] = belief
         return None if belief.alignment is None or belief.alignment.is_path else belief.alignment
 
-    def _weighed(self, alignments: Sequence[Alignment], key: int, fixed: Ints) -> Belief:
-        """What to believe of alignments of what follows a key pose onto (n,) before it.
+    def _weighed(self, alignments: Sequence[Alignment], failure: TrackingFailure, fixed: Ints, key: int) -> Belief:
+        """What to believe of alignments of what follows a key pose onto (n,) before it, and before a failure.
 
         One may be right since the robot was carried, or since the path drifted so far; and so may be that what follows
         is new ground.
         """
-        failure, nothing = self._steps.failure(key), self._config.relocalisation.maps.elsewhere
+        nothing = self._config.relocalisation.maps.elsewhere
         prior = failure.log_prior_of_path(self._config.view)
         if failure.kind is FailureKind.UNKNOWN_MOTION or not len(fixed):
             return weighed(alignments, prior + nothing, nothing)
