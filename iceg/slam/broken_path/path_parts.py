@@ -34,10 +34,6 @@ class PathParts:
         self.whole = np.array(self.starts)[np.array(whole)[part]]
         """(n_keys,) the first key pose of all that holds together with each."""
 
-    def of(self, closure: Attempt) -> tuple[int, int]:
-        """The first key pose of all that holds together with either end of a closure."""
-        return int(self.whole[closure.key_old]), int(self.whole[closure.key_new])
-
     def is_within(self, closure: Attempt) -> bool:
         """Whether both ends of a closure hold together already."""
         return bool(self.whole[closure.key_old] == self.whole[closure.key_new])
