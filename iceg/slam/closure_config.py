@@ -189,7 +189,7 @@ class MapAlignmentConfig(SlamSettings, prefix="relocalisation: maps: "):
     """Farthest that a beam is entered [m]."""
     most_rays: int = between(20_000, 100, 10_000_000)
     """Most beams of a part that are entered, evenly spread."""
-    path: float = positive(60.0)
+    path: float = between(60.0, 1.0, 1e6)
     """Path after the break whose map is laid onto what was before [m]."""
     least_share: float = between(0.25, 0.0, 1.0)
     """Share of the beams through a cell that must end there for it to be occupied."""
