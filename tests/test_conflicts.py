@@ -1,5 +1,6 @@
 """Where match and odometry contradict each other and no closure tells which is right, the run says so."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -133,7 +134,7 @@ def _doubted(
 def test_who_may_have_been_carried_is_told_with_its_probability(track: Track) -> None:
     outcome, probability = _doubted(track, {100: -1.0}, [])[100]
     assert outcome is Outcome.DOUBTFUL
-    assert probability == pytest.approx(1.0 / (1.0 + np.e))
+    assert probability == pytest.approx(1.0 / (1.0 + math.e))
 
 
 def test_an_idle_doubt_is_not_told(track: Track) -> None:

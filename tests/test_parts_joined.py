@@ -1,5 +1,6 @@
 """What becomes of a path where its maps belong elsewhere: joined, mended, confirmed or told apart."""
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import partial
 
@@ -129,7 +130,7 @@ def test_an_alignment_that_may_be_wrong_says_how_probably(track: Track, monkeypa
     ways = [_alignment(track, _HERE, 30.0), _alignment(track, _THERE, 29.0)]
     found, _ = _relocalised(track, {_BREAK: ways}, monkeypatch, {_BREAK: _carried(kind=FailureKind.TRACKING_LOSS)})
     (at,) = found.breaks
-    assert at.probability == pytest.approx(1.0 / (1.0 + np.e), rel=1e-3)
+    assert at.probability == pytest.approx(1.0 / (1.0 + math.e), rel=1e-3)
 
 
 def test_two_alignments_as_probable_join_nothing(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
