@@ -208,7 +208,7 @@ def test_new_ground_is_no_loss_where_odometry_told_the_way(simulation: Simulatio
         views = replace(views, track=replace(views.track, dead=[(0, len(views.log) - 1)]))
     loss = TrackingFailure(kind=FailureKind.TRACKING_LOSS, reason="nothing matched what was known before")
     carried_key, other = at // _EVERY + 1, 40
-    judged = judged_by_view({carried_key: loss, other: loss}, views, TrackingFailureConfig())
+    judged = judged_by_view({carried_key: loss, other: loss}, (), views, TrackingFailureConfig())
     assert judged[carried_key].is_lost
     assert judged[other].is_lost == is_dead
 
@@ -216,7 +216,7 @@ def test_new_ground_is_no_loss_where_odometry_told_the_way(simulation: Simulatio
 def test_without_odometry_new_ground_may_be_anywhere(simulation: Simulation) -> None:
     log = replace(simulation.log, has_odometry=False)
     loss = TrackingFailure(kind=FailureKind.TRACKING_LOSS, reason="nothing matched what was known before")
-    (judged,) = judged_by_view({40: loss}, _views(log, simulation.truth), TrackingFailureConfig()).values()
+    (judged,) = judged_by_view({40: loss}, (), _views(log, simulation.truth), TrackingFailureConfig()).values()
     assert judged.is_lost
 
 
@@ -224,7 +224,7 @@ def test_what_nothing_but_carrying_explains_is_a_loss(simulation: Simulation) ->
     views, at = _carried(simulation)
     carried_key, other = at // _EVERY + 1, 40
     beyond = TrackingFailure(kind=FailureKind.INCONSISTENT, reason="the match lies far off", distance2=1000.0)
-    judged = judged_by_view({carried_key: beyond, other: beyond}, views, TrackingFailureConfig())
+    judged = judged_by_view({carried_key: beyond, other: beyond}, (), views, TrackingFailureConfig())
     assert judged[carried_key].is_lost
     assert judged[carried_key].reason == "what the laser sees changed at once, and the match lies far off"
     assert not judged[other].is_lost
@@ -235,9 +235,9 @@ def test_the_more_often_tracking_fails_the_less_one_failure_says(simulation: Sim
     views, at = _carried(simulation)
     carried_key = at // _EVERY + 1
     failure = TrackingFailure(kind=FailureKind.NO_MATCH, reason="nothing matched")
-    (alone,) = judged_by_view({carried_key: failure}, views, TrackingFailureConfig()).values()
+    (alone,) = judged_by_view({carried_key: failure}, (), views, TrackingFailureConfig()).values()
     many = dict.fromkeys((*range(10, 30), carried_key), failure)
-    among = judged_by_view(many, views, TrackingFailureConfig())[carried_key]
+    among = judged_by_view(many, (), views, TrackingFailureConfig())[carried_key]
     assert alone.log_odds_carried is not None
     assert among.log_odds_carried is not None
     usual = _CONFIG.usual_failures
@@ -260,3 +260,14 @@ def test_a_contradiction_of_any_magnitude_is_that_of_a_robot_that_is_carried(dis
     failure = TrackingFailure(kind=FailureKind.INCONSISTENT, reason="the match lies far off", distance2=distance2)
     assert failure.contradiction(25.0, ViewChangeConfig()) == pytest.approx(expected, rel=0.06)
     assert replace(failure, kind=FailureKind.NO_MATCH).contradiction(25.0, ViewChangeConfig()) == 1.0
+
+
+def test_what_closures_have_settled_is_not_asked_but_counts(simulation: Simulation) -> None:
+    views, at = _carried(simulation)
+    carried_key = at // _EVERY + 1
+    failure = TrackingFailure(kind=FailureKind.NO_MATCH, reason="nothing matched")
+    many = dict.fromkeys((*range(10, 30), carried_key), failure)
+    asked = judged_by_view(many, (), views, TrackingFailureConfig())
+    judged = judged_by_view(many, range(10, 30), views, TrackingFailureConfig())
+    assert all(judged[key].log_odds_carried is None for key in range(10, 30))
+    assert judged[carried_key].log_odds_carried == pytest.approx(asked[carried_key].log_odds_carried, abs=0.1)

@@ -9,7 +9,7 @@ fails in that log says what it is up against.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -264,7 +264,7 @@ class ViewChanges:
 
 
 def judged_by_view(
-    failures: Mapping[int, TrackingFailure], views: ViewChanges, config: TrackingFailureConfig
+    failures: Mapping[int, TrackingFailure], settled: Collection[int], views: ViewChanges, config: TrackingFailureConfig
 ) -> dict[int, TrackingFailure]:
     """The failures with how probable it is that the robot was carried at each; where it is, all is lost.
 
@@ -273,12 +273,15 @@ def judged_by_view(
 
     Args:
         failures: by key pose.
+        settled: the key poses of those that closures have settled: they tell how often tracking fails for other causes.
         views: of the path.
         config: what contradicts odometry.
     """
     told = {key: failure for key, failure in failures.items() if key > 0}
     gate, factors = chi2_gate(config.false_alarm), dict[int, float]()
     for key, failure in told.items():
+        if key in settled:
+            continue
         seen = views.bayes_factor(views.steps(key, views.config.keys))
         if seen is not None:
             factors[key] = seen * failure.contradiction(gate, views.config)
