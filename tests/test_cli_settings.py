@@ -67,7 +67,7 @@ def test_config_prints_a_file_that_reads_back(tmp_path: Path, capsys: pytest.Cap
     [
         ("[grid]\nresolutoin = 1\n", "did you mean 'grid.resolution'?"),
         ("[grid]\nresolution = -1\n", "grid.resolution: "),
-        ("[loops.relocalisation]\nmax_keys = 0\n", "loops.relocalisation.max_keys: "),
+        ("[loops.relocalisation.maps]\nscans = 0\n", "loops.relocalisation.maps.scans: "),
         ("[loops.verification]\npartner_turn = 0.0\n", "loops.verification.partner_turn: "),
     ],
 )

@@ -95,7 +95,7 @@ def test_few_closures_settle_nothing_where_the_robot_may_have_been_carried(
     assert _told(track, {100: 40.0}, [(50, 150 + k) for k in range(n_closures)], log_odds=log_odds) == told
 
 
-def test_of_a_stretch_the_worst_is_told_and_each_stretch_has_its_own(track: Track) -> None:
+def test_of_a_chain_the_worst_is_told_and_each_chain_has_its_own(track: Track) -> None:
     assert _told(track, {60: 40.0, 70: 300.0, 80: 50.0, 150: 30.0}, []) == [70]
     assert _told(track, {60: 40.0, 70: 300.0, 80: 50.0, 150: 30.0}, [(90, 130)]) == [70, 150]
 
@@ -104,7 +104,7 @@ def test_near_the_ends_of_the_path_it_matters_to_nobody(track: Track) -> None:
     assert _told(track, {5: 40.0, _KEYS - 5: 40.0}, []) == []
 
 
-def test_a_stretch_that_is_told_to_be_broken_is_not_told_again(track: Track) -> None:
+def test_a_chain_that_is_told_to_be_broken_is_not_told_again(track: Track) -> None:
     apart = Break(key=80, outcome=Outcome.APART, reason="")
     assert _told(track, {100: 40.0}, [], (apart,)) == []
 

@@ -32,7 +32,7 @@ def _log() -> Log:
         "graph.prior_sigma = 1e6",
         "ice.local_map.sharpen = 1e6",
         "loops.odometry_inflation = 0.0",
-        "loops.relocalisation.spacing = inf",
+        "loops.relocalisation.maps.cell = inf",
         "loops.relocalisation.maps.most_cells = 1_000_000",
         "loops.relocalisation.maps.resolution = inf",
         "loops.view_distance = inf",

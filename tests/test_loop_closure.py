@@ -330,6 +330,20 @@ def test_key_scans_that_only_confirm_are_no_candidates(track: Track, true_poses:
     }
 
 
+def test_where_no_pass_is_around_the_nearest_is_looked_at(track: Track, true_poses: NDArray[np.float64]) -> None:
+    passes, deviations = LoopCloser(IceMatcher(), track, LoopClosureConfig()).passes, np.array([0.3, 0.3, 0.1])
+    key = next(k for k in range(200, len(track.keys)) if passes.within(k, true_poses, deviations))
+    first = key - 100
+    near = passes.before(first, key, true_poses, deviations, 25.0)
+    assert near
+    assert all(candidate.key_old < first for candidate in near)
+    away = true_poses.copy()
+    away[key, :2] += 12.0
+    (far,) = passes.before(first, key, away, deviations, 25.0)
+    assert far.key_old < first
+    assert not passes.before(first, key, away, deviations, 5.0)
+
+
 def test_the_finish_looks_more_seldom_in_confirmed_areas(track: Track) -> None:
     config, everywhere = FinishConfig(), np.ones(len(track.keys), dtype=np.bool_)
     spacing = LoopClosureConfig().confirmed.spacing

@@ -12,6 +12,7 @@ from frontends.scan import Scan
 from graph.se2 import between, compose, inverse, transform_points
 from iceg.demo import demo_log_path, demo_truth_path
 from iceg.evaluation.trajectory import read_truth_csv
+from iceg.slam.agreement import agree
 from iceg.slam.broken_path.map_alignment import PartMaps, _histogram, _Overlay
 from iceg.slam.closure_config import MapAlignmentConfig
 
@@ -67,8 +68,8 @@ def test_ways_differ_and_the_best_is_first(scans: list[Scan], truth: NDArray[np.
     middle = np.array([*maps.middle, 0.0])
     found = [compose(correction, middle) for correction in maps.alignments()]
     assert 1 < len(found) <= _CONFIG.most
-    assert not any(maps.are_same(one, other) for index, one in enumerate(found) for other in found[:index])
-    assert maps.are_same(found[0], middle)
+    assert not any(agree(one, other, _CONFIG.one_way) for index, one in enumerate(found) for other in found[:index])
+    assert agree(found[0], middle, _CONFIG.one_way)
 
 
 def test_scans_that_see_nothing_make_no_map(scans: list[Scan], truth: NDArray[np.float64]) -> None:

@@ -105,7 +105,7 @@ def _relocalised(
 def _weakest(track: Track) -> int:
     """Of all the steps, the one that is most probably wrong."""
     steps = BridgeEdges(track, _path(track), {}, LoopClosureConfig())
-    ((key, _),) = steps.stretches()
+    ((key, _),) = steps.chains()
     return key
 
 
@@ -124,6 +124,19 @@ def test_what_follows_a_loss_goes_where_its_map_belongs(track: Track, monkeypatc
     np.testing.assert_allclose(found.poses[120], compose(_HERE, _poses(track)[120]), atol=0.05)
     np.testing.assert_allclose(found.poses[:_BREAK], _poses(track)[:_BREAK], atol=0.05)
     assert judged[_BREAK].probability_carried > 0.999
+
+
+def test_of_failures_that_one_move_explains_the_most_probable_is_the_break(
+    track: Track, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    later = _BREAK + 4
+    ways = {_BREAK: [_alignment(track, _HERE, 20.0)], later: [_alignment(track, _HERE + 0.5 * _ASIDE, 30.0)]}
+    lost = _carried(kind=FailureKind.TRACKING_LOSS)
+    failures = {_BREAK: lost, later: _carried(kind=FailureKind.NO_MATCH, log_odds_carried=-2.0)}
+    found, judged = _relocalised(track, ways, monkeypatch, failures)
+    assert [(at.key, at.outcome) for at in found.breaks] == [(_BREAK, "joined")]
+    assert judged[_BREAK].probability_carried > 0.999
+    assert judged[later].probability_carried < 0.001, "explained by the other"
 
 
 def test_an_alignment_that_may_be_wrong_says_how_probably(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -197,18 +210,18 @@ def test_a_path_whose_maps_contradict_each_other_drifted_or_is_broken(
     assert (moved > 0.01) == (outcome == "drifted")
 
 
-def test_of_each_stretch_that_nothing_spans_the_match_that_explains_least_is_the_weakest(track: Track) -> None:
+def test_of_each_chain_that_nothing_spans_the_match_that_explains_least_is_the_weakest(track: Track) -> None:
     scores = np.array([0.0 if isinstance(key.match, NoMatch) else key.match.score for key in track.keys])
     steps = BridgeEdges(track, _path(track), {}, LoopClosureConfig())
     steps.is_bridge[:] = False
-    assert steps.stretches() == []
+    assert steps.chains() == []
     steps.is_bridge[40:50] = steps.is_bridge[80:85] = True
     first, second = 40 + int(scores[40:50].argmin()), 80 + int(scores[80:85].argmin())
-    assert [(key, stretch.tolist()) for key, stretch in steps.stretches()] == [
+    assert [(key, chain.tolist()) for key, chain in steps.chains()] == [
         (first, list(range(40, 50))),
         (second, list(range(80, 85))),
     ]
-    assert [key for key, _ in steps.stretches(besides=[83])] == [first]
+    assert [key for key, _ in steps.chains(besides=[83])] == [first]
     assert steps.weakest(45, 82) == min((*range(45, 50), 80, 81, 82), key=lambda key: scores[key])
 
 

@@ -21,12 +21,10 @@ from iceg.ice.matcher import IceMatcher
 from iceg.maps.config import GridConfig
 from iceg.pipeline import run
 from iceg.run_result.slam_result import SlamResult
-from iceg.slam.broken_path.geometric_verification import FitCount, GeometricVerifier
-from iceg.slam.broken_path.map_merging import MapMerger
+from iceg.slam.broken_path.map_merging import Alignment, MapMerger
 from iceg.slam.broken_path.path_break import Break, Outcome, TrackingFailure
 from iceg.slam.broken_path.reassigned_scans import reassigned
 from iceg.slam.broken_path.relocalisation import relocalise
-from iceg.slam.closures.attempt import Attempt
 from iceg.slam.closures.reference import References
 from iceg.slam.config import FinishConfig, FrontEndConfig, LoopClosureConfig
 from iceg.slam.loop_closure import LoopCloser
@@ -180,11 +178,9 @@ def test_where_odometry_told_the_way_closures_across_a_loss_stay(log: Log, truth
     assert trajectory_errors(result.trajectory, truth[sparse.scans]).ate_rmse < 0.05
 
 
-def test_a_loss_that_only_a_majority_bridges_is_told(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
-    attempt = Attempt(key_old=0, key_new=1, match=None, overlap=0.0, accepted=True, reason="")
-    torn = FitCount(agreeing=[attempt] * 4, against=2)
-    monkeypatch.setattr(MapMerger, "alignments", lambda *_: [])
-    monkeypatch.setattr(GeometricVerifier, "of_closures", lambda *_: torn)
+def test_a_loss_across_which_maps_contradict_each_other_is_told(log: Log, monkeypatch: pytest.MonkeyPatch) -> None:
+    nowhere = Alignment(correction=np.zeros(3), closures=[], log_odds=-9.0, is_path=True)
+    monkeypatch.setattr(MapMerger, "alignments", lambda *_: [nowhere])
     sparse = noisy(every_metre(log).log, deviation=0.02, outliers=0.2).log
     monkeypatch.setattr(TrackingFailure, "by_odometry", lambda failure: failure)
     result = run(sparse, replace(_QUICK, front_end=_KEEPS_ALL))

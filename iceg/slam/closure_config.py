@@ -220,35 +220,30 @@ class MapAlignmentConfig(SlamSettings, prefix="relocalisation: maps: "):
     most_parts: int = positive(3)
     """So many parts of what was before they are laid onto, the one just before and those of most key scans."""
 
+    @property
+    def one_way(self) -> Tolerance:
+        """Between two ways that are one."""
+        return Tolerance(self.apart, self.turned)
+
 
 @dataclass(frozen=True, kw_only=True)
 class RelocalisationConfig(SlamSettings, prefix="relocalisation: "):
-    """What joins parts of a broken path, and whether closures tie what follows a loss."""
+    """What joins parts of a broken path."""
 
-    min_agreeing: int = 6
-    """Fewest scans that must agree where closures across a loss have them."""
     contradiction: ContradictionConfig = field(default_factory=ContradictionConfig)
     """What share of the scans contradicts a place that is right, and one that is wrong."""
     maps: MapAlignmentConfig = field(default_factory=MapAlignmentConfig)
     """How the maps of two parts of the path are laid onto each other."""
-    odds: float = positive(3.0)
-    """Closures across a loss tie nothing where these scans are put so many times as probably wrongly as rightly."""
     scan_distance: float = 0.3
-    """Standard deviation in position of a scan that is matched where maps or closures put it [m]."""
+    """Standard deviation in position of a scan that is matched where maps put it [m]."""
     scan_turn: Radians = 0.1
     """Standard deviation in heading of such a scan [rad]."""
     min_overlap: float = 0.5
     """From this overlap on a scan that does not agree contradicts what was seen there."""
-    reach: float = 8.0
-    """Farthest along the path from a closure across a loss that key scans verify it [m]."""
-    spacing: float = between(1.4, 0.0, 1000.0)
-    """Path from one such key scan to the next [m], lest few be left in a log of few scans."""
-    max_keys: int = positive(96)
-    """Most key scans that verify the closures across a loss."""
 
     @property
     def scan(self) -> Tolerance:
-        """Standard deviations of a scan that is matched where maps or closures put it."""
+        """Standard deviations of a scan that is matched where maps put it."""
         return Tolerance(self.scan_distance, self.scan_turn)
 
 

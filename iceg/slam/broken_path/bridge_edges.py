@@ -59,11 +59,11 @@ class BridgeEdges:
             log_odds_carried=log(self._config.view.carried_prior * self._config.view.unnoticed),
         )
 
-    def stretches(self, besides: Collection[int] = ()) -> list[tuple[int, Ints]]:
-        """The stretches of bridges by their later key poses, each with the one whose match explains least of its scan.
+    def chains(self, besides: Collection[int] = ()) -> list[tuple[int, Ints]]:
+        """The chains of bridges by their later key poses, each with the one whose match explains least of its scan.
 
         Args:
-            besides: key poses; a stretch with one of them is left out.
+            besides: key poses; a chain with one of them is left out.
         """
         bridges = np.flatnonzero(self.is_bridge)
         found = (part for part in np.split(bridges, np.flatnonzero(np.diff(bridges) > 1) + 1) if len(part))

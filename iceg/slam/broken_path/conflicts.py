@@ -26,10 +26,10 @@ def with_conflicts(
 ) -> Solution:
     """Tell of steps that no closure spans: where match and odometry contradict each other, and who may be carried.
 
-    Of a stretch of the path that no closure spans the worst contradiction is told.
+    Of a chain of steps that no closure spans the worst contradiction is told.
 
     Args:
-        solution: all closures found, and the breaks of the path that are known; a stretch that has one is told already.
+        solution: all closures found, and the breaks of the path that are known; a chain that has one is told already.
         track: key scans.
         failures: by key pose, where the path may be broken.
         config: how near to the ends of the path it matters to nobody, and how many closures settle it.
@@ -38,12 +38,12 @@ def with_conflicts(
         The solution with more breaks, in the order of the path, each with the probability that the robot was carried.
     """
     across = closures_across(solution.factors, len(track.keys), config)
-    stretch = np.cumsum(across > 0)  # the same all along steps that nothing spans
+    chain = np.cumsum(across > 0)  # the same all along steps that nothing spans
     unsettled = _unsettled(track, failures, across.tolist(), config)
-    told, dead = {int(stretch[found.key]) for found in solution.breaks}, track.keys_without_odometry()
+    told, dead = {int(chain[found.key]) for found in solution.breaks}, track.keys_without_odometry()
     worst: dict[int, int] = {}
     for key in solution.odometry_jumps:
-        failure, where = unsettled.get(key), int(stretch[key])
+        failure, where = unsettled.get(key), int(chain[key])
         if failure is None or failure.kind is not FailureKind.INCONSISTENT or key in dead or where in told:
             continue
         if where not in worst or failure.distance2 > failures[worst[where]].distance2:

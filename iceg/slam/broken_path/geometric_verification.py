@@ -3,16 +3,12 @@
 They would hardly do so by chance one after the other, and where they do at both of two places, nothing is decided.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-from math import log
-
-import numpy as np
+from dataclasses import dataclass
 
 from graph.arrays import Floats, Ints
 from iceg.slam.closure_config import RelocalisationConfig
 from iceg.slam.closures.attempt import Attempt
-from iceg.slam.closures.candidates import ANCHOR_SPACING, Candidate
+from iceg.slam.closures.candidates import Candidate
 from iceg.slam.loop_closure import LoopCloser
 
 
@@ -22,36 +18,21 @@ class FitCount:
 
     Attributes:
         agreeing: matches that say the same.
-        against: how many scans contradict what else was seen there, or fit better elsewhere.
-        config: how many it takes.
+        log_odds: how many times as probable it is that as many agree, and as many do not, where scans are put rightly,
+            as where they are not, the logarithm.
     """
 
     agreeing: list[Attempt]
-    against: int
-    config: RelocalisationConfig = field(default_factory=RelocalisationConfig)
-
-    @property
-    def is_passed(self) -> bool:
-        """Whether enough agree, and so few do not that they may well be put rightly."""
-        return len(self.agreeing) >= self.config.min_agreeing and self.log_odds > -log(self.config.odds)
-
-    @property
-    def log_odds(self) -> float:
-        """How much more probable it is that such counts come of scans that are put rightly, the logarithm."""
-        return self.config.contradiction.log_odds(len(self.agreeing), self.against)
+    log_odds: float
 
 
 class GeometricVerifier:
     """Matches key scans after a break against everything before it."""
 
     def __init__(self, closer: LoopCloser) -> None:
-        track, self._closer = closer.track, closer
-        self._config = closer.config.relocalisation
+        self._closer = closer
+        self._config: RelocalisationConfig = closer.config.relocalisation
         self._near = closer.config.verification.near
-        self._n_keys = len(track.keys)
-        self._path = track.path
-        usual = max(float(np.median([key.motion.distance for key in track.keys])), 1e-3)
-        self._spacing = int(np.clip(round(self._config.spacing / usual), 1, ANCHOR_SPACING))
 
     def of_scans(self, key: int, scans: Ints, T_map_scans: Floats, poses: Floats) -> FitCount:
         """Verify some scans after a break where something puts them.
@@ -70,19 +51,11 @@ class GeometricVerifier:
                     agreeing.append(attempt)
                 elif attempt.overlap >= self._config.min_overlap:
                     against += 1
-        return FitCount(agreeing=agreeing, against=against, config=self._config)
-
-    def of_closures(self, key: int, closures: Sequence[Attempt], poses: Floats) -> FitCount:
-        """Verify the scans near the later ends of closures that span a break, where (k, 3) poses put them."""
-        ends = np.array([closure.key_new for closure in closures])
-        keys = np.arange(key, self._n_keys, self._spacing)
-        far = np.abs(self._path[keys][:, None] - self._path[ends][None, :]).min(axis=1)
-        near = keys[far < self._config.reach]
-        some = near[:: max(1, -(-len(near) // self._config.max_keys))]
-        return self.of_scans(key, some, poses[some], poses)
+        return FitCount(agreeing=agreeing, log_odds=self._config.contradiction.log_odds(len(agreeing), against))
 
     def _around(self, key: int, scan: int, T_map_scan: Floats, poses: Floats) -> list[Candidate]:
         """Passes before a break around where a key scan is supposed to be, (3,) among (k, 3) poses."""
         supposed = poses[: scan + 1].copy()
         supposed[scan] = T_map_scan
-        return self._closer.passes.within(scan, supposed, self._config.scan.deviations, key)
+        config = self._config
+        return self._closer.passes.before(key, scan, supposed, config.scan.deviations, config.maps.reach)

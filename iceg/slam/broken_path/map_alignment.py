@@ -10,13 +10,14 @@ merging for multi-robot systems, 2008, weighs overlap so, too). Weights are whol
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil, hypot, log, pi
+from math import ceil, log, pi
 
 import numpy as np
 
 from frontends.scan import Scan
 from graph.arrays import Bools, Floats, Ints
-from graph.se2 import between, compose, transform_points
+from graph.se2 import compose, transform_points
+from iceg.slam.agreement import agree
 from iceg.slam.closure_config import MapAlignmentConfig
 
 
@@ -69,15 +70,10 @@ class PartMaps:
         for score, pose in found:
             if score <= 0.0 or len(kept) == self._config.most:
                 break
-            if not any(self.are_same(pose, other) for other in kept):
+            if not any(agree(pose, other, self._config.one_way) for other in kept):
                 kept.append(pose)
         back = np.array([*-self.middle, 0.0])
         return [compose(pose, back) for pose in kept]
-
-    def are_same(self, one: Floats, other: Floats) -> bool:
-        """Whether two places of the middle of the second part, (3,) in the map, are one."""
-        offset = between(one, other)
-        return hypot(*offset[:2]) <= self._config.apart and bool(abs(offset[2]) <= self._config.turned)
 
     @cached_property
     def _fine(self) -> "_Overlay":

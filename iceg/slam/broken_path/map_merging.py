@@ -14,6 +14,7 @@ import numpy as np
 
 from graph.arrays import Floats, Ints
 from graph.se2 import compose, wrap_angle
+from iceg.slam.agreement import agree
 from iceg.slam.broken_path.geometric_verification import FitCount, GeometricVerifier
 from iceg.slam.broken_path.map_alignment import PartMaps
 from iceg.slam.closures.attempt import Attempt, Place, implied_correction
@@ -55,6 +56,16 @@ class Belief(NamedTuple):
     alignment: Alignment | None
     log_odds: float
     log_odds_path: float
+
+    @property
+    def path(self) -> Alignment | None:
+        """That of the path, if it is the one."""
+        return self.alignment if self.alignment is not None and self.alignment.is_path else None
+
+    @property
+    def elsewhere(self) -> Alignment | None:
+        """Any other that is."""
+        return None if self.path is not None else self.alignment
 
 
 def weighed(alignments: Sequence[Alignment], path: float, nothing: float) -> Belief:
@@ -142,7 +153,7 @@ class MapMerger:
             if not fit.agreeing:
                 continue
             there = _where_most_put(fit.agreeing, around[2], middle, poses)
-            if any(maps.are_same(there, other) for other in places):
+            if any(agree(there, other, self._config.one_way) for other in places):
                 continue
             places.append(there)
             correction = compose(there, -middle)

@@ -12,6 +12,7 @@ import numpy as np
 
 from graph.arrays import Ints
 from graph.se2 import compose
+from iceg.slam.agreement import agree
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
 from iceg.slam.broken_path.geometric_verification import GeometricVerifier
 from iceg.slam.broken_path.map_merging import Alignment, Belief, MapMerger, log_sum, weighed
@@ -53,8 +54,7 @@ class _Relocalisation:
         self._now = solution
         self._before = failures
         self._steps = BridgeEdges(closer.track, solution.factors, failures, closer.config)
-        self._verifier = GeometricVerifier(closer)
-        self._maps = MapMerger(closer.track, self._verifier, closer.config)
+        self._maps = MapMerger(closer.track, GeometricVerifier(closer), closer.config)
         self._beliefs: dict[int, Belief] = {}
         self._asked: set[int] = set()  # by key pose, later pieces of lost parts that were laid onto others
         self._breaks: dict[int, Break] = {}
@@ -101,22 +101,32 @@ class _Relocalisation:
         return sorted(carried, key=lambda key: -carried[key])[: config.most_failures]
 
     def _join_surest(self, keys: Sequence[int]) -> bool:
-        """Join what follows the failure where its map fits those of other parts best, if any does; whether one did."""
-        found = []
-        for key in keys:
-            alignment = self._aligned(key, np.arange(key))
-            if alignment is not None:
-                found.append((self._beliefs[key].log_odds, key, alignment))
+        """Join what follows the failure where its map fits those of other parts best, if any does; whether one did.
+
+        The path is broken at the most probable of the failures after which it fits the same way. Later ones that move
+        along are explained by that.
+        """
+        found = {key: alignment for key in keys if (alignment := self._aligned(key, np.arange(key))) is not None}
         if not found:
             return False
-        odds, key, alignment = max(found, key=lambda each: each[0])
-        self._join(key, alignment, probability(-odds))
+        surest = max(found, key=lambda key: self._beliefs[key].log_odds)
+        pose, one_way = self._now.poses[surest], self._config.relocalisation.maps.one_way
+        there = compose(found[surest].correction, pose)
+        broken, *same = (key for key in found if agree(compose(found[key].correction, pose), there, one_way))
+        odds = self._beliefs[broken].log_odds
+        self._join(broken, found[broken], probability(-odds))
+        for key in same:
+            if key > broken and not self._steps.failures[key].is_lost:
+                self._beliefs[key] = Belief(None, 0.0, odds)
+                self._settle(key)
         return True
 
     def _join_later(self) -> bool:
         """Join what follows a failure where a later piece of its map fits: it may lead through new ground first."""
         every = self._config.relocalisation.maps.path
         for key in self._suspected():
+            if key in self._beliefs and self._beliefs[key].path is not None:
+                continue
             path = self._track.path[: self._parts().end_of(key)]
             later = np.searchsorted(path, np.arange(path[key] + every, path[-1], every)).tolist()
             for piece in (piece for piece in later if piece not in self._asked):
@@ -145,10 +155,10 @@ class _Relocalisation:
         if not failure.is_lost:
             whole = np.where((whole == whole[key]) & (np.arange(len(whole)) >= key), key, whole)
         alignments = self._maps.alignments(key, whole, fixed, self._now.poses)
-        belief = self._weighed(alignments, failure, fixed, key)
-        if alignments or broken not in self._beliefs:
+        belief, known = self._weighed(alignments, failure, fixed, key), self._beliefs.get(broken)
+        if known is None or (alignments and (since is None or belief.log_odds > known.log_odds)):
             self._beliefs[broken] = belief
-        return None if belief.alignment is None or belief.alignment.is_path else belief.alignment
+        return belief.elsewhere
 
     def _weighed(self, alignments: Sequence[Alignment], failure: TrackingFailure, fixed: Ints, key: int) -> Belief:
         """What to believe of alignments of what follows a key pose onto (n,) before it, and before a failure.
@@ -172,19 +182,19 @@ class _Relocalisation:
     # Where nothing spans the path.
 
     def _unspanned(self) -> list[tuple[int, Ints]]:
-        """Key poses along stretches of the path that nothing spans, each with (n,) before it to be compared with.
+        """Key poses along chains of bridges, each with (n,) before it to be compared with.
 
-        Before the weakest step of each stretch anything may be wrong; along the rest the path drifts, and what lies
+        Before the weakest step of each chain anything may be wrong; along the rest the path drifts, and what lies
         just before tells nothing of that.
         """
         path, every = self._track.path, self._config.relocalisation.maps.path
         found = []
-        for weakest, stretch in self._steps.stretches(besides=self._suspected()):
+        for weakest, chain in self._steps.chains(besides=self._suspected()):
             found.append((weakest, np.arange(weakest)))
-            pieces = np.rint((path[stretch] - path[weakest]) / every).astype(np.int64)
+            pieces = np.rint((path[chain] - path[weakest]) / every).astype(np.int64)
             for piece in np.unique(pieces[pieces != 0]).tolist():
-                near = np.abs(path[stretch] - path[weakest] - piece * every)
-                key = int(stretch[near.argmin()])
+                near = np.abs(path[chain] - path[weakest] - piece * every)
+                key = int(chain[near.argmin()])
                 found.append((key, np.flatnonzero(path < path[key] - every)))
         return sorted(found, key=lambda each: each[0])
 
@@ -258,15 +268,19 @@ class _Relocalisation:
         return PathParts(len(self._now.poses), self._lost(), self._ties)
 
     def _part(self, key: int) -> None:
-        """Nothing sure ties what follows a loss to what was before, unless maps, or the closures across, confirm it."""
+        """Nothing ties what follows a loss to what was before, unless maps, or the closures across, confirm the path.
+
+        Where maps tell nothing of it, nor that the view changed at once, closures that agree are enough.
+        """
         belief, failure = self._beliefs.get(key), self._steps.failures[key]
-        if belief is not None and belief.alignment is not None and belief.alignment.is_path:
-            self._close(belief.alignment.closures, key)
+        confirmed = None if belief is None else belief.path
+        if confirmed is not None:
+            self._close(confirmed.closures, key)
             return
         end = min((other for other in self._breaks if other > key), default=len(self._now.poses))
         across = [a for a in self._now.attempts if a.accepted and a.spans(key) and a.key_new < end]
         is_tied = failure.scan is None and len({closure.key_new for closure in across}) >= self._config.confirmations
-        if is_tied and self._verifier.of_closures(key, across, self._now.poses).is_passed:
+        if is_tied and (belief is None or belief.log_odds_path > 0.0):
             return
         found = Break(key=key, outcome=Outcome.APART, reason=failure.reason, across=len(across), scan=failure.scan)
         self._breaks[key] = found

@@ -97,19 +97,31 @@ class EarlierPasses:
                 found.append(Candidate.of(key, key_new, poses, deviations))
         return found[: config.max_pieces if is_uncertain else config.max_passes]
 
-    def within(self, key_new: int, poses: Floats, deviations: Floats, before: int | None = None) -> list[Candidate]:
+    def within(self, key_new: int, poses: Floats, deviations: Floats) -> list[Candidate]:
         """Those around where poses, all known to within `deviations` [m, m, rad], put a key scan; nearest first.
 
         Args:
             key_new: of the key scan.
             poses: (n, 3) T_map_robot.
             deviations: (3,) of every candidate.
-            before: only passes before this key pose, if given.
         """
-        keys = [key for _, key in self._nearest(key_new, poses, self._config.radius, len(self._path))]
-        if before is not None:
-            keys = [key for key in keys if key < before]
-        return [Candidate.of(key, key_new, poses, deviations) for key in keys[: self._config.max_passes]]
+        return self._candidates(
+            self._nearest(key_new, poses, self._config.radius, len(self._path)), key_new, poses, deviations
+        )
+
+    def before(self, first: int, key_new: int, poses: Floats, deviations: Floats, reach: float) -> list[Candidate]:
+        """As `within`, only those before a key pose; where none is around, the nearest whose view is within reach [m].
+
+        What a laser sees far off others may have seen from there.
+        """
+        near = self._nearest(key_new, poses, self._config.radius, len(self._path), first)
+        near = near or self._nearest(key_new, poses, reach, len(self._path), first)[:1]
+        return self._candidates(near, key_new, poses, deviations)
+
+    def _candidates(
+        self, near: Sequence[tuple[float, int]], key_new: int, poses: Floats, deviations: Floats
+    ) -> list[Candidate]:
+        return [Candidate.of(key, key_new, poses, deviations) for _, key in near[: self._config.max_passes]]
 
     def _search_deviations(self, drift: Floats) -> Floats:
         """Standard deviations [m, m, rad] of a search, from those of the path."""
@@ -118,10 +130,13 @@ class EarlierPasses:
         heading = min(config.max_turn, config.drift_factor * float(drift[1]) + config.turn_floor)
         return np.array([position, position, heading])
 
-    def _nearest(self, key_new: int, poses: Floats, reach: float, piece: int) -> list[tuple[float, int]]:
+    def _nearest(
+        self, key_new: int, poses: Floats, reach: float, piece: int, before: int | None = None
+    ) -> list[tuple[float, int]]:
         """Distance of the views and key pose of each piece of an earlier pass within reach, nearest first."""
         path = self._path.rows
-        n_old = int(np.searchsorted(path, path[key_new] - self._config.min_path))
+        newest = key_new if before is None else before
+        n_old = min(newest, int(np.searchsorted(path, path[key_new] - self._config.min_path)))
         may_see = self.searchable[:n_old].copy()
         may_see[: max((start for start in self._parts if start <= key_new), default=0)] = False
         # No view is nearer than its robot, less twice the distance of a view.
@@ -140,7 +155,7 @@ class EarlierPasses:
             for first, last in pairwise(passes)
             for start, end in pairwise(_evenly(first, last, piece))
         ]
-        return sorted((float(far[k]), _anchor(int(old[k]), key_new)) for k in nearest)
+        return sorted((float(far[k]), _anchor(int(old[k]), newest)) for k in nearest)
 
     def _views(self, poses: Floats) -> Floats:
         """(..., 2) what key poses look at."""
@@ -155,7 +170,7 @@ def _evenly(first: int, last: int, most: int) -> list[int]:
     return [first + k * size + min(k, longer) for k in range(count + 1)]
 
 
-def _anchor(key: int, key_new: int) -> int:
+def _anchor(key: int, newest: int) -> int:
     """The key pose whose frame a reference around `key` has: neighbours share one, so that it is built once."""
     anchor = ANCHOR_SPACING * round(key / ANCHOR_SPACING)
-    return anchor if anchor < key_new else key
+    return anchor if anchor < newest else key
