@@ -15,6 +15,7 @@ from graph.odometry import OdometryModel
 from graph.se2 import between, compose
 from iceg.ice.matcher import IceMatcher
 from iceg.slam.broken_path.bridge_edges import BridgeEdges
+from iceg.slam.broken_path.geometric_verification import GeometricVerifier
 from iceg.slam.broken_path.map_merging import Alignment, MapMerger
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
 from iceg.slam.broken_path.relocalisation import relocalise
@@ -96,8 +97,14 @@ def _relocalised(
         del whole, fixed
         return scripted.get(key, []) if np.allclose(poses[key], before[key]) else []
 
+    def last_of_most_probable(_: MapMerger, steps: NDArray[np.int64], log_odds: Array, *_given: object) -> int:
+        return int(steps[log_odds >= log_odds.max()][-1])
+
     monkeypatch.setattr(MapMerger, "alignments", alignments)
     monkeypatch.setattr(MapMerger, "contradict", lambda _self, key, *_: key in contradicted)
+    monkeypatch.setattr(
+        MapMerger, "change_point", lambda _self, steps, log_odds, *_: int(steps[log_odds >= log_odds.max()][-1])
+    )
     closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
     return relocalise(closer, _solution(_path(track), before), failures)
 
@@ -137,6 +144,18 @@ def test_of_failures_that_one_move_explains_the_most_probable_is_the_break(
     assert [(at.key, at.outcome) for at in found.breaks] == [(_BREAK, "joined")]
     assert judged[_BREAK].probability_carried > 0.999
     assert judged[later].probability_carried < 0.001, "explained by the other"
+
+
+@pytest.mark.parametrize("broken", [60, 100, 130])
+@pytest.mark.parametrize("correction", [_HERE, _THERE, np.array([0.0, 0.0, 1.5])])
+def test_a_path_is_broken_where_its_scans_begin_to_fit_elsewhere(track: Track, broken: int, correction: Array) -> None:
+    closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
+    maps = MapMerger(track, GeometricVerifier(closer), closer.config)
+    poses, steps = _poses(track), np.arange(broken - 12, broken + 13)
+    poses[broken:] = compose(between(correction, np.zeros(3)), poses[broken:])
+    assert maps.change_point(steps, np.zeros(len(steps)), correction, poses) == broken
+    sure = np.where(steps == broken + 5, 100.0, 0.0)
+    assert maps.change_point(steps, sure, correction, poses) == broken + 5, "maps are evidence, not all there is"
 
 
 def test_an_alignment_that_may_be_wrong_says_how_probably(track: Track, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -202,11 +221,12 @@ def test_a_path_whose_maps_contradict_each_other_drifted_or_is_broken(
     assert untouched.breaks == ()
     found, _ = _relocalised(track, ways, monkeypatch, {}, contradicted=[weakest])
     (at,) = found.breaks
-    assert (at.key, at.outcome) == (weakest, outcome)
+    assert at.outcome == outcome
+    assert _EARLIER < at.key <= keys[0]
     there = compose(correction, _poses(track)[keys[3]])
     np.testing.assert_allclose(found.poses[keys[3]], there, atol=0.05)
     # drift is spread over the path, a break is not
-    moved = np.hypot(*(found.poses[weakest - 10] - _poses(track)[weakest - 10])[:2])
+    moved = np.hypot(*(found.poses[at.key - 10] - _poses(track)[at.key - 10])[:2])
     assert (moved > 0.01) == (outcome == "drifted")
 
 

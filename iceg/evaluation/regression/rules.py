@@ -24,6 +24,7 @@ from iceg.evaluation.errors import EvaluationError
 from iceg.slam.broken_path.place_votes import Vote
 from iceg.slam.broken_path.relocalisation import Failures, relocalise
 from iceg.slam.closure_config import ConfirmedAreaConfig
+from iceg.slam.closures.candidates import Candidate, EarlierPasses
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.solution import Solution
 
@@ -88,6 +89,12 @@ def _only_after_a_loss(closer: LoopCloser, solution: Solution, failures: Failure
     return relocalise(closer, solution, failures)
 
 
+def _only_near(passes: EarlierPasses, first: int, *where: Any) -> list[Candidate]:  # noqa: ANN401
+    """Without the nearest pass where none is near."""
+    *of, _reach = where
+    return [candidate for candidate in passes.within(*of) if candidate.key_old < first]
+
+
 def _no_variance(errors: NDArray[np.float64], *_args: object) -> NDArray[np.float64]:
     return np.zeros(len(errors))
 
@@ -144,6 +151,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "unspanned path": Rule(
             what="the same where nothing spans the path and its maps contradict each other",
             without={f"{_SLAM}.broken_path.relocalisation:_Relocalisation._unspanned": lambda _self: []},
+        ),
+        "seen from afar": Rule(
+            what="scans of what is laid onto other parts are matched against the nearest pass where none is near",
+            without={f"{_SLAM}.closures.candidates:EarlierPasses.before": _only_near},
         ),
         "view": Rule(
             what="only who sees something else at once may have been carried",

@@ -36,7 +36,7 @@ class PartMaps:
             moving: (m,) those of the other.
             config: how finely.
         """
-        self._config = config
+        self._scans, self._poses, self._config = scans, poses, config
         self._there, self._here = (_rays(scans, poses, part, config) for part in (fixed, moving))
 
     @property
@@ -60,6 +60,12 @@ class PartMaps:
             as if cells told independently of each other.
         """
         return self._fine.total(correction) / self._config.resolution
+
+    def log_odds_of_each(self, keys: Ints, correction: Floats) -> Floats:
+        """(m,) the same by each of (m,) scans alone."""
+        each = (_rays(self._scans, self._poses, keys[k : k + 1], self._config) for k in range(len(keys)))
+        totals = [self._fine.total(correction, rays) if len(rays.ends) else 0.0 for rays in each]
+        return np.array(totals) / self._config.resolution
 
     def alignments(self) -> list[Floats]:
         """The ways in which the second map fits the first, the best first: (3,) each, moves the poses of the second."""
@@ -135,15 +141,19 @@ class _Overlay:
     def __init__(self, there: _Rays, here: _Rays, cell: float, config: MapAlignmentConfig) -> None:
         below = there.cells(cell, config.least_share)
         self.cell = cell
+        self._least_share = config.least_share
         self._each_rotation = config.each_rotation
         self._corner = below.corner
         self._walls, self._space = _weights(below, config)
         self._occupied, self._free = here.cells(cell, config.least_share).centres(cell)
 
-    def total(self, correction: Floats) -> float:
-        """Sum of the weights below the upper map, moved so."""
+    def total(self, correction: Floats, here: _Rays | None = None) -> float:
+        """Sum of the weights below the upper map, or what some beams tell, moved so."""
+        occupied, free = self._occupied, self._free
+        if here is not None:
+            occupied, free = here.cells(self.cell, self._least_share).centres(self.cell)
         total = 0.0
-        for centres, weights in ((self._occupied, self._walls), (self._free, self._space)):
+        for centres, weights in ((occupied, self._walls), (free, self._space)):
             cells = _cells_of(transform_points(correction, centres) - self._corner, self.cell)
             inside = (cells >= 0).all(axis=1) & (cells < weights.shape).all(axis=1)
             total += float(weights[tuple(cells[inside].T)].sum())

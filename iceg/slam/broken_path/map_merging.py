@@ -7,10 +7,11 @@ probable it is. A building that is alike all over has many such alignments, and 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import copysign, exp, log, sqrt
+from math import exp, log
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from graph.arrays import Floats, Ints
 from graph.se2 import compose, wrap_angle
@@ -128,6 +129,26 @@ class MapMerger:
         maps = self._maps(fixed, self._following(key), poses)
         return not maps.are_empty and maps.log_odds(np.zeros(3)) < 0.0
 
+    def change_point(self, steps: Ints, log_odds: Floats, correction: Floats, poses: Floats) -> int:
+        """Before which key pose the path is broken, if what follows is to be moved.
+
+        Scans before it fit where the path has them, later ones where they are moved.
+
+        Args:
+            steps: (n,) later key poses of the steps where it may be, ascending.
+            log_odds: (n,) of each before anything is compared.
+            correction: (3,) moves what follows, in the map.
+            poses: (k, 3) T_map_robot; what was before the first of the steps is believed.
+        """
+        first, last = int(steps[0]), int(steps[-1])
+        between = np.arange(first, last)
+        maps = self._maps(np.arange(first), between, poses)
+        if maps.are_empty:
+            return int(steps[log_odds.argmax()])
+        gains = maps.log_odds_of_each(between, correction) - maps.log_odds_of_each(between, np.zeros(3))
+        after = np.append(gains[::-1].cumsum()[::-1], 0.0)[steps - first]
+        return int(steps[(log_odds + self._of_cells(after)).argmax()])
+
     def _following(self, key: int) -> Ints:
         """(n,) the key poses from one on, as far as their map is compared."""
         path = self._track.path
@@ -174,10 +195,12 @@ class MapMerger:
         return Alignment(
             correction=correction,
             closures=[_found_anywhere(closure) for closure in fit.agreeing],
-            log_odds=self._config.cell_weight * copysign(sqrt(abs(cells)), cells)
-            + self._config.scan_weight * fit.log_odds
-            + log(max(found, 1)),
+            log_odds=float(self._of_cells(cells)) + self._config.scan_weight * fit.log_odds + log(max(found, 1)),
         )
+
+    def _of_cells(self, log_odds: ArrayLike) -> Floats:
+        """What cells tell, which would tell so much if they were independent."""
+        return self._config.cell_weight * np.copysign(np.sqrt(np.abs(log_odds)), log_odds)
 
 
 def _where_most_put(closures: Sequence[Attempt], turn: float, middle: Floats, poses: Floats) -> Floats:

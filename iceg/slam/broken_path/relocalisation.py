@@ -103,8 +103,7 @@ class _Relocalisation:
     def _join_surest(self, keys: Sequence[int]) -> bool:
         """Join what follows the failure where its map fits those of other parts best, if any does; whether one did.
 
-        The path is broken at the most probable of the failures after which it fits the same way. Later ones that move
-        along are explained by that.
+        Later failures that move along, after which it fits the same way, are explained by that.
         """
         found = {key: alignment for key in keys if (alignment := self._aligned(key, np.arange(key))) is not None}
         if not found:
@@ -112,11 +111,11 @@ class _Relocalisation:
         surest = max(found, key=lambda key: self._beliefs[key].log_odds)
         pose, one_way = self._now.poses[surest], self._config.relocalisation.maps.one_way
         there = compose(found[surest].correction, pose)
-        broken, *same = (key for key in found if agree(compose(found[key].correction, pose), there, one_way))
-        odds = self._beliefs[broken].log_odds
-        self._join(broken, found[broken], probability(-odds))
-        for key in same:
-            if key > broken and not self._steps.failures[key].is_lost:
+        odds, broken = self._beliefs[surest].log_odds, self._broken_at(surest, found[surest])
+        self._join(broken, found[surest], probability(-odds))
+        for key, each in found.items():
+            explains = key > broken and agree(compose(each.correction, pose), there, one_way)
+            if explains and not self._steps.failure(key).is_lost:
                 self._beliefs[key] = Belief(None, 0.0, odds)
                 self._settle(key)
         return True
@@ -133,7 +132,7 @@ class _Relocalisation:
                 self._asked.add(piece)
                 alignment = self._aligned(piece, np.arange(key), key)
                 if alignment is not None:
-                    self._join(key, alignment, probability(-self._beliefs[key].log_odds))
+                    self._join(self._broken_at(key, alignment), alignment, probability(-self._beliefs[key].log_odds))
                     return True
         return False
 
@@ -159,6 +158,21 @@ class _Relocalisation:
         if known is None or (alignments and (since is None or belief.log_odds > known.log_odds)):
             self._beliefs[broken] = belief
         return belief.elsewhere
+
+    def _broken_at(self, key: int, alignment: Alignment) -> int:
+        """The key pose before which the path is broken if an alignment of what follows one is right.
+
+        That is a bridge of its part, after what closures say it fits, and before the first scan that agrees.
+        """
+        if self._steps.failure(key).is_lost:
+            return key
+        start = max(start for start in self._parts().starts if start <= key)
+        first = max(start, max(closure.key_old for closure in alignment.closures) + 1)
+        last = max(key, min(closure.key_new for closure in alignment.closures))
+        steps, path = np.arange(first, last + 1), self._track.path
+        steps = steps[self._steps.is_bridge[steps] & (path[steps] > path[key] - self._config.relocalisation.maps.path)]
+        prior = [-self._steps.failure(step).log_prior_of_path(self._config.view) for step in steps.tolist()]
+        return self._maps.change_point(steps, np.array(prior), alignment.correction, self._now.poses)
 
     def _weighed(self, alignments: Sequence[Alignment], failure: TrackingFailure, fixed: Ints, key: int) -> Belief:
         """What to believe of alignments of what follows a key pose onto (n,) before it, and before a failure.
@@ -199,12 +213,12 @@ class _Relocalisation:
         return sorted(found, key=lambda each: each[0])
 
     def _mend(self, key: int, fixed: Ints) -> None:
-        """Put what follows a key pose where its map fits: the path drifted, or is broken at its weakest step."""
+        """Put what follows a key pose where its map fits: the path drifted, or is broken."""
         alignment = self._aligned(key, fixed)
         if alignment is None:
             self._doubt(key, self._steps.weakest(int(fixed[-1]) + 1, key))
             return
-        broken = self._steps.weakest(max(closure.key_old for closure in alignment.closures) + 1, key)
+        broken = self._broken_at(key, alignment)
         displaced = probability(-self._beliefs[key].log_odds)
         prior = self._steps.failure(broken).log_prior_of_path(self._config.view)
         if prior + self._drift().log_ratio(alignment.closures) > 0.0:
