@@ -50,7 +50,7 @@ def test_a_gyro_keeps_a_robot_that_matching_alone_loses(
     log, truth = turning
     alone = run(log, WITHOUT)
     assert alone.summary["lost_at_scans"]
-    assert trajectory_errors(alone.trajectory, truth).ate_rmse > 0.5
+    assert alone.summary["breaks"], "only its maps say where it went on"
     assert not by_gyro.summary["warnings"]
     assert trajectory_errors(by_gyro.trajectory, truth).ate_rmse < 0.02
 

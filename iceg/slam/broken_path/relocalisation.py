@@ -162,17 +162,24 @@ class _Relocalisation:
     def _broken_at(self, key: int, alignment: Alignment) -> int:
         """The key pose before which the path is broken if an alignment of what follows one is right.
 
-        That is a bridge of its part, after what closures say it fits, and before the first scan that agrees.
+        That is a bridge of its part, after what closures say it fits, and before the first scan that agrees: where
+        tracking failed, if it did, else where a match explains least.
         """
         if self._steps.failure(key).is_lost:
             return key
         start = max(start for start in self._parts().starts if start <= key)
         first = max(start, max(closure.key_old for closure in alignment.closures) + 1)
         last = max(key, min(closure.key_new for closure in alignment.closures))
-        steps, path = np.arange(first, last + 1), self._track.path
-        steps = steps[self._steps.is_bridge[steps] & (path[steps] > path[key] - self._config.relocalisation.maps.path)]
-        prior = [-self._steps.failure(step).log_prior_of_path(self._config.view) for step in steps.tolist()]
-        return self._maps.change_point(steps, np.array(prior), alignment.correction, self._now.poses)
+        path, every = self._track.path, self._config.relocalisation.maps.path
+        odds = {
+            step: failure.log_odds(self._config.view)
+            for step, failure in sorted(self._steps.failures.items())
+            if first <= step <= last and path[step] > path[key] - every
+        }
+        if not odds:
+            return self._steps.weakest(first, key)
+        steps = np.array(list(odds))
+        return self._maps.change_point(steps, np.array(list(odds.values())), alignment.correction, self._now.poses)
 
     def _weighed(self, alignments: Sequence[Alignment], failure: TrackingFailure, fixed: Ints, key: int) -> Belief:
         """What to believe of alignments of what follows a key pose onto (n,) before it, and before a failure.
