@@ -102,9 +102,7 @@ def _relocalised(
 
     monkeypatch.setattr(MapMerger, "alignments", alignments)
     monkeypatch.setattr(MapMerger, "contradict", lambda _self, key, *_: key in contradicted)
-    monkeypatch.setattr(
-        MapMerger, "change_point", lambda _self, steps, log_odds, *_: int(steps[log_odds >= log_odds.max()][-1])
-    )
+    monkeypatch.setattr(MapMerger, "change_point", last_of_most_probable)
     closer = LoopCloser(IceMatcher(), track, LoopClosureConfig())
     return relocalise(closer, _solution(_path(track), before), failures)
 

@@ -1,7 +1,7 @@
 """The back end: key poses, odometry, matches and loop closures in one graph, solved as it grows."""
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +10,6 @@ from frontends.scan import Log
 from graph.arrays import Floats
 from graph.config import PoseGraphConfig
 from graph.consistency import maximum_clique
-from graph.factors import Factor
 from graph.growing_rows import GrowingRows
 from graph.measurement import NoMatch, RelativePose
 from graph.noise import chi2_gate, largest_squared_norm, squared_norm
@@ -18,14 +17,13 @@ from graph.odometry import OdometryMotion
 from graph.pose_graph import PoseGraph
 from graph.se2 import between, compose, logmap, wrap_angle
 from iceg.slam.agreement import is_small
-from iceg.slam.broken_path.bridge_edges import closures_across
+from iceg.slam.broken_path.bridge_edges import closures_across, settled
 from iceg.slam.broken_path.conflicts import with_conflicts
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
 from iceg.slam.broken_path.place_votes import PlaceVotes, Vote, unsettled
 from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.broken_path.view_change import ViewChanges, judged_by_view
 from iceg.slam.closures.attempt import Attempt, are_consistent, closure_factor
-from iceg.slam.config import LoopClosureConfig
 from iceg.slam.drift import Drift
 from iceg.slam.hindsight import with_hindsight
 from iceg.slam.loop_closure import LoopCloser
@@ -298,26 +296,17 @@ def solve_track(
     back_end = BackEnd(closer, graph_config)
     for key, motion in enumerate(motions, start=1):
         back_end.add(key, motion)
-    failures, solution = back_end.failures, back_end.solution()
-    if log is not None:
-        views = ViewChanges(log, track, closer.judge, closures.view)
-        settled = _settled(failures, solution.factors, len(track.keys), closures)
-        failures = judged_by_view(failures, settled, views, closures.failures)
+    solution = back_end.solution()
     if log is None:
-        return relocalise(closer, solution, failures)[0]
+        return relocalise(closer, solution, back_end.failures)[0]
+    across = closures_across(solution.factors, len(track.keys), closures)
+    views = ViewChanges(log, track, closer.judge, closures.view)
+    known = settled(back_end.failures, across, closures.failures)
+    failures = judged_by_view(back_end.failures, known, views, closures.failures)
     if log.has_odometry:
         solution = with_hindsight(solution, closures, back_end.contested)
     relocalised, judged = relocalise(closer, solution, failures)
     return with_conflicts(relocalised, track, judged, closures)
-
-
-def _settled(
-    failures: Mapping[int, TrackingFailure], factors: Sequence[Factor], n_keys: int, config: LoopClosureConfig
-) -> set[int]:
-    """The key poses of failures that closures of a graph have settled: the robot was not lost, and many span them."""
-    across = closures_across(factors, n_keys, config).tolist()
-    most = config.failures.settling_closures
-    return {key for key, failure in failures.items() if not failure.is_lost and across[key] >= most}
 
 
 def _front_end_failures(track: Track) -> dict[int, TrackingFailure]:

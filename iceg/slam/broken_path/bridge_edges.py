@@ -9,6 +9,7 @@ from graph.arrays import Ints
 from graph.factors import Factor
 from graph.measurement import NoMatch
 from iceg.slam.broken_path.path_break import FailureKind, TrackingFailure
+from iceg.slam.closure_config import TrackingFailureConfig
 from iceg.slam.config import LoopClosureConfig
 from iceg.slam.track import KeyScan, Track
 
@@ -29,15 +30,14 @@ class BridgeEdges:
         path, end = track.path, config.failures.log_end
         inner = (path > end) & (path < path[-1] - end)
         spanned = self.closures_across(factors)
-        settling = config.failures.settling_closures
+        known = settled(failures, spanned, config.failures)
         self.failures = {
-            key: failure
-            for key, failure in failures.items()
-            if failure.is_lost or (inner[key] and spanned[key] < settling)
+            key: failure for key, failure in failures.items() if key not in known and (failure.is_lost or inner[key])
         }
         """Those that closures have not settled."""
         scores = np.array([_score(key) for key in track.keys])
-        self._weak = inner & (scores < config.failures.min_inlier_ratio) & (spanned < settling)
+        self._weak = inner & (scores < config.failures.min_inlier_ratio)
+        self._weak &= spanned < config.failures.settling_closures
         self.is_bridge = inner
         """(k,) whether the step that leads to a key pose is a bridge."""
         self.update(factors)
@@ -100,6 +100,11 @@ def closures_across(factors: Sequence[Factor], n_keys: int, config: LoopClosureC
     ends = np.sort(np.array(closures, dtype=np.int64).reshape(-1, 2), axis=1)
     rest_on = np.array([config.reference_half, min(config.support_offsets)])
     return _spanning(ends + rest_on, n_keys)
+
+
+def settled(failures: Mapping[int, TrackingFailure], across: Ints, config: TrackingFailureConfig) -> set[int]:
+    """The key poses of failures that (n_keys,) closures across their steps settle; nothing does where all was lost."""
+    return {key for key, failure in failures.items() if not failure.is_lost and across[key] >= config.settling_closures}
 
 
 def _spanning(ends: Ints, n_keys: int) -> Ints:

@@ -6,7 +6,6 @@ They would hardly do so by chance one after the other, and where they do at both
 from dataclasses import dataclass
 
 from graph.arrays import Floats, Ints
-from iceg.slam.closure_config import RelocalisationConfig
 from iceg.slam.closures.attempt import Attempt
 from iceg.slam.closures.candidates import Candidate
 from iceg.slam.loop_closure import LoopCloser
@@ -31,7 +30,7 @@ class GeometricVerifier:
 
     def __init__(self, closer: LoopCloser) -> None:
         self._closer = closer
-        self._config: RelocalisationConfig = closer.config.relocalisation
+        self._config = closer.config.relocalisation
         self._near = closer.config.verification.near
 
     def of_scans(self, key: int, scans: Ints, T_map_scans: Floats, poses: Floats) -> FitCount:
