@@ -10,7 +10,8 @@ import iceg
 from graph.se2 import compose
 from iceg.evaluation.surface import correlation_surface
 from iceg.evaluation.trajectory import align, read_truth_csv
-from iceg.slam.config import FinishConfig, JointRefinementConfig
+from iceg.slam.config import FinishConfig
+from iceg.slam.joint_config import JointRefinementConfig
 
 PAGES = Path(__file__).parent.parent / "docs" / "explanation"
 SCAN = 400

@@ -13,6 +13,7 @@ from frontends.scan import Scan, ScanGeometry
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryModel
 from graph.se2 import between
+from iceg.ice import _last_seen_kernels as last_seen_kernels
 from iceg.ice._noise_kernels import RangeNoise
 from iceg.ice.config import IceConfig
 from iceg.ice.covariance import score_covariance
@@ -48,6 +49,8 @@ _HOLD = 30.0
 """Pull of a guess that a match must not leave far, in points."""
 _STILL = SearchWindow(T_ref_guess=np.zeros(3), translation=0.05, rotation=0.03)
 """A guess that its polish moves by no more than this lay on an optimum already."""
+_ASKED_POINTS = 200
+"""From so many points on, every second, third or n-th tells enough of which scan saw them last."""
 REMEMBERED = 3000
 """Scans whose points and features are kept, so that memory does not grow with the run."""
 _Extracted = TypeVar("_Extracted")
@@ -276,6 +279,31 @@ class IceMatcher:
         """(2, 2) how well a scan measures its position at a (3,) pose, in the robot's frame [1/m²], not its heading."""
         refined = evaluate_points(self._points(scan), reference, T_ref_cur, self.config.refinement)
         return position_information(refined, self.config.covariance.min_sigma)
+
+    def last_seen(self, reference: LocalMap, scan: Scan, T_ref_cur: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What a scan tells of its pose, by the scan of a local map that was the last to see it.
+
+        Args:
+            reference: the local map, of m scans.
+            scan: the scan.
+            T_ref_cur: (3,) its pose.
+
+        Returns:
+            (m, 3, 3) information in the tangent space of the robot, in that of a typical point.
+        """
+        points, refinement = self._points(scan), self.config.refinement
+        told = np.empty((len(reference.views), 3, 3))
+        last_seen_kernels.last_seen(
+            points.points,
+            points.normals,
+            points.spreads,
+            1 + len(points) // _ASKED_POINTS,
+            T_ref_cur,
+            reference.sweeps,
+            refinement.agreeing * refinement.scale,
+            told,
+        )
+        return told
 
     def join(self, scans: Sequence[Scan]) -> JoinedScans:
         """One scan or more, prepared for `agreements`."""

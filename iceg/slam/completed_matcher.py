@@ -92,6 +92,10 @@ class CompletedMatcher:
         """What the judge says."""
         return self.judge.position_information(reference.local_map, scan, T_ref_cur)
 
+    def last_seen(self, reference: JudgedReference, scan: Scan, T_ref_cur: Floats) -> Floats:
+        """What the judge says."""
+        return self.judge.last_seen(reference.local_map, scan, T_ref_cur)
+
     def match_near(self, reference: JudgedReference, scan: Scan, T_ref_guess: Floats) -> RelativePose | NoMatch:
         """The match begun where the judge finds the scan near the guess; if it leaves that, what the judge finds.
 

@@ -49,6 +49,10 @@ class MapMatcher(Matcher, Protocol):
         """(2, 2) how well a scan measures its position at a (3,) pose, in the robot's frame [1/m²], not its heading."""
         ...
 
+    def last_seen(self, reference: Prepared, scan: Scan, T_ref_cur: Floats) -> Floats:
+        """(m, 3, 3) what a scan tells of its (3,) pose by what each of the newest m scans was the last to see."""
+        ...
+
     def match_near(self, reference: Prepared, scan: Scan, T_ref_guess: Floats) -> RelativePose | NoMatch:
         """The match nearest to a (3,) guess that is right but for centimetres: along what is weak it stays there."""
         ...

@@ -26,7 +26,8 @@ class KeyScan:
         index: which scan of the log it is.
         scan: the scan.
         motion: odometry since the previous key scan.
-        match: of this scan in the frame of key scan `anchor`, or why there is none.
+        match: of this scan in the frame of key scan `anchor`, no surer than how that lies to what holds it; or why
+            there is none.
         anchor: index of the newest key scan in the reference it was matched against.
         T_track_robot: (3,) its pose in the front end's own frame.
     """

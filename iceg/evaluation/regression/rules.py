@@ -196,7 +196,11 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         ),
         "fused": Rule(
             what="odometry speaks where a match is weak",
-            without={f"{_FRONT_END}._fuse": lambda _self, match, _T_track_key: match.T_ref_cur},
+            without={f"{_FRONT_END}._odometry_share": _nothing},
+        ),
+        "submap drift": Rule(
+            what="a match is no surer than how what holds it lies to the key scan it is measured from",
+            without={f"{_SLAM}.tracking.submap_drift:SubmapDrift.may_matter": _no},
         ),
         "covered": Rule(
             what="scans that see nothing are not matched", without={f"{_SLAM}.tracking.front_end:sees_nothing": _no}

@@ -23,6 +23,7 @@ from iceg.slam.track import FEW_SEE, SEES_TOO_LITTLE, KeyScan, Track
 from iceg.slam.tracking.odometry_check import Expectation, OdometryCheck
 from iceg.slam.tracking.reach import Reach, UsualReach
 from iceg.slam.tracking.sight import sees_next_to_nothing, sees_nothing
+from iceg.slam.tracking.submap_drift import SubmapDrift
 from iceg.slam.tracking.velocity_filter import VelocityFilter
 
 COVERED = NoMatch(reason="the laser is covered")
@@ -68,6 +69,7 @@ class FrontEnd:
         self.motion = self._odometry.start()
         self._knows_motion = self._has_odometry
         self._unknown_scans = 0
+        self._drift = SubmapDrift()
         self._T_track_robot = np.zeros(3)
         self._newest_step, self._newest_intervals = (np.zeros(3), np.zeros(3)), 1
         self._reach = Reach(T_track_before=np.zeros(3), most=np.zeros(2))
@@ -371,28 +373,36 @@ class FrontEnd:
         odometry, config = expected.motion.covariance, self._matcher.judge.config.false_match
         return allowing_for_chance(match, expected.T_track_robot, odometry, config, is_measured=expected.is_known)
 
-    def _fuse(self, match: RelativePose, T_track_key: Floats) -> Floats:
-        """Where the match is weaker than odometry since the key scan, odometry speaks, and only there.
+    def _odometry_share(self, match: RelativePose) -> Floats | None:
+        """How much of what odometry says otherwise is believed: where it knows more than the match, and only there.
 
         Elsewhere it would pull every match a little towards its own bias, and the local map with it. Odometry that the
         match refutes, as where it jumped or lagged behind, says nothing. Where there is none the velocity takes its
         place: else a match slides along what it does not observe.
+
+        Args:
+            match: in the track frame.
+
+        Returns:
+            (3, 3) what to multiply the difference by, tangent space at the match; None for nothing.
         """
         odometry, config = self.motion.covariance, self._config.tracking
         # The sum of the ratios bounds the largest: most matches need no more.
         if summed_ratios(match.covariance, odometry) <= config.odometry_ratio:
-            return match.T_ref_cur
+            return None
         whiten = dense.inv(dense.cholesky(odometry))
         ratios, axes = dense.eigh(dense.congruence(whiten, match.covariance))
         share = np.where(ratios > config.odometry_ratio, ratios / (1.0 + ratios), 0.0)
         if not share.any():
-            return match.T_ref_cur
-        offset = logmap(between(match.T_ref_cur, compose(T_track_key, self.motion.T_key_robot)))
-        if squared_norm(offset, odometry + match.covariance) >= config.refuted_distance2:
-            return match.T_ref_cur
+            return None
+        if squared_norm(self._offset(match), odometry + match.covariance) >= config.refuted_distance2:
+            return None
         directions = dense.matmul(whiten.T, axes)
-        pulled = dense.matvec(directions, share * dense.matvec(directions.T, offset))
-        return compose(match.T_ref_cur, expmap(dense.matvec(odometry, pulled)))
+        return dense.matmul(odometry, directions * share, directions.T)
+
+    def _offset(self, match: RelativePose) -> Floats:
+        """(3,) where odometry since the newest key scan has the robot, seen from where a match has it."""
+        return logmap(between(match.T_ref_cur, compose(self.keys[-1].T_track_robot, self.motion.T_key_robot)))
 
     def _is_key(self) -> bool:
         """Whether the robot has gone far enough, or may have: nothing has seen its motion for several scans."""
@@ -408,10 +418,15 @@ class FrontEnd:
         anchor = self._matched.members[-1]
         if match is SEES_TOO_LITTLE or match is FEW_SEE:
             self._T_track_robot = compose(self.keys[-1].T_track_robot, self.motion.T_key_robot)
+        blind: Floats | None = self.motion.covariance
         if not isinstance(match, NoMatch):
-            T_track_match = match.T_ref_cur
-            self._T_track_robot = self._fuse(match, self.keys[-1].T_track_robot)
-            match = replace(match, T_ref_cur=between(self.keys[anchor].T_track_robot, T_track_match))
+            share = self._odometry_share(match)
+            blind = None if share is None else dense.congruence(share, self.motion.covariance)
+            self._T_track_robot = match.T_ref_cur
+            if share is not None:
+                self._T_track_robot = compose(match.T_ref_cur, expmap(dense.matvec(share, self._offset(match))))
+            match = self._tied(match, scan)
+        self._drift.add(blind)
         self.keys.append(
             KeyScan(
                 index=index,
@@ -427,6 +442,16 @@ class FrontEnd:
         self.motion, self._knows_motion, self._unknown_scans = self._odometry.start(), self._has_odometry, 0
         # A scan of few returns lies where odometry has it, and not on new ground.
         self._extend_reference(isinstance(match, NoMatch) and match is not FEW_SEE)
+
+    def _tied(self, match: RelativePose, scan: Scan) -> RelativePose:
+        """A match in the frame of the newest key scan of its map, no surer than how that lies to what holds it."""
+        members = self._matched.members
+        T_anchor_match = between(self.keys[members[-1]].T_track_robot, match.T_ref_cur)
+        if not self._drift.may_matter(match, members):
+            return replace(match, T_ref_cur=T_anchor_match)
+        told = self._matcher.last_seen(self._matched.reference, scan, match.T_ref_cur)
+        drift = self._drift.of(told, members[-len(told) :], self.keys, match.T_ref_cur)
+        return replace(match, T_ref_cur=T_anchor_match, covariance=match.covariance + drift)
 
     def _extend_reference(self, is_unmatched: bool) -> None:
         """Let the newest key scan join the reference it matched; an unmatched one begins a tentative map.
