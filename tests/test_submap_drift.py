@@ -111,7 +111,7 @@ def drift_of(steps: Sequence[F64 | None], told: F64) -> F64:
     keys = [key(float(x)) for x in range(len(steps) + 1)]
     drift = SubmapDrift()
     for step in steps:
-        drift.add(step)
+        drift.add(STEP if step is None else step, None if step is None else np.eye(3))
     return drift.of(told, list(range(len(keys))), keys, np.array([10.0, 0.0, 0.0]))
 
 
@@ -150,6 +150,18 @@ def test_a_turn_swings_what_lies_ahead() -> None:
     assert drift[1, 1] == pytest.approx(0.03**2 * (9**2 + 8**2), rel=1e-3)
 
 
+def test_who_is_matched_again_does_not_lie_off_by_what_was_unmatched_between() -> None:
+    keys, told = [key(float(x)) for x in range(4)], told_by(2, along=0, across=1)
+    held, weak = SubmapDrift(), SubmapDrift()
+    for drift, share in ((held, None), (weak, np.eye(3))):
+        drift.add_unmatched(STEP)
+        drift.add_unmatched(STEP)
+        drift.add(STEP, share)
+    assert not held.of(told, [0, 3], keys, np.array([10.0, 0.0, 0.0])).any(), "a match says how 3 lies to 0"
+    found = weak.of(told, [0, 3], keys, np.array([10.0, 0.0, 0.0]))
+    assert found[0, 0] == pytest.approx(3 * 0.1**2, rel=1e-3), "odometry does, all the way"
+
+
 def test_it_is_asked_only_where_a_step_was_not_held() -> None:
     drift = SubmapDrift()
     match = RelativePose(
@@ -161,9 +173,9 @@ def test_it_is_asked_only_where_a_step_was_not_held() -> None:
         weak_directions=np.empty((0, 3)),
     )
     for _ in range(11):
-        drift.add(None)
+        drift.add(STEP, None)
     assert not drift.may_matter(match, range(12))
-    drift.add(STEP)
+    drift.add(STEP, np.eye(3))
     assert drift.may_matter(match, range(13))
     assert not drift.may_matter(replace(match, covariance=np.eye(3)), range(13))
 

@@ -418,15 +418,15 @@ class FrontEnd:
         anchor = self._matched.members[-1]
         if match is SEES_TOO_LITTLE or match is FEW_SEE:
             self._T_track_robot = compose(self.keys[-1].T_track_robot, self.motion.T_key_robot)
-        blind: Floats | None = self.motion.covariance
-        if not isinstance(match, NoMatch):
+        if isinstance(match, NoMatch):
+            self._drift.add_unmatched(self.motion.covariance)
+        else:
             share = self._odometry_share(match)
-            blind = None if share is None else dense.congruence(share, self.motion.covariance)
+            self._drift.add(self.motion.covariance, share)
             self._T_track_robot = match.T_ref_cur
             if share is not None:
                 self._T_track_robot = compose(match.T_ref_cur, expmap(dense.matvec(share, self._offset(match))))
             match = self._tied(match, scan)
-        self._drift.add(blind)
         self.keys.append(
             KeyScan(
                 index=index,

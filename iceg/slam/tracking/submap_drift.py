@@ -25,17 +25,31 @@ class SubmapDrift:
         """Of the first key scan alone."""
         self._steps: list[Floats | None] = [None]
         self._sizes = [0.0]
+        self._unmatched = np.zeros((3, 3))
 
-    def add(self, step: Floats | None) -> None:
-        """Take in the step to the next key scan: (3, 3) what odometry has let it err by, None for nothing.
+    def add(self, odometry: Floats, share: Floats | None) -> None:
+        """Take in the next key scan: how far it may lie off the map that it was matched to, by odometry's fault.
 
-        What a match errs by is not that: it is relative to walls that those before and after are matched to, too.
+        What its match errs by is not that: it is relative to walls that those before and after are matched to, too.
+
+        Args:
+            odometry: (3, 3) of the step since the key scan before.
+            share: (3, 3) of what odometry said against the match, how much was believed; None for nothing.
         """
+        self._append(None if share is None else congruence(share, self._unmatched + odometry))
+        self._unmatched = np.zeros((3, 3))
+
+    def add_unmatched(self, odometry: Floats) -> None:
+        """Take in a next key scan that lies where odometry has it, (3, 3), seen from the one before."""
+        self._append(odometry)
+        self._unmatched = self._unmatched + odometry
+
+    def _append(self, step: Floats | None) -> None:
         self._steps.append(step)
         self._sizes.append(self._sizes[-1] + (0.0 if step is None else float(np.trace(step))))
 
     def may_matter(self, match: RelativePose, members: Sequence[int]) -> bool:
-        """Whether the steps between the key scans of a map err by anything that counts beside a match to it."""
+        """Whether the key scans of a map may lie so far off each other that it counts beside a match to it."""
         drift = self._sizes[members[-1]] - self._sizes[members[0]]
         return bool(drift > _COUNTS * min(match.covariance[0, 0], match.covariance[1, 1]))
 
@@ -43,7 +57,7 @@ class SubmapDrift:
         """What a match errs by relative to the newest key scan of the map, beyond its own covariance.
 
         If the map is off by e_k where key scan k saw it last, the match moves by Σ I⁻¹ I_k e_k: I_k is what it tells by
-        what k was the last to see, I all of it. So the error of the step to key scan s moves it by I⁻¹ Σ_{k<s} I_k.
+        what k was the last to see, I all of it. So what key scan s lies off those before moves it by I⁻¹ Σ_{k<s} I_k.
 
         Args:
             told: (m, 3, 3) I_k, see `iceg.ice.matcher.IceMatcher.last_seen`.
@@ -58,10 +72,9 @@ class SubmapDrift:
         # Of a direction that hardly a point holds nothing can be said; there the match is unsure anyway.
         shares = matmul(inv(before[-1] + np.eye(3)), before[:-1])
         drift = np.zeros((3, 3))
-        for share, old, new in zip(shares, members[:-1], members[1:], strict=True):
-            for key in range(old + 1, new + 1):
-                step = self._steps[key]
-                if step is not None:
-                    carried = adjoint(between(T_track_robot, keys[key].T_track_robot))
-                    drift += congruence(matmul(share, carried), step)
+        for share, member in zip(shares, members[1:], strict=True):
+            step = self._steps[member]
+            if step is not None:
+                carried = adjoint(between(T_track_robot, keys[member].T_track_robot))
+                drift += congruence(matmul(share, carried), step)
         return drift
