@@ -71,10 +71,10 @@ class SubmapDrift:
         before = np.cumsum(told, axis=0)
         # Of a direction that hardly a point holds nothing can be said; there the match is unsure anyway.
         shares = matmul(inv(before[-1] + np.eye(3)), before[:-1])
-        drift = np.zeros((3, 3))
-        for share, member in zip(shares, members[1:], strict=True):
-            step = self._steps[member]
-            if step is not None:
-                carried = adjoint(between(T_track_robot, keys[member].T_track_robot))
-                drift += congruence(matmul(share, carried), step)
-        return drift
+        moved = [(k, step) for k, step in enumerate(self._steps[member] for member in members[1:]) if step is not None]
+        if not moved:
+            return np.zeros((3, 3))
+        which = [k for k, _ in moved]
+        T_track_moved = np.array([keys[members[k + 1]].T_track_robot for k in which])
+        carried = matmul(shares[which], adjoint(between(T_track_robot, T_track_moved)))
+        return np.asarray(congruence(carried, np.array([step for _, step in moved])).sum(axis=0))
