@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from graph.compiled import compiled
-from iceg.ice._visibility_kernels import _laser, _place
+from iceg.ice._visibility_kernels import SEEN, _laser, _place, _verdict
 from iceg.ice.sweeps import Sweeps
 
-F32 = NDArray[np.float32]
 F64 = NDArray[np.float64]
 
 
@@ -54,18 +53,9 @@ def last_seen(
             x, y = T_ref_cur[0] + c * px - s * py, T_ref_cur[1] + s * px + c * py
             mx, my = c * nx - s * ny, s * nx + c * ny
             beam, distance, facing = _place(x, y, mx, my, laser, first, resolution, len(ranges), inf)
-            if beam >= 0 and _ends_there(ranges, beam, distance, margin / facing):
+            if beam >= 0 and _verdict(ranges, beam, distance, margin / facing) == SEEN:
                 waiting[i] = False
                 _tell(nx, ny, ny * px - nx * py, 1.0 / spreads[i], told[k])
-
-
-@compiled
-def _ends_there(ranges: F32, beam: int, distance: float, margin: float) -> bool:
-    """Whether a beam or one of its neighbours ends at a distance."""
-    nearest = inf
-    for q in range(beam - 1, beam + 2):
-        nearest = min(nearest, abs(ranges[q] - distance))
-    return nearest <= margin
 
 
 @compiled
