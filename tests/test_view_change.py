@@ -262,12 +262,12 @@ def test_a_contradiction_of_any_magnitude_is_that_of_a_robot_that_is_carried(dis
     assert replace(failure, kind=FailureKind.NO_MATCH).contradiction(25.0, ViewChangeConfig()) == 1.0
 
 
-def test_what_closures_have_settled_is_not_asked_but_counts(simulation: Simulation) -> None:
+def test_what_closures_have_settled_is_asked_only_where_the_view_is_new(simulation: Simulation) -> None:
     views, at = _carried(simulation)
     carried_key = at // _EVERY + 1
     failure = TrackingFailure(kind=FailureKind.NO_MATCH, reason="nothing matched")
     many = dict.fromkeys((*range(10, 30), carried_key), failure)
     asked = judged_by_view(many, (), views, TrackingFailureConfig())
-    judged = judged_by_view(many, range(10, 30), views, TrackingFailureConfig())
+    judged = judged_by_view(many, many, views, TrackingFailureConfig())
     assert all(judged[key].log_odds_carried is None for key in range(10, 30))
     assert judged[carried_key].log_odds_carried == pytest.approx(asked[carried_key].log_odds_carried, abs=0.1)

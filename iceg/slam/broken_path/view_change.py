@@ -27,7 +27,7 @@ from iceg.slam.closure_config import TrackingFailureConfig, ViewChangeConfig
 from iceg.slam.track import Track
 
 _TOGETHER = 100
-"""Steps that are compared at once, for memory."""
+"""Pairs of scans that are compared at once, for memory."""
 _NOT_YET = -1.0
 _LEAST_CHANGE = 1e-3
 """No smaller share of the beams is a change."""
@@ -72,11 +72,15 @@ class ViewChanges:
         for row in np.argsort(-np.nan_to_num(changes), kind="stable").tolist():
             if ratios[row] <= 1.0:
                 continue
-            step, T_track_robot = int(steps[row]), self._T_track_robot
+            step, T_track_robot = steps[row : row + 1], self._T_track_robot
             tracked = between(T_track_robot[step], T_track_robot[step + 1])
-            change = min(float(changes[row]), self._change_where_matched(step, step + 1, tracked))
-            ratios[row] = self._ratio(change, usual[row])
+            change = np.fmin(changes[row], self._changes_where_matched(step, step + 1, tracked)[0])
+            ratios[row] = self._ratio(float(change), usual[row])
         return float(np.mean(ratios))
+
+    def is_mostly_new(self, steps: Ints) -> bool:
+        """Whether at one of (n,) steps more of the beams do not agree than do."""
+        return bool((self._changes(steps) > 0.5).any())
 
     def after_largest(self, steps: Ints) -> tuple[int, int]:
         """The first key pose, and the first scan, after the step at which the view changes most, of (n,) steps.
@@ -177,46 +181,45 @@ class ViewChanges:
         """Changes from scans of the log to scans of another part of it, as the matcher would have them lie."""
         before = np.linspace(0, len(self.log) - 1, self.config.most_elsewhere + 1).astype(np.int64)[:-1]
         after = (before + len(self.log) // 2) % len(self.log)
-        found = [
-            self._change_where_matched(i, j, np.zeros(3)) for i, j in zip(before.tolist(), after.tolist(), strict=True)
-        ]
-        return np.array([change for change in found if np.isfinite(change)])
+        changes = self._changes_where_matched(before, after, np.zeros((len(before), 3)))
+        return changes[np.isfinite(changes)]
 
-    def _change_where_matched(self, before: int, after: int, guess: Floats) -> float:
-        """Share of the beams of two scans that do not agree as the two match each other; inf where too few compare.
+    def _changes_where_matched(self, before: Ints, after: Ints, guesses: Floats) -> Floats:
+        """Share of the beams of (n,) scans and others that do not agree as they match each other; NaN as `_changes`.
 
         Tracking may have taken the robot to the wrong place, and somebody who is carried matches as well as he can.
 
         Args:
-            before: one scan.
-            after: the other.
-            guess: (3,) how it lies to the first; it stays so where they do not match.
+            before: (n,) scans.
+            after: (n,) the others.
+            guesses: (n, 3) how these lie to the first; they stay so where two do not match.
         """
-        reference = self.judge.prepare([self.log.scan(before)], np.zeros((1, 3)))
-        found = self.judge.match(reference, self.log.scan(after), guess, self.config.step.covariance)
-        T_before_after = guess if isinstance(found, NoMatch) else found.T_ref_cur
-        change = self._changes_by(np.array([before]), np.array([after]), T_before_after[None])
-        return float(np.nan_to_num(change, nan=np.inf)[0])
+        T_before_after = guesses.copy()
+        for row, (first, second) in enumerate(zip(before.tolist(), after.tolist(), strict=True)):
+            reference = self.judge.prepare([self.log.scan(first)], np.zeros((1, 3)))
+            found = self.judge.match(reference, self.log.scan(second), guesses[row], self.config.step.covariance)
+            if not isinstance(found, NoMatch):
+                T_before_after[row] = found.T_ref_cur
+        return self._changes_by(before, after, T_before_after)
 
     def _changes_along(self, first: Ints, poses: Floats, n_steps: int = 1) -> Floats:
         """The same along (n_scans, 3) poses of the robot, from (n,) scans over so many steps."""
-        changes = np.empty(len(first))
-        for start in range(0, len(first), _TOGETHER):
-            before = first[start : start + _TOGETHER]
-            after = before + n_steps
-            changes[start : start + len(before)] = self._changes_by(before, after, between(poses[before], poses[after]))
-        return changes
+        after = first + n_steps
+        return self._changes_by(first, after, between(poses[first], poses[after]))
 
     def _changes_by(self, before: Ints, after: Ints, T_before_after: Floats) -> Floats:
         """The same from (n,) scans to others that lie to them so, (n, 3)."""
         mount = self.log.geometry.T_robot_laser
         T_laser = compose(T_before_after, mount)
-        forth = self._compared(after, before, between(mount, T_laser))
-        back = self._compared(before, after, between(T_laser, mount))
-        agreeing, compared = forth[0] + back[0], forth[1] + back[1]
-        is_enough = np.maximum(forth[1], back[1]) >= self.config.min_compared
-        is_blind = np.minimum(forth[1], back[1]) == 0
-        return np.where(is_enough & ~is_blind, 1.0 - agreeing / np.maximum(compared, 1), np.nan)
+        changes = np.empty(len(before))
+        for some in (slice(start, start + _TOGETHER) for start in range(0, len(before), _TOGETHER)):
+            forth = self._compared(after[some], before[some], between(mount, T_laser[some]))
+            back = self._compared(before[some], after[some], between(T_laser[some], mount))
+            agreeing, compared = forth[0] + back[0], forth[1] + back[1]
+            is_enough = np.maximum(forth[1], back[1]) >= self.config.min_compared
+            is_blind = np.minimum(forth[1], back[1]) == 0
+            changes[some] = np.where(is_enough & ~is_blind, 1.0 - agreeing / np.maximum(compared, 1), np.nan)
+        return changes
 
     def _compared(self, seen: Ints, by: Ints, T_by_seen: Floats) -> tuple[Ints, Ints]:
         """How many ends of beams of scans lie where other scans see something, and how many of all these do.
@@ -273,16 +276,19 @@ def judged_by_view(
 
     Args:
         failures: by key pose.
-        settled: the key poses of those that closures have settled: they tell how often tracking fails for other causes.
+        settled: the key poses of those that closures have settled. They are asked only where most of the view is new:
+            who is carried into one of many aisles closes loops with the wrong one. The others tell how often tracking
+            fails for other causes.
         views: of the path.
         config: what contradicts odometry.
     """
     told = {key: failure for key, failure in failures.items() if key > 0}
     gate, factors = chi2_gate(config.false_alarm), dict[int, float]()
     for key, failure in told.items():
-        if key in settled:
+        steps = views.steps(key, views.config.keys)
+        if key in settled and not views.is_mostly_new(steps):
             continue
-        seen = views.bayes_factor(views.steps(key, views.config.keys))
+        seen = views.bayes_factor(steps)
         if seen is not None:
             factors[key] = seen * failure.contradiction(gate, views.config)
     log_odds = _log_odds_carried(told, factors, views.config)
