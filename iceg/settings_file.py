@@ -51,6 +51,7 @@ GONE = {
     "ice.covariance.doubtful_length": "see ice.false_match.length",
     "ice.covariance.similar_per_metre": "see ice.false_match.similar_per_metre",
     "loops.failures.believed_inlier_ratio": _BY_MAPS,
+    "loops.failures.beyond_chance_distance2": "closures that the path refuses stay out",
     "loops.failures.widened_distance2": "odometry is widened as far as loops.failures.false_alarm asks",
     "loops.max_deviations": "closures are believed as far as the path explains them, see loops.path_probability",
     "loops.place_confirmations": _BY_MAPS,

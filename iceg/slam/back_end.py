@@ -25,7 +25,6 @@ from iceg.slam.broken_path.relocalisation import relocalise
 from iceg.slam.broken_path.view_change import ViewChanges, judged_by_view
 from iceg.slam.closures.attempt import Attempt, are_consistent, closure_factor
 from iceg.slam.drift import Drift
-from iceg.slam.hindsight import with_hindsight
 from iceg.slam.loop_closure import LoopCloser
 from iceg.slam.solution import Solution
 from iceg.slam.track import Track
@@ -48,8 +47,7 @@ class BackEnd:
         self.attempts: list[Attempt] = []
         self.n_closed = 0
         self.failures = _front_end_failures(closer.track)
-        self.contested: dict[int, Floats] = {}
-        """Covariance of the odometry as hindsight weighs it, by the key poses whose match contradicts it."""
+        self._jumps: list[int] = []  # key poses whose match contradicts odometry
         self._pending: list[int] = []  # accepted by the matcher, far from the estimate: indices into attempts
         self._votes = PlaceVotes(closer.config)
         self._unclear: list[Vote] = []
@@ -118,7 +116,7 @@ class BackEnd:
                 key, TrackingFailure(kind=FailureKind.INCONSISTENT, reason=reason, distance2=distance2)
             )
         if distance2 > gate:
-            self.contested[key] = motion.covariance * max(1.0, distance2 / config.beyond_chance_distance2)
+            self._jumps.append(key)
         return motion.covariance * max(1.0, distance2 / gate)
 
     def solution(self) -> Solution:
@@ -131,7 +129,7 @@ class BackEnd:
             poses=self.graph.all_poses(),
             attempts=attempts,
             searchable=self._closer.passes.searchable.copy(),
-            odometry_jumps=tuple(self.contested),
+            odometry_jumps=tuple(self._jumps),
             ambiguous=unsettled(self._unclear, attempts),
         )
 
@@ -303,8 +301,6 @@ def solve_track(
     views = ViewChanges(log, track, closer.judge, closures.view)
     known = settled(back_end.failures, across, closures.failures)
     failures = judged_by_view(back_end.failures, known, views, closures.failures)
-    if log.has_odometry:
-        solution = with_hindsight(solution, closures, back_end.contested)
     relocalised, judged = relocalise(closer, solution, failures)
     return with_conflicts(relocalised, track, judged, closures)
 

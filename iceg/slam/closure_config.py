@@ -99,9 +99,6 @@ class TrackingFailureConfig(SlamSettings, prefix="failures: "):
     freedom; 5 σ): the step is suspect, and odometry is widened until chance explains it."""
     carried: float = 0.6
     """A match so far from odometry [m, or metres per metre driven if that is more] is suspect whatever it claims."""
-    beyond_chance_distance2: float = positive(99.0)
-    """Squared Mahalanobis distance of a match from odometry that no chance explains; where closures refute the match in
-    hindsight, odometry is known as well as it claims, or wider by what is beyond this."""
     min_inlier_ratio: float = 0.7
     """A match that explains less of a scan is suspect where few closures span the step."""
     settling_closures: int = 10

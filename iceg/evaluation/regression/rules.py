@@ -311,10 +311,6 @@ RULES: Mapping[str, Rule] = MappingProxyType(
             what="closures farther off the path than its covariance explains with `path_probability` are refused",
             without={f"{_BACK_END}._judge": _second},
         ),
-        "hindsight": Rule(
-            what="closures that the path refused come in where many agree, and explain more than the path",
-            without={f"{_SLAM}.back_end:with_hindsight": _first},
-        ),
         "confirmations": Rule(
             what="closures far from the estimate wait for two more", config=_with_loops(confirmations=1)
         ),
