@@ -52,6 +52,7 @@ GONE = {
     "ice.covariance.similar_per_metre": "see ice.false_match.similar_per_metre",
     "loops.failures.believed_inlier_ratio": _BY_MAPS,
     "loops.failures.beyond_chance_distance2": "closures that the path refuses stay out",
+    "loops.failures.log_end": "failures near the ends of a log are looked at, too",
     "loops.failures.widened_distance2": "odometry is widened as far as loops.failures.false_alarm asks",
     "loops.max_deviations": "closures are believed as far as the path explains them, see loops.path_probability",
     "loops.place_confirmations": _BY_MAPS,

@@ -100,8 +100,8 @@ def test_of_a_chain_the_worst_is_told_and_each_chain_has_its_own(track: Track) -
     assert _told(track, {60: 40.0, 70: 300.0, 80: 50.0, 150: 30.0}, [(90, 130)]) == [70, 150]
 
 
-def test_near_the_ends_of_the_path_it_matters_to_nobody(track: Track) -> None:
-    assert _told(track, {5: 40.0, _KEYS - 5: 40.0}, []) == []
+def test_near_the_ends_of_the_path_it_is_told_as_anywhere_else(track: Track) -> None:
+    assert _told(track, {2: 40.0, _KEYS - 2: 40.0}, [(50, 150)]) == [2, _KEYS - 2]
 
 
 def test_a_chain_that_is_told_to_be_broken_is_not_told_again(track: Track) -> None:

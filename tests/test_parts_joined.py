@@ -213,18 +213,19 @@ def test_a_path_whose_maps_contradict_each_other_drifted_or_is_broken(
     track: Track, monkeypatch: pytest.MonkeyPatch, correction: Array, outcome: str
 ) -> None:
     weakest = _weakest(track)
-    keys = range(weakest + 5, weakest + 25, 2)
-    ways = {weakest: [_alignment(track, correction, 40.0, keys)]}
+    earlier, keys = weakest - 5, range(weakest + 5, weakest + 25, 2)
+    closures = [_closure(track, earlier, key, correction) for key in keys]
+    ways = {weakest: [Alignment(correction=correction, closures=closures, log_odds=40.0)]}
     untouched, _ = _relocalised(track, ways, monkeypatch, {})
     assert untouched.breaks == ()
     found, _ = _relocalised(track, ways, monkeypatch, {}, contradicted=[weakest])
     (at,) = found.breaks
     assert at.outcome == outcome
-    assert _EARLIER < at.key <= keys[0]
+    assert earlier < at.key <= keys[0]
     there = compose(correction, _poses(track)[keys[3]])
     np.testing.assert_allclose(found.poses[keys[3]], there, atol=0.05)
     # drift is spread over the path, a break is not
-    moved = np.hypot(*(found.poses[at.key - 10] - _poses(track)[at.key - 10])[:2])
+    moved = np.hypot(*(found.poses[at.key - 1] - _poses(track)[at.key - 1])[:2])
     assert (moved > 0.01) == (outcome == "drifted")
 
 

@@ -174,7 +174,7 @@ def test_where_odometry_told_the_way_closures_across_a_loss_stay(log: Log, truth
         replace(_QUICK, finish=FinishConfig(), front_end=_KEEPS_ALL),
     )
     assert result.summary["lost_at_scans"]
-    assert result.summary["breaks"] == []
+    assert {found["outcome"] for found in result.summary["breaks"]} <= {"conflict"}
     assert trajectory_errors(result.trajectory, truth[sparse.scans]).ate_rmse < 0.05
 
 
@@ -184,7 +184,7 @@ def test_a_loss_across_which_maps_contradict_each_other_is_told(log: Log, monkey
     sparse = noisy(every_metre(log).log, deviation=0.02, outliers=0.2).log
     monkeypatch.setattr(TrackingFailure, "by_odometry", lambda failure: failure)
     result = run(sparse, replace(_QUICK, front_end=_KEEPS_ALL))
-    assert {found["outcome"] for found in result.summary["breaks"]} == {"apart"}
+    assert {found["outcome"] for found in result.summary["breaks"]} - {"conflict"} == {"apart"}
     assert any("do not agree well enough to tie the rest" in said for said in result.summary["warnings"])
 
 

@@ -110,8 +110,6 @@ class TrackingFailureConfig(SlamSettings, prefix="failures: "):
     doubt: float = between(0.05, *RATES)
     """From this probability on that the robot was carried where tracking failed, and no closure tells, or that it was
     found again at the wrong place, the run says so and covariances allow for it."""
-    log_end: float = 12.0
-    """A failure so near to the beginning or the end of the path matters to nobody [m]."""
 
     @property
     def unknown(self) -> Tolerance:

@@ -27,18 +27,14 @@ class BridgeEdges:
         """Start with the closures found on the way, and, by key pose, where the path may be broken."""
         self._keys = track.keys
         self._config = config
-        path, end = track.path, config.failures.log_end
-        inner = (path > end) & (path < path[-1] - end)
         spanned = self.closures_across(factors)
         known = settled(failures, spanned, config.failures)
-        self.failures = {
-            key: failure for key, failure in failures.items() if key not in known and (failure.is_lost or inner[key])
-        }
+        self.failures = {key: failure for key, failure in failures.items() if key > 0 and key not in known}
         """Those that closures have not settled."""
         scores = np.array([_score(key) for key in track.keys])
-        self._weak = inner & (scores < config.failures.min_inlier_ratio)
+        self._weak = scores < config.failures.min_inlier_ratio
         self._weak &= spanned < config.failures.settling_closures
-        self.is_bridge = inner
+        self.is_bridge = np.arange(len(track.keys)) > 0
         """(k,) whether the step that leads to a key pose is a bridge."""
         self.update(factors)
 

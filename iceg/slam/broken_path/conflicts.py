@@ -32,14 +32,14 @@ def with_conflicts(
         solution: all closures found, and the breaks of the path that are known; a chain that has one is told already.
         track: key scans.
         failures: by key pose, where the path may be broken.
-        config: how near to the ends of the path it matters to nobody, and how many closures settle it.
+        config: how many closures settle it.
 
     Returns:
         The solution with more breaks, in the order of the path, each with the probability that the robot was carried.
     """
     across = closures_across(solution.factors, len(track.keys), config)
     chain = np.cumsum(across > 0)  # the same all along steps that nothing spans
-    unsettled = _unsettled(track, failures, across.tolist(), config)
+    unsettled = _unsettled(failures, across.tolist(), config)
     told, dead = {int(chain[found.key]) for found in solution.breaks}, track.keys_without_odometry()
     worst: dict[int, int] = {}
     for key in solution.odometry_jumps:
@@ -74,13 +74,12 @@ def _doubts(failures: Mapping[int, TrackingFailure], config: LoopClosureConfig) 
 
 
 def _unsettled(
-    track: Track, failures: Mapping[int, TrackingFailure], across: list[int], config: LoopClosureConfig
+    failures: Mapping[int, TrackingFailure], across: list[int], config: LoopClosureConfig
 ) -> dict[int, TrackingFailure]:
-    """The failures that too few closures span, but for those near the ends of the path."""
-    path, end, doubt = track.path.tolist(), config.failures.log_end, config.failures.doubt
+    """The failures that too few closures span."""
+    doubt = config.failures.doubt
     return {
         key: failure
         for key, failure in failures.items()
-        if end < path[key] < path[-1] - end
-        and across[key] < (config.failures.settling_closures if failure.probability_carried >= doubt else 1)
+        if across[key] < (config.failures.settling_closures if failure.probability_carried >= doubt else 1)
     }
