@@ -233,7 +233,7 @@ def _outline(element: ET.Element, view: _View) -> Iterator[Points]:
     try:
         shape = getattr(svgelements, name)(given)
         strokes = list(shape.segments(transformed=False))
-    except ValueError as error:
+    except (TypeError, ValueError) as error:  # svgelements reads no flag of an arc but 0 and 1, and goes on without
         raise SvgError(f"found a {tag} that cannot be drawn: {element.get('d', '')[:40]} {error}".rstrip()) from error
     yield from _polylines(strokes)
 
