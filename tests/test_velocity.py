@@ -243,6 +243,21 @@ def test_where_a_log_begins_the_velocity_is_that_of_any_other_place() -> None:
     assert np.abs(errors(track, motions, np.array(speeds))).max() < 3.0
 
 
+@pytest.mark.parametrize("end", [0, -1])
+def test_of_a_first_or_last_step_that_nothing_sees_any_share_may_be_missing(end: int) -> None:
+    track = tracked(room_log([0.05] * 120))
+    number = range(1, len(track.keys))[end]
+    seen, alone = (
+        motions_without_odometry(each, stamps_of(each), CalibrationConfig())[end]
+        for each in (track, unseen(track, {number}))
+    )
+    assert seen is not None
+    assert alone is not None
+    assert alone.covariance[0, 0] - seen.covariance[0, 0] >= alone.T_key_robot[0] ** 2 / 3.0
+    standing = np.sqrt(seen.T_key_robot[0] ** 2 / seen.covariance[0, 0])
+    assert np.sqrt(alone.T_key_robot[0] ** 2 / alone.covariance[0, 0]) < np.sqrt(3.0) < standing
+
+
 def test_few_steps_tell_nothing() -> None:
     track = tracked(room_log([0.05] * 20))
     assert motions_without_odometry(track, stamps_of(track), CalibrationConfig()) == [None] * (len(track.keys) - 1)

@@ -59,6 +59,5 @@ def _with_velocity(way: Floats, key: KeyScan, motion: OdometryMotion) -> Floats:
     """(3,) the way to a key scan by its match and the velocity together; by the velocity alone if nothing matched."""
     if isinstance(key.match, NoMatch):
         return motion.T_key_robot
-    offset = logmap(between(way, motion.T_key_robot))
-    together = dense.solve_vector(key.match.covariance + motion.covariance, offset)
-    return compose(way, expmap(dense.matvec(key.match.covariance, together)))
+    by_match, offset = key.match.informed_covariance, logmap(between(way, motion.T_key_robot))
+    return compose(way, expmap(dense.matvec(by_match, dense.solve_vector(by_match + motion.covariance, offset))))

@@ -11,6 +11,9 @@ Steps in a row that nothing sees err together, but the factors of a graph are in
 of its error with that of the whole row, which lets the row end as uncertain as it is. What is usual is known as the
 mean over the time that was seen, and by how much it is wrong all rows are: each step gets its covariance with the sum
 of these errors, too, so that corridor after corridor the path ends as uncertain as it is.
+
+A recording begins and ends with a robot that may stand, for as long as nobody knows: of the first step and the last, if
+no match sees them, any share may be missing.
 """
 
 from dataclasses import dataclass, replace
@@ -136,6 +139,8 @@ def motions_without_odometry(
     if np.count_nonzero(axes[0].are_in_a_row) < config.velocity_min_steps:
         return [None] * len(known)
     twists, variances = np.stack([foretold(steps, config) for steps in axes], axis=-1)
+    ends = [end for end in (0, -1) if not axes[0].are_observed[end]]
+    variances[ends] += twists[ends] ** 2 / 3.0  # the mean square of a share between nothing and all
     if heading is not None:
         variances[:, 2] = [0.0 if motion is None else motion.covariance[2, 2] for motion in known]
     ways, covariances = expmap(twists), _at_their_ends(twists, variances)
