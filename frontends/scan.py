@@ -44,6 +44,14 @@ class ScanGeometry:
     range_max: float
     T_robot_laser: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
+    def __repr__(self) -> str:
+        first, last = np.degrees(self.bearings[[0, -1]]).tolist()
+        x, y, heading = (self.T_robot_laser * [1.0, 1.0, 180.0 / np.pi]).tolist()
+        return (
+            f"ScanGeometry({self.n_beams} beams from {first:.4g}° to {last:.4g}°, {self.range_min:g} to "
+            f"{self.range_max:.4g} m, at {x:.3g}, {y:.3g} m, {heading:.3g}°)"
+        )
+
     def __post_init__(self) -> None:
         bearings, place = np.asarray(self.bearings), np.asarray(self.T_robot_laser)
         if bearings.ndim != 1 or not 2 <= len(bearings) <= LIMITS.beams:
@@ -102,6 +110,10 @@ class Scan:
 
     ranges: NDArray[np.float32]
     geometry: ScanGeometry
+
+    def __repr__(self) -> str:
+        returned = int(np.isfinite(self.ranges).sum())
+        return f"Scan({returned} of {counted(len(self.ranges), 'beam')} returned)"
 
     @classmethod
     def from_ranges(

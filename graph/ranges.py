@@ -5,6 +5,7 @@ import math
 from typing import TYPE_CHECKING, ClassVar, TypeVar
 
 from graph.errors import IcegError
+from graph.short_repr import changed_repr
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -57,6 +58,7 @@ class CheckedSettings:
 
     def __init_subclass__(cls, *, error: type[IcegError] | None = None, prefix: str = "") -> None:
         super().__init_subclass__()
+        cls.__repr__ = changed_repr  # type: ignore[method-assign,assignment]
         cls._error, cls._prefix = error or cls._error, prefix
 
     def __post_init__(self) -> None:

@@ -9,6 +9,7 @@ from graph.config import PoseGraphConfig
 from graph.limits import LIMITS
 from graph.odometry import OdometryModel, check_odometry_setting
 from graph.ranges import check_magnitudes, shown_number
+from graph.short_repr import changed_repr
 from graph.units import Radians
 from iceg.ice.config import IceConfig
 from iceg.maps.config import FeatureMapConfig, GridConfig
@@ -52,6 +53,8 @@ class LogConfig:
     base_frame: str | None = None
     """Of a bag: the robot's frame; left out: the one whose odometry it is."""
 
+    __repr__ = changed_repr
+
     def __post_init__(self) -> None:
         for name, most in (("laser_x", _FARTHEST_LASER), ("laser_y", _FARTHEST_LASER), ("laser_heading", 2.0 * pi)):
             value = getattr(self, name)
@@ -74,6 +77,8 @@ class LaserConfig:
     """Standard deviation of a short range [m]; left out: both learned from the log."""
     noise_per_metre: float = 0.0
     """How much that grows per metre of range, where `noise` is given."""
+
+    __repr__ = changed_repr
 
     def __post_init__(self) -> None:
         if not ((self.noise is None or self.noise >= 0) and self.noise_per_metre >= 0):
@@ -115,6 +120,8 @@ class Config:
     finish: FinishConfig = field(default_factory=FinishConfig)
     feature_map: FeatureMapConfig = field(default_factory=FeatureMapConfig)
     grid: GridConfig = field(default_factory=GridConfig)
+
+    __repr__ = changed_repr
 
     def __post_init__(self) -> None:
         if not 0 <= self.seed <= _MOST_SEED:

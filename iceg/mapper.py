@@ -13,9 +13,11 @@ from frontends.checked_arguments import expect
 from frontends.growing_log import GrowingLog
 from frontends.laser_noise import LaserNoise
 from frontends.scan import Log, ScanGeometry
+from graph.counted import counted
 from graph.dense import congruence, inv
 from graph.measurement import NoMatch
 from graph.se2 import adjoint, compose, compose_covariance, inverse
+from graph.short_repr import short_repr
 from iceg.config import Config
 from iceg.corrections.corrections import Corrections
 from iceg.finding import laser_noise, matcher_of
@@ -86,6 +88,8 @@ class MapperMap:
     grid: OccupancyGrid
     landmarks: Landmarks
 
+    __repr__ = short_repr
+
 
 class Mapper:
     """Maps while scans come in.
@@ -128,6 +132,9 @@ class Mapper:
         self._log = GrowingLog(geometry, Path(name), is_mount_known=is_mount_known)
         self._laser: LaserNoise | None = None
         self._own_body = np.full(geometry.n_beams, self._given.front_end.own_body.nearest)
+
+    def __repr__(self) -> str:
+        return f"Mapper({counted(len(self), 'scan')} of {len(self._own_body)} beams)"
 
     def __len__(self) -> int:
         """Number of scans so far."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from graph.atomic import write_atomically
 from graph.errors import IcegError, reason
 from graph.factors import Factor
+from graph.short_repr import short_repr
 from iceg.ice.features import KIND_NAMES
 from iceg.maps.feature_map import Landmarks
 from iceg.run_result.scan_covariances import scan_covariances, tracking_covariances
@@ -59,6 +60,8 @@ class RunTables:
     closures: Sequence[Closure]
     landmarks: Landmarks
     factors: Sequence[Factor]
+
+    __repr__ = short_repr
 
     def columns(self, name: str) -> Columns:
         """One table, column by column; lengths in metres, angles in radians, variances in their squares.

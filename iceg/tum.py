@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from graph.elementary import arctan2, cos_sin
 from graph.errors import IcegError
 from graph.limits import LIMITS
+from graph.short_repr import short_repr
 from iceg.tables import check_row, first_that_is_no_number, open_table
 
 _LINE = "%.6f %.9f %.9f 0 0 0 %.12f %.12f\n"
@@ -31,6 +32,8 @@ class Trajectory:
 
     stamps: NDArray[np.float64]
     poses: NDArray[np.float64]
+
+    __repr__ = short_repr
 
     def __len__(self) -> int:
         """Number of poses."""

@@ -152,10 +152,24 @@ def test_what_a_notebook_prints_is_short(result: SlamResult) -> None:
     n = result.summary["factors"]
     assert repr(result.graph).startswith(f"PoseGraph({len(result.key_poses)} poses; factors: ")
     assert f"{n['ice']} ice, {n['odometry']} odometry, 1 prior)" in repr(result.graph)
-    assert re.fullmatch(
-        rf"Landmarks\({len(result.landmarks)}: \d+ corner, \d+ end_of_wall, \d+ intersection, \d+ expired\)",
-        repr(result.landmarks),
-    )
+    settled = len(result.landmarks.settled())
+    kinds = r"\d+ corner, \d+ end_of_wall, \d+ intersection, \d+ expired"
+    shown = rf"Landmarks\({len(result.landmarks)}, {settled} of them settled: {kinds}\)"
+    assert re.fullmatch(shown, repr(result.landmarks))
+
+
+def test_whatever_a_notebook_prints_of_a_run_is_a_line(result: SlamResult) -> None:
+    scan, track = result.log.scan(0), result.findings.track
+    things = [result.log.geometry, scan, result.grid, result.walls, result.joint, result.config, track, track.keys[1]]
+    things += [result.tables(), iceg.extract_segments(scan), iceg.extract_features(scan), iceg.IceConfig()]
+    things += [iceg.Mapper(result.log.geometry), iceg.Trajectory(stamps=result.log.stamps, poses=result.trajectory)]
+    for thing in [*things, result.findings]:
+        shown = repr(thing)
+        assert shown.startswith(f"{type(thing).__name__}(")
+        assert len(shown) < 1200 + 2800 * (thing is result.findings), shown
+    assert repr(scan) == f"Scan({np.isfinite(scan.ranges).sum()} of 181 beams returned)"
+    assert repr(result.log.geometry).startswith("ScanGeometry(181 beams from -90° to 90°, ")
+    assert repr(iceg.Config(seed=3)) == "Config(seed=3)"
 
 
 def test_every_public_name_is_there() -> None:

@@ -6,6 +6,7 @@ from typing import Literal
 
 from graph.errors import IcegError
 from graph.ranges import RATES, CheckedSettings, between, positive
+from graph.short_repr import changed_repr
 from graph.units import Radians
 
 Fitness = Literal["points", "probabilistic", "paper"]
@@ -246,3 +247,5 @@ class IceConfig:
     false_match: FalseMatchConfig = field(default_factory=FalseMatchConfig)
     use_features: bool = True
     """Off leaves only the guess as hypothesis (the ablation of ICE)."""
+
+    __repr__ = changed_repr

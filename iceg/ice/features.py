@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from frontends.checked_arguments import expect
 from frontends.scan import Scan
+from graph.short_repr import short_repr
 from iceg.ice import _feature_kernels as kernels
 from iceg.ice.config import FeatureConfig, SegmentConfig
 from iceg.ice.points import ScanPoints, extract_points
@@ -42,6 +43,8 @@ class Features:
     direction_variances: NDArray[np.float64]
     distances: NDArray[np.float64]
     real: NDArray[np.bool_]
+
+    __repr__ = short_repr
 
     def __len__(self) -> int:
         """Number of features."""

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from frontends.scan import Scan
 from graph.elementary import arctan2
+from graph.short_repr import short_repr
 from iceg.ice import _feature_kernels as kernels
 from iceg.ice.config import SegmentConfig
 from iceg.ice.points import ScanPoints, extract_points
@@ -34,6 +35,8 @@ class Segments:
     offset_variances: NDArray[np.float64]
     heading_variances: NDArray[np.float64]
     point_ranges: NDArray[np.int64]
+
+    __repr__ = short_repr
 
     def __len__(self) -> int:
         """Number of segments."""

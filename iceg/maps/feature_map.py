@@ -68,7 +68,8 @@ class Landmarks:
     def __repr__(self) -> str:
         counts = np.bincount(self.kinds[self.expired_at < 0], minlength=len(KIND_NAMES)).tolist()
         kinds = ", ".join(f"{count} {name}" for count, name in zip(counts, KIND_NAMES, strict=True))
-        return f"Landmarks({len(self)}: {kinds}, {int((self.expired_at >= 0).sum())} expired)"
+        expired = int((self.expired_at >= 0).sum())
+        return f"Landmarks({len(self)}, {len(self.settled())} of them settled: {kinds}, {expired} expired)"
 
     def settled(self, min_seen: int = 3) -> "Landmarks":
         """Those that have not expired and were seen at least so many times: the ones that pictures show."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from frontends.scan import ScanGeometry
 from graph.atomic import replacing, write_atomically
 from graph.elementary import cos_sin, exp
+from graph.short_repr import short_repr
 from iceg.maps import _grid_kernels as kernels
 from iceg.maps.config import GridConfig, GridError, GridSizeError
 
@@ -38,6 +39,8 @@ class OccupancyGrid:
     resolution: float
     occupied_above: float = 0.6
     free_below: float = 0.45
+
+    __repr__ = short_repr
 
     @property
     def shape(self) -> tuple[int, int]:

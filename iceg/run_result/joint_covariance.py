@@ -12,6 +12,7 @@ from graph.block_factor import BlockFactor, factorized
 from graph.factors import Factor
 from graph.problem import Problem
 from graph.se2 import adjoint, between
+from graph.short_repr import short_repr
 from iceg.slam.broken_path.displacement import Displacement, displaced_covariances
 from iceg.slam.joint.covariance import PoseInformation
 from iceg.slam.joint.marginal_blocks import close_together
@@ -37,6 +38,8 @@ class JointCovariance:
     information: PoseInformation | None
     factors: Sequence[Factor]
     displacements: Sequence[Displacement] = ()
+
+    __repr__ = short_repr
 
     @cached_property
     def anchors(self) -> NDArray[np.int64]:

@@ -11,6 +11,7 @@ from PIL import ImageColor
 
 from graph.elementary import cos_sin
 from graph.limits import check_limit
+from graph.short_repr import short_repr
 from iceg.maps.grid import bands, occupancy_of
 from iceg.show.canvas import Box, Canvas, MapCanvas
 
@@ -50,6 +51,8 @@ class MapLayers:
     closures: NDArray[np.int64] | None = None
     name: str = ""
     seconds: float | None = None
+
+    __repr__ = short_repr
 
     @property
     def title(self) -> str:

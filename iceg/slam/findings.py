@@ -5,6 +5,7 @@ from typing import Any
 
 from frontends.laser_noise import LaserNoise
 from frontends.scan import Log
+from graph.short_repr import short_repr
 from iceg.config import Config
 from iceg.slam.finish import Round
 from iceg.slam.kept_scans import KeptScans
@@ -43,3 +44,5 @@ class Findings:
     calibration: OdometryCalibration
     solution: Solution
     rounds: tuple[Round, ...] = ()
+
+    __repr__ = short_repr

@@ -10,6 +10,7 @@ from frontends.scan import Log
 from graph.arrays import Ints
 from graph.errors import IcegError
 from graph.limits import LIMITS
+from graph.short_repr import short_repr
 
 Interval = tuple[int, int]
 """First and last of scans in a row, both counted in, as recorded."""
@@ -30,6 +31,8 @@ class KeptScans:
 
     recorded: int
     intervals: tuple[Interval, ...]
+
+    __repr__ = short_repr
 
     @classmethod
     def all_of(cls, n_scans: int) -> "KeptScans":

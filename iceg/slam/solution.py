@@ -7,6 +7,7 @@ from graph.arrays import Bools, Floats
 from graph.batch import BatchConfig, optimize
 from graph.factors import Factor
 from graph.se2 import compose
+from graph.short_repr import short_repr
 from iceg.slam.agreement import Tolerance
 from iceg.slam.broken_path.path_break import Break
 from iceg.slam.broken_path.place_votes import Vote
@@ -38,6 +39,8 @@ class Solution:
     odometry_jumps: tuple[int, ...] = ()
     breaks: tuple[Break, ...] = ()
     ambiguous: tuple[Vote, ...] = ()
+
+    __repr__ = short_repr
 
     def closed(self, closures: Sequence[Attempt]) -> "Solution":
         """With more closures, but those between key poses that one joins already, and solved."""

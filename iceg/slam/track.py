@@ -9,6 +9,7 @@ from graph.arrays import Floats, Ints
 from graph.measurement import NoMatch, RelativePose
 from graph.odometry import OdometryMotion
 from graph.se2 import compose
+from graph.short_repr import short_repr
 
 SEES_TOO_LITTLE = NoMatch(reason="contradicts odometry, and observes next to nothing")
 FEW_SEE = NoMatch(reason="contradicts odometry, and few beams return")
@@ -70,6 +71,8 @@ class Track:
     unknown_motion: list[int] = field(default_factory=list)
     dead: list[tuple[int, int]] = field(default_factory=list)
     match_covariance_scale: float = 1.0
+
+    __repr__ = short_repr
 
     @property
     def key_scans(self) -> Ints:

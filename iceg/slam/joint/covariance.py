@@ -14,6 +14,7 @@ from graph import dense
 from graph.arrays import Floats, Ints
 from graph.factors import Factor
 from graph.se2 import adjoint, between, chain_covariance, compose_covariance
+from graph.short_repr import short_repr
 from iceg.slam.joint._system_kernels import JointSystem, PointsOnLines, fill, normal_equations
 from iceg.slam.joint.marginal_blocks import diagonal_of_inverse
 from iceg.slam.track import UNKNOWN_STEP
@@ -80,6 +81,8 @@ class PoseInformation:
     anchor_of: Ints
     placements: Floats
     covariances: Floats
+
+    __repr__ = short_repr
 
 
 def joint_information(

@@ -7,6 +7,7 @@ import numpy as np
 
 from graph.arrays import Floats, Ints
 from graph.se2 import transform_points
+from graph.short_repr import short_repr
 from iceg.slam.joint.covariance import Walls
 
 
@@ -25,6 +26,8 @@ class WallPieces:
     points: Ints
     deviations: Floats
     key_poses: Ints
+
+    __repr__ = short_repr
 
     def __len__(self) -> int:
         """Number of pieces."""
