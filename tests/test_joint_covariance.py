@@ -51,6 +51,7 @@ def _walls(k: int, each: int, seed: int = 0) -> tuple[Walls, NDArray[np.int64]]:
         roughness=0.005,
         on_walls=1.0,
         residual=0.01,
+        bends=np.zeros((4, 2)),
     )
     return walls, np.arange(0, each * k + 1, each, dtype=np.int64)
 
@@ -100,6 +101,7 @@ def test_points_of_no_weight_leave_it_to_odometry() -> None:
         roughness=0.005,
         on_walls=0.0,
         residual=0.01,
+        bends=np.zeros((4, 2)),
     )
     found = joint_information(_factors(poses), poses, starts, without, PRECISION).covariances
     assert found[1] == pytest.approx(ODOMETRY, rel=1e-3, abs=1e-8)
@@ -190,6 +192,7 @@ def test_marginals_do_not_depend_on_where_the_map_lies() -> None:
         roughness=0.005,
         on_walls=1.0,
         residual=0.01,
+        bends=np.zeros((4, 2)),
     )
     assert joint_information(_factors(turned), turned, starts, moved, PRECISION).covariances == pytest.approx(
         covariances, rel=1e-5, abs=1e-12

@@ -215,7 +215,15 @@ def system_of(clouds: Clouds, poses: Array) -> tuple[Array, Array, NDArray[np.in
     fit = kernels.LineFit(scale=0.04, rounds=3, elongation=4.0, facing=0.9)
     kernels.fit_lines(placed, np.ones(n), piece_of, fit, lines, residuals, weights)
     seen = PointsOnLines(
-        clouds.key_starts, placed.points, placed.errors, piece_of, lines, residuals, weights, ROUGHNESS
+        clouds.key_starts,
+        placed.points,
+        placed.errors,
+        piece_of,
+        lines,
+        residuals,
+        weights,
+        ROUGHNESS,
+        np.zeros((m, 2)),
     )
     system = normal_equations(poses, seen)
     columns = [product(system, m, e.reshape(k, 3)).ravel() for e in np.eye(3 * k)]

@@ -27,6 +27,7 @@ def walls() -> Walls:
         roughness=0.005,
         on_walls=0.9,
         residual=0.01,
+        bends=np.zeros((2, 2)),
     )
 
 

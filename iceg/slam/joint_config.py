@@ -36,6 +36,9 @@ class JointRefinementConfig(SlamSettings, prefix="joint refinement: "):
     """Neighbours of a point are one surface where they scatter about their line by at most so many times the variance
     that noise and roughness explain. Across a step or corner the normal would be that of neither wall: there the widest
     part of the neighbours that is one surface gives it."""
+    wall_reach: float = between(1.5, 0.0, 100.0)
+    """Pieces of wall no farther apart than this that lie on one curve tell together how it runs [m]: each alone errs
+    and would hold the poses along the wall. Only covariances ask."""
     independence: float = between(0.165, 1e-3, 1000.0)
     """Share of the points that count as independent: errors of neighbouring ones are correlated. By simulated truth."""
     correlated_points: float = between(4.0, 1.0, 1e6)

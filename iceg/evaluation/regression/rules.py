@@ -129,6 +129,11 @@ def _without_joint_refinement(config: Config) -> Config:
     return replace(config, finish=replace(config.finish, joint=joint))
 
 
+def _with_walls_in_pieces(config: Config) -> Config:
+    joint = replace(config.finish.joint, wall_reach=0.0)
+    return replace(config, finish=replace(config.finish, joint=joint))
+
+
 def _with_normals_across_steps(config: Config) -> Config:
     joint = replace(config.finish.joint, evenness=1e6)
     return replace(config, finish=replace(config.finish, joint=joint))
@@ -221,6 +226,10 @@ RULES: Mapping[str, Rule] = MappingProxyType(
         "one surface": Rule(
             what="normals of the joint refinement come from one surface, not from both sides of a step",
             config=_with_normals_across_steps,
+        ),
+        "walls run on": Rule(
+            what="what points tell of the poses they tell across the wall as it runs on from piece to piece",
+            config=_with_walls_in_pieces,
         ),
         "calibration": Rule(
             what="of the odometry, from the log's own matches",

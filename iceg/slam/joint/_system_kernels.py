@@ -32,6 +32,7 @@ class PointsOnLines(NamedTuple):
         residuals: (n,) distance of each point from its line [m].
         weights: (n,) of the points.
         roughness: standard deviation of a surface about its line [m].
+        bends: (m, 2) by how much the wall is turned against each line, and how much more per metre (`_bend_kernels`).
     """
 
     starts: I64
@@ -42,6 +43,7 @@ class PointsOnLines(NamedTuple):
     residuals: F64
     weights: F64
     roughness: float
+    bends: F64
 
 
 class JointSystem(NamedTuple):
@@ -116,13 +118,15 @@ def _add_pose(
             blocks[q] = 0.0
             count += 1
         w, r, mx, my = seen.weights[i], seen.residuals[i], lines[g, 2], lines[g, 3]
-        jx, jy = c * mx + s * my, c * my - s * mx
         ex, ey = seen.errors[i, 0], seen.errors[i, 1]
         across = mx * ex + my * ey
         share = r * across / (across * across + seen.roughness * seen.roughness)
         px, py = placed[i, 0] - share * ex, placed[i, 1] - share * ey
-        jt = my * (px - pose[0]) - mx * (py - pose[1])
         t = mx * (py - lines[g, 1]) - my * (px - lines[g, 0])
+        turned = seen.bends[g, 0] + seen.bends[g, 1] * t
+        nx, ny = mx - turned * my, my + turned * mx
+        jx, jy = c * nx + s * ny, c * ny - s * nx
+        jt = ny * (px - pose[0]) - nx * (py - pose[1])
         wx, wy, wt = w * jx, w * jy, w * jt
         d[0, 0] += wx * jx
         d[0, 1] += wx * jy

@@ -7,6 +7,7 @@ same points, which would count twice.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -15,8 +16,10 @@ from graph.arrays import Floats, Ints
 from graph.factors import Factor
 from graph.se2 import adjoint, between, chain_covariance, compose_covariance
 from graph.short_repr import short_repr
+from iceg.slam.joint._bend_kernels import bends_along
 from iceg.slam.joint._system_kernels import JointSystem, PointsOnLines, fill, normal_equations
 from iceg.slam.joint.marginal_blocks import diagonal_of_inverse
+from iceg.slam.joint_config import JointRefinementConfig
 from iceg.slam.track import UNKNOWN_STEP
 
 _ALL_ALONE, _MOST_ANCHORS = 250, 500
@@ -45,6 +48,8 @@ class Walls:
         roughness: standard deviation of a surface about its line [m].
         on_walls: mean weight of the points on a piece.
         residual: weighted root mean square distance [m].
+        bends: (m, 2) by how much the wall is turned against each line [rad], and how much more per metre [rad/m]: what
+            the points tell of poses they tell across the wall, not across the line; zeros for across the line.
     """
 
     placed: Floats
@@ -56,11 +61,24 @@ class Walls:
     roughness: float
     on_walls: float
     residual: float
+    bends: Floats
+
+    def running_on(self, config: JointRefinementConfig) -> Self:
+        """The same, each piece turned and bent as the wall runs on to those around it.
+
+        The direction of half a metre of wall errs by some mrad, each piece's by others, and a round wall is no chord:
+        both would hold a pose along a wall that does not.
+        """
+        is_on = self.piece_of >= 0
+        on_pieces = np.bincount(self.piece_of[is_on], self.weights[is_on], minlength=len(self.lines)).astype(np.float64)
+        bends, order = np.empty((len(self.lines), 2)), np.argsort(self.lines[:, 0], kind="stable")
+        bends_along(self.lines, on_pieces, order, config.wall_reach, config.facing, config.scale, bends)
+        return replace(self, bends=bends)
 
     def normal_equations(self, poses: Floats, starts: Ints) -> JointSystem:
         """Of the poses (k, 3) that the points hang on, pose k with those from starts[k] to starts[k + 1]."""
         on_lines = self.lines, self.residuals, self.weights
-        seen = PointsOnLines(starts, self.placed, self.errors, self.piece_of, *on_lines, self.roughness)
+        seen = PointsOnLines(starts, self.placed, self.errors, self.piece_of, *on_lines, self.roughness, self.bends)
         return normal_equations(poses, seen)
 
 

@@ -196,7 +196,7 @@ def _covariances(
     if not len(walls.lines):
         return None, None, 1.0
     near = np.hypot(clouds.points[:, 0], clouds.points[:, 1]) <= config.telling_reach
-    told = replace(walls, weights=np.where(near, walls.weights, 0.0))
+    told = replace(walls, weights=np.where(near, walls.weights, 0.0)).running_on(config)
     precision = _precision(clouds, walls, config) * max(1.0, clouds.stand_for / config.correlated_points) ** (2.0 / 3.0)
     try:
         information = joint_information(factors, poses, clouds.key_starts, told, precision)
@@ -321,6 +321,7 @@ class _Sight:
             roughness=config.roughness,
             on_walls=total / max(1, int(np.count_nonzero(piece_of >= 0))),
             residual=float(np.sqrt(squares / max(total, 1e-9))),
+            bends=np.zeros((n_pieces, 2)),
         )
 
     def _pieces(self) -> tuple[Ints, int]:
