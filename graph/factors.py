@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from graph.errors import GraphError
 from graph.noise import conditioned
+from graph.short_repr import short_repr
 
 FactorKind = Literal["prior", "odometry", "ice", "closure"]
 """What a factor comes from: a pose known beforehand, wheels, a match along the way, what several of these say together,
@@ -64,6 +65,8 @@ class Factor:
     T_i_j: NDArray[np.float64]
     covariance: NDArray[np.float64]
     kernel: RobustKernel | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if self.kind not in _KINDS:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from graph import dense
 from graph.errors import IcegError
 from graph.noise import UNOBSERVED_SIGMA
+from graph.short_repr import short_repr
 
 
 class MeasurementError(IcegError):
@@ -27,6 +28,8 @@ class Held:
 
     directions: NDArray[np.float64]
     lengths: NDArray[np.float64]
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +55,8 @@ class RelativePose:
     overlap: float
     weak_directions: NDArray[np.float64]
     held: Held | None = None
+
+    __repr__ = short_repr
 
     def __post_init__(self) -> None:
         if self.T_ref_cur.shape != (3,) or not all(map(isfinite, self.T_ref_cur.tolist())):

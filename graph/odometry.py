@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from graph.errors import GraphError, IcegError
 from graph.ranges import check_between, check_magnitudes
 from graph.se2 import compose_covariance, inverse
+from graph.short_repr import short_repr
 from graph.units import Radians
 
 
@@ -28,6 +29,8 @@ class OdometryMotion:
     covariance: NDArray[np.float64]
     distance: float = 0.0
     turn: float = 0.0
+
+    __repr__ = short_repr
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -34,12 +34,19 @@ def _default(field: "dataclasses.Field[object]") -> object:
     return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
+def _numbers(values: object) -> str:
+    """Numbers in nested lists, as a line."""
+    if isinstance(values, list):
+        return f"[{', '.join(map(_numbers, values))}]"
+    return f"{values:.6g}" if isinstance(values, float) else str(values)
+
+
 def _shown(value: object) -> str:
     """A value in few characters."""
     if isinstance(value, np.ndarray) and value.size > _SHOWN:
         return f"<{' × '.join(map(str, value.shape))} {value.dtype}>"
     if isinstance(value, np.ndarray):
-        return str(value.round(6).tolist())
+        return _numbers(value.tolist())
     if isinstance(value, list | tuple | dict) and (len(value) > _SHOWN or len(repr(value)) > _MOST):
         return f"<{type(value).__name__} of {len(value)}>"
     return repr(value)

@@ -161,11 +161,13 @@ def test_what_a_notebook_prints_is_short(result: SlamResult) -> None:
 def test_whatever_a_notebook_prints_of_a_run_is_a_line(result: SlamResult) -> None:
     scan, track = result.log.scan(0), result.findings.track
     things = [result.log.geometry, scan, result.grid, result.walls, result.joint, result.config, track, track.keys[1]]
+    things += [result.closures[0], result.graph.factors[3], track.keys[1].match]
     things += [result.tables(), iceg.extract_segments(scan), iceg.extract_features(scan), iceg.IceConfig()]
     things += [iceg.Mapper(result.log.geometry), iceg.Trajectory(stamps=result.log.stamps, poses=result.trajectory)]
     for thing in [*things, result.findings]:
         shown = repr(thing)
         assert shown.startswith(f"{type(thing).__name__}(")
+        assert "\n" not in shown
         assert len(shown) < 1200 + 2800 * (thing is result.findings), shown
     assert repr(scan) == f"Scan({np.isfinite(scan.ranges).sum()} of 181 beams returned)"
     assert repr(result.log.geometry).startswith("ScanGeometry(181 beams from -90° to 90°, ")

@@ -45,7 +45,11 @@ def test_a_record_takes_a_line_however_much_it_holds(numbers: int, names: int) -
 
 
 def test_few_numbers_are_shown() -> None:
-    assert repr(Record(np.array([[1.0, 2.5]]), ["a"])) == "Record(numbers=[[1.0, 2.5]], names=['a'])"
+    assert repr(Record(np.array([[1.0, 2.5]]), ["a"])) == "Record(numbers=[[1, 2.5]], names=['a'])"
+
+
+def test_small_numbers_keep_their_digits() -> None:
+    assert repr(Record(np.array([8.60019961e-07, -0.25]), [])) == "Record(numbers=[8.6002e-07, -0.25], names=[])"
 
 
 @given(st.integers(0, 5), st.floats(0.25, 10.0))

@@ -40,6 +40,8 @@ class KeyScan:
     anchor: int
     T_track_robot: Floats
 
+    __repr__ = short_repr
+
     @property
     def is_fully_observed(self) -> bool:
         """Whether its match sees all directions."""

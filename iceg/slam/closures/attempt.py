@@ -8,6 +8,7 @@ from graph.arrays import Floats
 from graph.factors import Factor, RobustKernel
 from graph.measurement import RelativePose
 from graph.se2 import between, compose, inverse
+from graph.short_repr import short_repr
 from iceg.slam.agreement import Tolerance, agree
 from iceg.slam.closure_config import VerificationConfig
 
@@ -38,6 +39,8 @@ class Place:
     T_old_new: Floats
     misfit: float
 
+    __repr__ = short_repr
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Attempt:
@@ -66,6 +69,8 @@ class Attempt:
     removed: bool = False
     places: tuple[Place, ...] = ()
     off_path: float = math.nan
+
+    __repr__ = short_repr
 
     @property
     def verdict(self) -> Verdict:

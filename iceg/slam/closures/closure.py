@@ -8,6 +8,7 @@ import numpy as np
 
 from graph.arrays import Floats, Ints
 from graph.se2 import between
+from graph.short_repr import short_repr
 from iceg.slam.agreement import Tolerance, is_small
 from iceg.slam.closures.attempt import Attempt, Verdict
 
@@ -58,6 +59,8 @@ class Closure:
     reason: str
     off_path: float = math.nan
     rival: Rival | None = None
+
+    __repr__ = short_repr
 
 
 def joined_scans(closures: Iterable[Closure]) -> Ints:
