@@ -45,11 +45,11 @@ class ScanGeometry:
     T_robot_laser: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
 
     def __repr__(self) -> str:
-        first, last = np.degrees(self.bearings[[0, -1]]).tolist()
-        x, y, heading = (self.T_robot_laser * [1.0, 1.0, 180.0 / np.pi]).tolist()
+        first, last = np.degrees([self.bearings[0], self.bearings[-1]]).tolist()
+        x, y, heading = self.T_robot_laser
         return (
             f"ScanGeometry({self.n_beams} beams from {first:.4g}° to {last:.4g}°, {self.range_min:g} to "
-            f"{self.range_max:.4g} m, at {x:.3g}, {y:.3g} m, {heading:.3g}°)"
+            f"{self.range_max:.4g} m, at {x:.3g}, {y:.3g} m, {np.degrees(heading):.3g}°)"
         )
 
     def __post_init__(self) -> None:

@@ -58,6 +58,7 @@ class CheckedSettings:
 
     def __init_subclass__(cls, *, error: type[IcegError] | None = None, prefix: str = "") -> None:
         super().__init_subclass__()
+        # Set here, for `dataclass` writes one of its own into every class that has none, whatever it inherits.
         cls.__repr__ = changed_repr  # type: ignore[method-assign,assignment]
         cls._error, cls._prefix = error or cls._error, prefix
 

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from frontends.scan import ScanGeometry
 from graph.ranges import CheckedSettings
 from graph.short_repr import changed_repr, short_repr
 from iceg.config import Config
@@ -57,6 +58,11 @@ def test_settings_show_what_makes_them_what_they_are(count: int, width: float) -
     settings = Outer(count=count, inner=Inner(width=width))
     assert eval(repr(settings)) == settings
     assert ("count" in repr(settings), "inner" in repr(settings)) == (count != 3, width != 0.5)
+
+
+def test_a_laser_given_in_plain_lists_is_shown_too() -> None:
+    given = ScanGeometry(bearings=[-0.5, 0.0, 0.5], range_min=0.1, range_max=8.0, T_robot_laser=(0.2, 0.0, 0.0))  # type: ignore[arg-type]
+    assert repr(given) == "ScanGeometry(3 beams from -28.65° to 28.65°, 0.1 to 8 m, at 0.2, 0 m, 0°)"
 
 
 def test_all_settings_of_a_run_do() -> None:

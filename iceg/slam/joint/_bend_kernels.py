@@ -23,7 +23,7 @@ def bends_along(lines: F64, weights: F64, order: I64, reach: float, facing: floa
         order: (m,) the pieces by x.
         reach: farthest from one another [m].
         facing: least cosine between the normals of two on one curve.
-        across: farthest that one lies off the curve that is turned half as much as the other [m].
+        across: farthest that one lies off the arc that their directions make of the way between them [m].
         bends: (m, 2) output: by how much the curve is turned against the line at the point of each, counter-clockwise
             [rad], and how much more per metre along it [rad/m]; zeros where no other piece lies on one with it.
     """
